@@ -1,0 +1,117 @@
+"""ArticulatedModel = skeleton + couplings + limits + flesh + named joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model import kinematics
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.limits import Limits
+from handtrack.model.skeleton import Skeleton
+from handtrack.model.transform import ParameterTransform
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+
+
+@dataclass(frozen=True)
+class HandScale:
+    """A person's hand as factors on the definition: overall, and each finger's on top of it."""
+
+    overall: float = 1.0
+    fingers: dict[str, float] = field(default_factory=dict)
+
+    def factor(self, group: str) -> float:
+        """Return the factor of a group of bones: `palm` or a finger."""
+        return self.overall * self.fingers.get(group, 1.0)
+
+
+@dataclass(frozen=True)
+class ArticulatedModel:
+    """What moves and how, for one person. Solver parameters (P,) are what is estimated."""
+
+    name: str
+    side: str
+    scale: HandScale
+    coupling: str
+    skeleton: Skeleton
+    transform: ParameterTransform
+    limits: Limits
+    rest: Floats
+    """(S,) joint parameters of the relaxed pose; the root's are zero."""
+    flesh: dict[str, Ellipsoids]
+    """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
+    joint_names: tuple[str, ...]
+    joint_bone: Ints
+    """(J,) the bone that carries each named joint."""
+    joint_point: Floats
+    """(J, 3) in that bone's frame [m]."""
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """All joint parameters (S), whatever the coupling."""
+        return self.skeleton.parameter_names
+
+    @property
+    def has_forearm(self) -> bool:
+        return "forearm" in self.skeleton.bone_names
+
+    def joint_params(self, params: Floats) -> Floats:
+        """Return the joint parameters (S,) of solver parameters (P,)."""
+        return self.transform.joint_params(params)
+
+    def bones(self, params: Floats) -> BonePoses:
+        """Return the bones' poses for solver parameters (P,)."""
+        return kinematics.bone_poses(self.skeleton, self.joint_params(params))
+
+    def linearize(self, params: Floats) -> tuple[BonePoses, Floats, Floats]:
+        """Return bone poses, twist Jacobian (B, 6, S) and joint parameters (S,) at params (P,)."""
+        joint_params = self.joint_params(params)
+        bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
+        return bones, jacobian, joint_params
+
+    def bounds(self, params: Floats) -> Floats:
+        """Return the solver parameters' limits (P, 2) that hold at params (P,)."""
+        return self.transform.reduce_bounds(self.limits.bounds(self.joint_params(params)))
+
+    def clipped(self, params: Floats) -> Floats:
+        """Return params (P,) moved into their limits."""
+        bounds = self.bounds(params)
+        return np.clip(params, bounds[:, 0], bounds[:, 1])
+
+    def rest_params(self) -> Floats:
+        """Return the solver parameters (P,) of the relaxed pose at the world's origin."""
+        return self.transform.solver_params(self.rest)
+
+    def joint_positions(self, bones: BonePoses) -> Floats:
+        """Return (J, 3) the named joints and fingertips, world [m]."""
+        return bones.to_world(self.joint_bone, self.joint_point)
+
+    def keypoints21(self, bones: BonePoses) -> Floats:
+        """Return (21, 3) world [m] in the order of contracts §5; only hands have them."""
+        names = keypoint_names()
+        if any(name not in self.joint_names for name in names):
+            raise HandtrackError(f"the model '{self.name}' has no 21 hand keypoints; its joints: {self.joint_names}")
+        return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
+
+    def params_from(self, values: dict[str, float]) -> Floats:
+        """Return solver parameters (P,) from joint parameters by name [m, rad]; missing ones are 0."""
+        joint = np.zeros(len(self.parameter_names))
+        for name, value in values.items():
+            if name not in self.parameter_names:
+                raise unknown_name("parameter", name, self.parameter_names)
+            joint[self.parameter_names.index(name)] = value
+        return self.transform.solver_params(joint)
+
+
+def keypoint_names() -> tuple[str, ...]:
+    """Return the 21 joint names in OpenPose's order: wrist, then thumb to little, base to tip."""
+    names = ["wrist"]
+    for finger in FINGERS:
+        joints = ("cmc", "mcp", "ip", "tip") if finger == "thumb" else ("mcp", "pip", "dip", "tip")
+        names += [f"{finger}_{joint}" for joint in joints]
+    return tuple(names)

@@ -1,0 +1,56 @@
+"""Ellipsoids on bones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.model.kinematics import BonePoses
+
+
+@dataclass(frozen=True)
+class PosedEllipsoids:
+    """Ellipsoids in the world."""
+
+    bone: Ints
+    """(E,) the bone each one sits on."""
+    centre: Floats
+    """(E, 3) world [m]."""
+    rotation: Floats
+    """(E, 3, 3) ellipsoid axes → world."""
+    radii: Floats
+    """(E, 3) semi-axes [m]."""
+
+
+@dataclass(frozen=True)
+class Ellipsoids:
+    """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3)."""
+
+    name: tuple[str, ...]
+    bone: Ints
+    """(E,) the bone each one sits on."""
+    centre: Floats
+    """(E, 3) in the bone's frame, origin at its proximal end [m]."""
+    rotation: Floats
+    """(E, 3, 3) ellipsoid axes → bone frame."""
+    radii: Floats
+    """(E, 3) semi-axes [m]."""
+
+    def __len__(self) -> int:
+        return len(self.bone)
+
+    def posed(self, bones: BonePoses) -> PosedEllipsoids:
+        """Return the ellipsoids where the bones have carried them."""
+        carried = bones.rotation[self.bone]
+        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, self.centre)
+        return PosedEllipsoids(self.bone, centre, carried @ self.rotation, self.radii)
+
+    def subset(self, keep: Array) -> Ellipsoids:
+        """Return only the ellipsoids for which `keep` (E,) is True."""
+        kept = np.flatnonzero(keep)
+        names = tuple(self.name[i] for i in kept)
+        return Ellipsoids(
+            names, self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept]
+        )

@@ -1,0 +1,83 @@
+"""Joint parameters → bone poses and twist Jacobians: the only place that differentiates joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats, check_shape
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix
+from handtrack.model.kinematics_kernels import pose_bones, twist_columns
+from handtrack.model.skeleton import Skeleton
+
+
+@dataclass(frozen=True)
+class BonePoses:
+    """Where every bone is, in the world."""
+
+    reference: Floats
+    """(3,) the point o that twists are taken about: the root's position [m]."""
+    rotation: Floats
+    """(B, 3, 3) bone frame → world."""
+    position: Floats
+    """(B, 3) proximal end of each bone, world [m]."""
+
+    @property
+    def T_world_bone(self) -> Floats:
+        """Return (B, 4, 4) transforms, bone → world."""
+        transforms = np.zeros((len(self.position), 4, 4))
+        transforms[:, :3, :3] = self.rotation
+        transforms[:, :3, 3] = self.position
+        transforms[:, 3, 3] = 1.0
+        return transforms
+
+    def to_world(self, bone: int | Floats, points: Floats) -> Floats:
+        """Return points (..., 3) of a bone's frame in the world [m]."""
+        turned = np.einsum("...ij,...j->...i", self.rotation[bone], points)
+        return self.position[bone] + turned
+
+
+def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
+    params = np.ascontiguousarray(joint_params, dtype=float)
+    check_shape(params, (skeleton.parameter_count,), "joint parameters")
+    bones = skeleton.bone_count
+    rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
+    axis_world = np.empty((len(skeleton.hinge_bone), 3))
+    pose_bones(
+        params,
+        rotation_matrix(params[3:6]),
+        skeleton.parent,
+        skeleton.offset,
+        skeleton.rest_rotation,
+        skeleton.hinge_bone,
+        skeleton.hinge_axis,
+        rotation,
+        position,
+        axis_world,
+    )
+    return BonePoses(params[:3].copy(), rotation, position), axis_world
+
+
+def bone_poses(skeleton: Skeleton, joint_params: Floats) -> BonePoses:
+    """Return the bones' poses for joint parameters (S,) [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
+    return _pose(skeleton, joint_params)[0]
+
+
+def linearize(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
+    """Return the poses and the twist Jacobian (B, 6, S): rows (v, ω), world axes, about the root.
+
+    Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
+    the joint. Replaces eqs. 30–39 of the 2007 paper; docs/derivations/twists.md.
+    """
+    poses, axis_world = _pose(skeleton, joint_params)
+    jacobian = np.empty((skeleton.bone_count, 6, skeleton.parameter_count))
+    twist_columns(
+        left_jacobian(np.asarray(joint_params)[3:6]),
+        skeleton.parent,
+        skeleton.hinge_bone,
+        axis_world,
+        poses.position,
+        jacobian,
+    )
+    return poses, jacobian

@@ -1,0 +1,85 @@
+"""Compiled forward kinematics and twist Jacobians. The plain form is in tests/model/kinematics_reference.py."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def _turn(axis, angle, out):  # pragma: no cover - compiled
+    """Write the matrix that turns by `angle` about the unit `axis`."""
+    s, c = np.sin(angle), np.cos(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    k = 1.0 - c
+    out[0, 0] = c + x * x * k
+    out[0, 1] = x * y * k - z * s
+    out[0, 2] = x * z * k + y * s
+    out[1, 0] = x * y * k + z * s
+    out[1, 1] = c + y * y * k
+    out[1, 2] = y * z * k - x * s
+    out[2, 0] = x * z * k - y * s
+    out[2, 1] = y * z * k + x * s
+    out[2, 2] = c + z * z * k
+
+
+@numba.njit(cache=True, nogil=True)
+def _multiply(a, b, out):  # pragma: no cover - compiled
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def pose_bones(
+    params, root_rotation, parent, offset, rest, hinge_bone, hinge_axis, rotation, position, axis_world
+):  # pragma: no cover - compiled
+    """Fill rotation (B, 3, 3), position (B, 3) and the hinges' world axes (S − 6, 3)."""
+    bones, hinges = parent.shape[0], hinge_bone.shape[0]
+    step, frame = np.empty((3, 3)), np.empty((3, 3))
+    rotation[0], position[0] = root_rotation, params[:3]
+    h = 0
+    for b in range(bones):
+        if b > 0:
+            p = parent[b]
+            for i in range(3):
+                position[b, i] = position[p, i]
+                for j in range(3):
+                    position[b, i] += rotation[p, i, j] * offset[b, j]
+            _multiply(rotation[p], rest[b], rotation[b])
+        while h < hinges and hinge_bone[h] == b:
+            for i in range(3):
+                axis_world[h, i] = 0.0
+                for j in range(3):
+                    axis_world[h, i] += rotation[b, i, j] * hinge_axis[h, j]
+            _turn(hinge_axis[h], params[6 + h], step)
+            _multiply(rotation[b], step, frame)
+            rotation[b] = frame
+            h += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):  # pragma: no cover
+    """Fill the twist Jacobian (B, 6, S): screws of a bone's own hinges and of all its ancestors'."""
+    bones, hinges = parent.shape[0], hinge_bone.shape[0]
+    out[:] = 0.0
+    for b in range(bones):
+        if b > 0:
+            out[b] = out[parent[b]]
+        else:
+            for i in range(3):
+                out[0, i, i] = 1.0
+                for j in range(3):
+                    out[0, 3 + i, 3 + j] = root_jacobian[i, j]
+        for h in range(hinges):
+            if hinge_bone[h] == b:
+                w0, w1, w2 = axis_world[h, 0], axis_world[h, 1], axis_world[h, 2]
+                r0 = position[b, 0] - position[0, 0]
+                r1 = position[b, 1] - position[0, 1]
+                r2 = position[b, 2] - position[0, 2]
+                out[b, 0, 6 + h] = r1 * w2 - r2 * w1
+                out[b, 1, 6 + h] = r2 * w0 - r0 * w2
+                out[b, 2, 6 + h] = r0 * w1 - r1 * w0
+                out[b, 3, 6 + h] = w0
+                out[b, 4, 6 + h] = w1
+                out[b, 5, 6 + h] = w2

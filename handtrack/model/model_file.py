@@ -1,0 +1,220 @@
+"""Read a model definition and scale it to a person."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.limits import Limits
+from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
+from handtrack.model.transform import Follows, build_transform
+
+MODELS = ("hand26",)
+COUPLINGS = ("26", "21", "18")
+_MM = 1e-3
+
+
+def load_model(
+    name: str | Path = "hand26",
+    side: str = "right",
+    scale: float | HandScale = 1.0,
+    coupling: str = "26",
+    forearm: bool = False,
+    spread: dict[str, float] | None = None,
+) -> ArticulatedModel:
+    """Return a model by its name or from a definition file.
+
+    side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose.
+    coupling: `26` (all freedoms), `21` (distal joints follow), `18` (and abductions linked).
+    spread: a person's own ratios A_i / spread for coupling `18`, by finger. Raises HandtrackError.
+    """
+    if side not in ("right", "left"):
+        raise HandtrackError(f"side '{side}': a hand is 'right' or 'left'.")
+    if coupling not in COUPLINGS:
+        raise unknown_name("coupling", coupling, COUPLINGS)
+    table = _read_definition(str(name))
+    size = scale if isinstance(scale, HandScale) else HandScale(float(scale))
+    if not 0.2 <= size.overall <= 5.0:
+        raise HandtrackError(
+            f"hand scale {size.overall:g}: expected a factor on a hand of {table['length_mm']:g} mm, between 0.2 "
+            "and 5. If this is a length, divide it by that one."
+        )
+    return _build(table, side, size, coupling, forearm, spread or {})
+
+
+def read_scale(path: Path) -> HandScale:
+    """Return a person's saved hand: JSON with `overall` and `fingers`. Raises HandtrackError."""
+    try:
+        data = json.loads(path.read_text())
+        fingers = {str(k): float(v) for k, v in data.get("fingers", {}).items()}
+        size = HandScale(float(data["overall"]), fingers)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise HandtrackError(
+            f"{path}: a saved hand is a JSON file like {{\"overall\": 1.03, \"fingers\": {{\"thumb\": 0.98}}}}; {error}."
+        ) from None
+    unknown = [finger for finger in fingers if finger not in FINGERS]
+    if unknown:
+        raise unknown_name("finger", unknown[0], FINGERS, str(path))
+    return size
+
+
+def write_scale(path: Path, scale: HandScale) -> None:
+    """Save a person's hand, to be named by `scale` in session.toml."""
+    path.write_text(json.dumps({"overall": scale.overall, "fingers": scale.fingers}, indent=1) + "\n")
+
+
+@lru_cache(maxsize=8)
+def _read_definition(name: str) -> dict[str, Any]:
+    if name in MODELS:
+        text = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml").read_text()
+    else:
+        path = Path(name)
+        if path.suffix != ".toml" or not path.is_file():
+            raise HandtrackError(
+                f"no model '{name}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml)."
+            )
+        text = path.read_text()
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise HandtrackError(f"model definition {name}: not valid TOML: {error}.") from None
+    missing = [key for key in ("name", "length_mm", "bone", "joints", "ellipsoids") if key not in table]
+    if missing:
+        raise HandtrackError(f"model definition {name}: the key '{missing[0]}' is missing.")
+    return table
+
+
+def _mirror(points: Any, side: str) -> Floats:
+    points = np.array(points, dtype=float)
+    return points * (-1.0, 1.0, 1.0) if side == "left" else points
+
+
+def _frame(head: Floats, tail: Floats, up: Floats) -> Floats:
+    """Return the bone → hand rotation: +y along the bone, +z to its dorsal side."""
+    y = (tail - head) / np.linalg.norm(tail - head)
+    z = up - y * (up @ y)
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def _build(
+    table: dict[str, Any],
+    side: str,
+    size: HandScale,
+    coupling: str,
+    forearm: bool,
+    spread: dict[str, float],
+) -> ArticulatedModel:
+    rows = [b for b in table["bone"] if forearm or b.get("only_with") != "forearm"]
+    names = tuple(b["name"] for b in rows)
+    frames = np.stack(
+        [_frame(*(_mirror(b[key], side) for key in ("head", "tail", "up"))) for b in rows]
+    )
+    heads = np.stack([_mirror(b["head"], side) for b in rows]) * _MM
+    factor = {b["name"]: size.factor(b["group"]) for b in rows}
+    parent = np.array([names.index(b["parent"]) if "parent" in b else -1 for b in rows])
+    if not np.allclose(frames[0], np.eye(3)):
+        raise HandtrackError(
+            f"model definition {table['name']}: the root bone must lie along +y with up = +z."
+        )
+    if parent[0] != -1 or (parent[1:] < 0).any() or (parent >= np.arange(len(rows))).any():
+        raise HandtrackError(
+            f"model definition {table['name']}: the first bone must be the root and every other "
+            "bone must come after its parent."
+        )
+    offset, rest_rotation = np.zeros((len(rows), 3)), np.stack([np.eye(3)] * len(rows))
+    for b, p in enumerate(parent):
+        if p >= 0:
+            offset[b] = frames[p].T @ (heads[b] - heads[p]) * factor[names[p]]
+            rest_rotation[b] = frames[p].T @ frames[b]
+    length = np.array([np.linalg.norm(np.subtract(b["tail"], b["head"])) for b in rows]) * _MM
+    length *= [factor[name] for name in names]
+
+    hinges = [(b, f) for b, row in enumerate(rows) for f in row.get("freedoms", [])]
+    axis = np.array([f["axis"] for _, f in hinges], dtype=float)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    if side == "left":
+        axis *= (1.0, -1.0, -1.0)  # axes are pseudo-vectors: mirrored, then reversed
+    parameters = ROOT_PARAMETERS + tuple(f["name"] for _, f in hinges)
+    hinge_bone = np.array([b for b, _ in hinges])
+    skeleton = Skeleton(
+        names, parent, offset, rest_rotation, length, parameters, hinge_bone, axis
+    )
+
+    free = np.tile((-np.inf, np.inf), (6, 1))
+    interval = np.concatenate([free, np.deg2rad([f["limits_deg"] for _, f in hinges])])
+    rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
+    narrowing = table.get("narrowing", {"pairs": [], "at_deg": 90.0, "to": 1.0})
+    pairs = np.array(
+        [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
+    ).reshape(-1, 2)
+    count = len(pairs)
+    limits = Limits(
+        interval,
+        pairs,
+        np.full(count, np.deg2rad(narrowing["at_deg"])),
+        np.full(count, float(narrowing["to"])),
+    )
+    flesh = {
+        key: _ellipsoids(rows_e, names, factor, side) for key, rows_e in table["ellipsoids"].items()
+    }
+    joints = [j for j in table["joints"].items() if j[1][0] in names]
+    joint_bone = np.array([names.index(bone) for _, (bone, _) in joints])
+    ends = np.array([0.0 if end == "head" else 1.0 for _, (_, end) in joints])
+    joint_point = np.zeros((len(joints), 3))
+    joint_point[:, 1] = ends * length[joint_bone]
+    return ArticulatedModel(
+        name=table["name"],
+        side=side,
+        scale=size,
+        coupling=coupling,
+        skeleton=skeleton,
+        transform=build_transform(parameters, _couplings(table, coupling, spread)),
+        limits=limits,
+        rest=rest,
+        flesh=flesh,
+        joint_names=tuple(name for name, _ in joints),
+        joint_bone=joint_bone,
+        joint_point=joint_point,
+    )
+
+
+def _couplings(table: dict[str, Any], coupling: str, spread: dict[str, float]) -> tuple[Follows, ...]:
+    chosen = {"26": (), "21": ("21",), "18": ("21", "18")}[coupling]
+    rows = [row for key in chosen for row in table.get("couplings", {}).get(key, [])]
+    follows = []
+    for row in rows:
+        finger = row["name"].split("_")[0]
+        own = spread.get(finger, row["ratio"]) if row["leader"] == "spread" else row["ratio"]
+        follows.append(Follows(row["name"], row["leader"], float(own)))
+    return tuple(follows)
+
+
+def _ellipsoids(
+    rows: list[dict[str, Any]], bones: tuple[str, ...], factor: dict[str, float], side: str
+) -> Ellipsoids:
+    kept = [row for row in rows if row["bone"] in bones]
+    size = np.array([factor[row["bone"]] for row in kept])[:, None] * _MM
+    turns = rotation_matrix(np.deg2rad([row.get("rotation_deg", (0, 0, 0)) for row in kept]))
+    if side == "left":
+        flip = np.diag([-1.0, 1.0, 1.0])
+        turns = flip @ turns @ flip
+    counted = [f"{row['bone']}_{i}" for i, row in enumerate(kept)]
+    return Ellipsoids(
+        name=tuple(counted),
+        bone=np.array([bones.index(row["bone"]) for row in kept]),
+        centre=np.stack([_mirror(row["centre"], side) for row in kept]) * size,
+        rotation=turns,
+        radii=np.array([row["radii"] for row in kept], dtype=float) * size,
+    )

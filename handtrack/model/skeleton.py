@@ -1,0 +1,61 @@
+"""The skeleton: bones in a tree, and the freedoms of their joints. Plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.errors import unknown_name
+
+ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Bones (parents come first) and the hinges that move them.
+
+    The root turns and moves freely in the world by the first six parameters; every other freedom is a
+    hinge at the proximal end of its bone. A bone's frame has its origin there and +y along the bone.
+    """
+
+    bone_names: tuple[str, ...]
+    parent: Ints
+    """(B,) index of each bone's parent; −1 for the root, which is bone 0."""
+    offset: Floats
+    """(B, 3) proximal end in the parent's frame [m]; zero for the root."""
+    rest_rotation: Floats
+    """(B, 3, 3) bone frame → parent's frame when all freedoms are zero."""
+    length: Floats
+    """(B,) [m]"""
+    parameter_names: tuple[str, ...]
+    """(S,) the six of the root, then the hinges, sorted by bone; within a bone the first hinge turns first."""
+    hinge_bone: Ints
+    """(S − 6,) the bone that each hinge moves."""
+    hinge_axis: Floats
+    """(S − 6, 3) unit axis in the bone's rest frame."""
+
+    @property
+    def bone_count(self) -> int:
+        return len(self.bone_names)
+
+    @property
+    def parameter_count(self) -> int:
+        return len(self.parameter_names)
+
+    def bone(self, name: str) -> int:
+        """Return the index of a bone; HandtrackError names the known ones."""
+        if name not in self.bone_names:
+            raise unknown_name("bone", name, self.bone_names)
+        return self.bone_names.index(name)
+
+    def parameter(self, name: str) -> int:
+        """Return the index of a joint parameter; HandtrackError names the known ones."""
+        if name not in self.parameter_names:
+            raise unknown_name("parameter", name, self.parameter_names)
+        return self.parameter_names.index(name)
+
+    def is_angle(self) -> Array:
+        """Return (S,) True where a parameter is in radians, False where in metres."""
+        return np.array([not name.startswith("root_t") for name in self.parameter_names])

@@ -1,0 +1,84 @@
+"""Couplings and linkages: solver parameters → joint parameters, as one matrix with offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+
+
+@dataclass(frozen=True)
+class Follows:
+    """A joint parameter that is a fixed multiple of a solver parameter: it loses its own column."""
+
+    name: str
+    leader: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class ParameterTransform:
+    """joint parameters (S,) = matrix (S, P) · solver parameters (P,) + offset (S,)."""
+
+    names: tuple[str, ...]
+    """(P,) solver parameters."""
+    matrix: Floats
+    offset: Floats
+
+    def joint_params(self, params: Floats) -> Floats:
+        """Return the joint parameters (S,) of solver parameters (P,)."""
+        return self.matrix @ params + self.offset
+
+    def solver_params(self, joint_params: Floats) -> Floats:
+        """Return the solver parameters (P,) closest, in least squares, to joint parameters (S,)."""
+        return np.linalg.lstsq(self.matrix, joint_params - self.offset, rcond=None)[0]
+
+    def reduce_bounds(self, bounds: Floats) -> Floats:
+        """Return bounds (P, 2) that keep all joint parameters within `bounds` (S, 2).
+
+        A solver parameter that leads several joints gets the intersection of their intervals, each
+        divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.
+        """
+        reduced = np.empty((len(self.names), 2))
+        for p in range(len(self.names)):
+            column = self.matrix[:, p]
+            led = np.flatnonzero(column)
+            ends = (bounds[led] - self.offset[led, None]) / column[led, None]
+            low, high = ends.min(axis=1).max(), ends.max(axis=1).min()
+            reduced[p] = (low, high) if low <= high else (0.5 * (low + high),) * 2
+        return reduced
+
+
+def build_transform(
+    joint_names: tuple[str, ...], couplings: tuple[Follows, ...] = ()
+) -> ParameterTransform:
+    """Return the transform in which followers follow and every other joint parameter is free.
+
+    A leader that is no joint parameter becomes a new solver parameter, at the place of its first follower
+    (`spread`, which leads the four abductions).
+    """
+    follower = {c.name: c for c in couplings}
+    for coupling in couplings:
+        if coupling.name not in joint_names:
+            raise unknown_name("parameter", coupling.name, joint_names, "a coupling")
+        if coupling.leader in follower:
+            raise HandtrackError(
+                f"coupling of '{coupling.name}': its leader '{coupling.leader}' itself follows "
+                f"'{follower[coupling.leader].leader}'; couplings may not be chained."
+            )
+    names: list[str] = []
+    for name in joint_names:
+        leader = follower[name].leader if name in follower else name
+        if leader not in names and (name not in follower or leader not in joint_names):
+            names.append(leader)
+    matrix = np.zeros((len(joint_names), len(names)))
+    for s, name in enumerate(joint_names):
+        coupling = follower.get(name)
+        if coupling is None:
+            matrix[s, names.index(name)] = 1.0
+        else:
+            matrix[s, names.index(coupling.leader)] = coupling.ratio
+    return ParameterTransform(tuple(names), matrix, np.zeros(len(joint_names)))

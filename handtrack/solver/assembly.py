@@ -1,0 +1,27 @@
+"""The two ledgers, bone twists and joint parameters, become one small normal system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.term import ObservationTerm, ParameterTerm
+
+
+def assemble(
+    model: ArticulatedModel,
+    params: Floats,
+    observation_terms: Sequence[ObservationTerm],
+    parameter_terms: Sequence[ParameterTerm],
+) -> JointSystem:
+    """Return the sum of all terms at solver parameters (P,), as a system in them."""
+    bones, twist_jacobian, joint_params = model.linearize(params)
+    seen = BoneSystem.zero(model.skeleton.bone_count)
+    for term in observation_terms:
+        seen = seen + term.linearize(bones)
+    joints = seen.pull_back(twist_jacobian)
+    for prior in parameter_terms:
+        joints = joints + prior.linearize(joint_params)
+    return joints.pull_back(model.transform.matrix)

@@ -1,0 +1,62 @@
+"""How well the parameters are known, from the normal matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+
+UNOBSERVABLE_STD = 1.0
+"""[m, rad] a standard deviation beyond this says nothing: the direction counts as unobservable"""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of solver parameters and of all that follows from them."""
+
+    covariance: Floats
+    """(P, P)"""
+    parameter_std: Floats
+    """(S,) of joint parameters [m, rad]; infinite where unobservable"""
+    joint_covariance: Floats
+    """(J, 3, 3) of joint positions [m²]"""
+
+
+def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
+    """Return variance · H⁻¹ (P, P) and the directions (P, K), unit vectors, that H does not determine.
+
+    A direction is undetermined when its eigenvalue gives a standard deviation above UNOBSERVABLE_STD;
+    its variance is capped there, so that the matrix stays finite.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    least = variance / UNOBSERVABLE_STD**2
+    blind = values < least
+    spread = variance / np.maximum(values, least)
+    return (vectors * spread) @ vectors.T, vectors[:, blind]
+
+
+def uncertainty(
+    model: ArticulatedModel, params: Floats, hessian: Floats, variance: float = 1.0
+) -> Uncertainty:
+    """Return the uncertainty of a pose. hessian: (P, P) of the cost ½ Σ r²; variance: of one residual."""
+    cov, blind = covariance(hessian, variance)
+    matrix = model.transform.matrix
+    joint_cov = matrix @ cov @ matrix.T
+    std = np.sqrt(np.maximum(np.diag(joint_cov), 0.0))
+    std[(np.abs(matrix @ blind) > 0.5).any(axis=1)] = np.inf
+    bones, jacobian, _ = model.linearize(params)
+    moves = joint_position_jacobian(model, bones, jacobian) @ matrix
+    return Uncertainty(cov, std, moves @ cov @ np.swapaxes(moves, 1, 2))
+
+
+def joint_position_jacobian(
+    model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats
+) -> Floats:
+    """Return (J, 3, S), the velocity of each named joint per unit of each joint parameter."""
+    arm = model.joint_positions(bones) - bones.reference
+    twist = twist_jacobian[model.joint_bone]
+    return twist[:, :3] + np.cross(twist[:, 3:], arm[:, :, None], axis=1)

@@ -1,0 +1,181 @@
+"""Damped Gauss-Newton with bounds, on a small normal system. Knows neither hands nor cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.terms.bone_system import JointSystem
+
+
+class BoundedProblem(Protocol):
+    """What the loop needs of a problem; parameters are (P,)."""
+
+    def cost(self, params: Floats) -> float: ...
+
+    def linearize(self, params: Floats) -> JointSystem: ...
+
+    def bounds(self, params: Floats) -> Floats: ...
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How hard to try."""
+
+    iterations: int = 10
+    """linearisations at most"""
+    damping: float = 1e-2
+    """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
+    binary cameras leave weak directions"""
+    least_damping: float = 1e-6
+    relax: float = 0.4
+    """λ is multiplied by this after a step that lowered the cost"""
+    tighten: float = 4.0
+    """and by this after one that did not"""
+    cost_tolerance: float = 1e-7
+    """stop when a step lowers the cost by a smaller share than this"""
+    step_tolerance: float = 1e-7
+    """stop when no parameter moves by more than this [m, rad]"""
+    step_limit_m: float = 0.05
+    """longest move of a translation in one step"""
+    step_limit_rad: float = 0.5
+    """widest turn of an angle in one step"""
+
+
+@dataclass(frozen=True)
+class SolveSummary:
+    """Where the loop ended, and why."""
+
+    params: Floats
+    cost: float
+    iterations: int
+    why: str
+    """`converged`, `iterations` (used up), `no descent`, or `stopped` (asked to)"""
+    cost_history: tuple[float, ...]
+    damping_history: tuple[float, ...]
+    system: JointSystem
+    """the last linearisation"""
+
+    @property
+    def converged(self) -> bool:
+        return self.why == "converged"
+
+
+_REJECTIONS = 8  # trials at one linearisation before giving up
+
+
+def solve(
+    problem: BoundedProblem,
+    params: Floats,
+    settings: SolverSettings | None = None,
+    should_stop: Callable[[], bool] | None = None,
+    on_iteration: Callable[[int, Floats, float], None] | None = None,
+) -> SolveSummary:
+    """Return the minimum that descent reaches from params (P,), within the problem's bounds.
+
+    A step is accepted only if the true cost falls; a rejected step is never called converged.
+    `on_iteration(k, params, cost)` sees each accepted state.
+    """
+    settings = settings or SolverSettings()
+    bounds = problem.bounds(params)
+    params = np.clip(params, bounds[:, 0], bounds[:, 1])
+    damping = settings.damping
+    costs: list[float] = []
+    dampings: list[float] = []
+    system = problem.linearize(params)
+    costs.append(system.cost)
+    why, count = "iterations", 0
+    for count in range(1, settings.iterations + 1):  # noqa: B007 - reported after the loop
+        if should_stop is not None and should_stop():
+            why = "stopped"
+            break
+        bounds = problem.bounds(params)
+        low, high = np.minimum(bounds[:, 0], params), np.maximum(bounds[:, 1], params)
+        moved = None
+        for _ in range(_REJECTIONS):
+            step = bounded_step(system, params, low, high, damping)
+            step = _shortened(step, settings)
+            trial = np.clip(params + step, low, high)
+            cost = problem.cost(trial)
+            if cost < system.cost:
+                moved = trial
+                break
+            if np.abs(step).max() < settings.step_tolerance:
+                break
+            damping *= settings.tighten
+        dampings.append(damping)
+        if moved is None:
+            small = np.abs(step).max() < settings.step_tolerance
+            why = "converged" if small else "no descent"
+            break
+        gain = system.cost - cost
+        largest = float(np.abs(moved - params).max())
+        damping = max(damping * settings.relax, settings.least_damping)
+        params = moved
+        costs.append(cost)
+        if on_iteration is not None:
+            on_iteration(count, params, cost)
+        if gain <= settings.cost_tolerance * max(cost, 1e-300) or largest < settings.step_tolerance:
+            why = "converged"
+            break
+        if count < settings.iterations:
+            system = problem.linearize(params)
+    return SolveSummary(params, costs[-1], count, why, tuple(costs), tuple(dampings), system)
+
+
+def bounded_step(
+    system: JointSystem, params: Floats, low: Floats, high: Floats, damping: float
+) -> Floats:
+    """Return the damped Gauss-Newton step (P,) with parameters that meet a bound held there.
+
+    Parameters whose step leaves the interval are set onto the bound and the others are solved again;
+    one at a bound whose multiplier points back inside is released. A few rounds are enough.
+    """
+    hessian, gradient = system.hessian, system.gradient
+    diagonal = np.diag(hessian)
+    floor = 1e-9 * max(float(diagonal.max()), 1e-30)
+    damped = hessian + np.diag(damping * diagonal + floor)
+    count = len(params)
+    held = np.zeros(count, dtype=bool)
+    at_low = (params <= low) & (gradient > 0)
+    at_high = (params >= high) & (gradient < 0)
+    held |= at_low | at_high
+    step = np.zeros(count)
+    for _ in range(count + 1):
+        free = ~held
+        right = -gradient[free] - damped[np.ix_(free, held)] @ step[held]
+        step[free] = _solve_positive(damped[np.ix_(free, free)], right)
+        target = params + step
+        over = free & ((target < low) | (target > high))
+        if not over.any():
+            break
+        step[over] = np.clip(target[over], low[over], high[over]) - params[over]
+        held |= over
+    return step
+
+
+def _solve_positive(matrix: Floats, right: Floats) -> Floats:
+    if len(right) == 0:
+        return right
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(matrix, right, rcond=None)[0]
+
+
+def _shortened(step: Floats, settings: SolverSettings) -> Floats:
+    """Return the step scaled down so that neither translations (first three) nor angles jump."""
+    longest = max(
+        float(np.abs(step[:3]).max()) / settings.step_limit_m,
+        float(np.abs(step[3:]).max(initial=0.0)) / settings.step_limit_rad,
+    )
+    return step / longest if longest > 1.0 else step
+
+
+def free_directions(params: Floats, bounds: Floats, tolerance: float = 1e-6) -> Array:
+    """Return (P,) True where a parameter is away from its bounds."""
+    return (params > bounds[:, 0] + tolerance) & (params < bounds[:, 1] - tolerance)

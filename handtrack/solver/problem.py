@@ -1,0 +1,42 @@
+"""Problem: a model and the terms of one frame, as a function of solver parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.solver.assembly import assemble
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import ObservationTerm, ParameterTerm
+
+
+@dataclass(frozen=True)
+class Problem:
+    """cost(params), linearize(params) and bounds(params) on solver parameters (P,)."""
+
+    model: ArticulatedModel
+    observation_terms: Sequence[ObservationTerm]
+    parameter_terms: Sequence[ParameterTerm] = ()
+
+    def cost(self, params: Floats) -> float:
+        """Return the sum of all terms' costs."""
+        bones = self.model.bones(params)
+        seen = sum(term.cost(bones) for term in self.observation_terms)
+        joint = self.model.joint_params(params)
+        return float(seen + sum(term.cost(joint) for term in self.parameter_terms))
+
+    def costs(self, params: Floats) -> dict[str, float]:
+        """Return each term's cost by its name."""
+        bones, joint = self.model.bones(params), self.model.joint_params(params)
+        seen = {term.name: float(term.cost(bones)) for term in self.observation_terms}
+        return seen | {term.name: float(term.cost(joint)) for term in self.parameter_terms}
+
+    def linearize(self, params: Floats) -> JointSystem:
+        """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
+        return assemble(self.model, params, self.observation_terms, self.parameter_terms)
+
+    def bounds(self, params: Floats) -> Floats:
+        """Return the limits (P, 2) that hold at params."""
+        return self.model.bounds(params)

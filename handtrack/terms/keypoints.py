@@ -1,0 +1,73 @@
+"""Model joints ↔ points in space or in an image. Robust."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.rows import Rows, point_row
+
+
+def _known(model: ArticulatedModel, names: tuple[str, ...], seen: np.ndarray) -> np.ndarray:
+    for name in names:
+        if name not in model.joint_names:
+            raise unknown_name("joint", name, model.joint_names, f"the keypoints of {model.name}")
+    return np.array([model.joint_names.index(n) for n, s in zip(names, seen, strict=True) if s], int)
+
+
+@dataclass(frozen=True)
+class KeypointTerm:
+    """Distances of model joints to observed points, in units of the points' sigma.
+
+    A point that is not known (NaN) has no row. The robust loss acts on a point's whole distance.
+    """
+
+    model: ArticulatedModel
+    observed: Keypoints | ImageKeypoints
+    weight: float = 1.0
+    loss: Loss = Quadratic()
+    name: str = "keypoints"
+
+    def rows(self, bones: BonePoses) -> Rows:
+        """Return two (image) or three (space) rows a point."""
+        targets, sigma = _targets(self.observed)
+        seen = np.isfinite(targets).all(axis=1)
+        joint = _known(self.model, self.observed.names, seen)
+        bone = self.model.joint_bone[joint]
+        points = bones.to_world(bone, self.model.joint_point[joint])
+        if isinstance(self.observed, Keypoints):
+            difference = (points - targets[seen]) / sigma
+            directions = np.tile(np.eye(3) / sigma, (len(points), 1, 1))
+        else:
+            camera = self.observed.camera
+            difference = (camera.project(points) - targets[seen]) / sigma
+            directions = camera.project_jacobian(points) / sigma
+        count, width = difference.shape
+        squared = (difference**2).sum(axis=1)
+        weight = self.weight * np.repeat(self.loss.weight(squared), width)
+        twist = point_row(
+            np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference
+        )
+        cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
+        row = np.arange(count * width)
+        return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)
+
+    def cost(self, bones: BonePoses) -> float:
+        return self.rows(bones).cost
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        return self.rows(bones).bone_system(len(bones.position))
+
+
+def _targets(observed: Keypoints | ImageKeypoints) -> tuple[Floats, float]:
+    if isinstance(observed, Keypoints):
+        return observed.positions, observed.sigma_m
+    return observed.pixels, observed.sigma_px

@@ -1,0 +1,43 @@
+"""Rows: residuals with their derivatives in bone twists, summed into a BoneSystem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.terms.bone_system import BoneSystem
+
+
+def point_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
+    """Return [n ; (X − o) × n], what a twist of X's bone adds to a measurement along n at X.
+
+    points, normals: (N, 3) world; reference: (3,) → (N, 6).
+    """
+    return np.concatenate([normals, np.cross(points - reference, normals)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Residuals (N,), and one entry (6,) for each bone that a residual depends on."""
+
+    residual: Floats
+    row: Ints
+    """(K,) which residual an entry belongs to"""
+    bone: Ints
+    """(K,)"""
+    twist: Floats
+    """(K, 6) derivative of the residual by that bone's twist"""
+    cost: float
+    """½ Σ ρ(r²)"""
+    weight: Floats
+    """(N,) dρ/d(r²)"""
+
+    def bone_system(self, bone_count: int) -> BoneSystem:
+        """Return the sum over rows: gradient Jᵀ W r and Hessian Jᵀ W J in bone twists."""
+        dense = np.zeros((len(self.residual), bone_count, 6))
+        np.add.at(dense, (self.row, self.bone), self.twist)
+        flat = dense.reshape(len(self.residual), -1)
+        weighted = flat * self.weight[:, None]
+        return BoneSystem(self.cost, weighted.T @ self.residual, weighted.T @ flat)

@@ -1,0 +1,39 @@
+"""What a term is: a cost that speaks in bone twists, or in joint parameters."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from handtrack.arrays import Floats
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+
+
+class ObservationTerm(Protocol):
+    """A cost of bone poses. It never knows joints, couplings or the solver."""
+
+    @property
+    def name(self) -> str: ...
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ Σ r² (weighted, robust)."""
+        ...
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
+        ...
+
+
+class ParameterTerm(Protocol):
+    """A cost of joint parameters: limits' softness, rest pose, continuity."""
+
+    @property
+    def name(self) -> str: ...
+
+    def cost(self, joint_params: Floats) -> float:
+        """Return ½ Σ r² (weighted). joint_params: (S,)"""
+        ...
+
+    def linearize(self, joint_params: Floats) -> JointSystem:
+        """Return cost, gradient (S,) and Hessian (S, S)."""
+        ...
