@@ -77,3 +77,13 @@ def wrapped(rotvec: Floats) -> Floats:
         return np.array(rotvec, dtype=float)
     turns = np.round(angle / (2 * np.pi))
     return np.asarray(rotvec) * (1 - 2 * np.pi * turns / angle)
+
+
+def closest_equivalent(rotvec: Floats, to: Floats) -> Floats:
+    """Return the rotation vector of the same rotation that lies closest to `to`. Both (3,) [rad]."""
+    angle = float(np.linalg.norm(rotvec))
+    if angle < 1e-9:
+        return np.array(rotvec, dtype=float)
+    axis = np.asarray(rotvec) / angle
+    turns = np.round((axis @ np.asarray(to) - angle) / (2 * np.pi))
+    return axis * (angle + 2 * np.pi * turns)

@@ -130,31 +130,41 @@ def solve(
 def bounded_step(
     system: JointSystem, params: Floats, low: Floats, high: Floats, damping: float
 ) -> Floats:
-    """Return the damped Gauss-Newton step (P,) with parameters that meet a bound held there.
+    """Return the step (P,) that minimises the damped quadratic model within the bounds.
 
-    Parameters whose step leaves the interval are set onto the bound and the others are solved again;
-    one at a bound whose multiplier points back inside is released. A few rounds are enough.
+    Primal active set: go to the minimum over the free parameters, stop at the first bound that is met and
+    hold it; at a minimum, release the held parameter whose multiplier points back inside most.
     """
     hessian, gradient = system.hessian, system.gradient
     diagonal = np.diag(hessian)
     floor = 1e-9 * max(float(diagonal.max()), 1e-30)
     damped = hessian + np.diag(damping * diagonal + floor)
-    count = len(params)
-    held = np.zeros(count, dtype=bool)
-    at_low = (params <= low) & (gradient > 0)
-    at_high = (params >= high) & (gradient < 0)
-    held |= at_low | at_high
-    step = np.zeros(count)
-    for _ in range(count + 1):
+    least, most = low - params, high - params
+    step = np.zeros(len(params))
+    held = ((least >= 0) & (gradient > 0)) | ((most <= 0) & (gradient < 0))
+    for _ in range(3 * len(params)):
         free = ~held
-        right = -gradient[free] - damped[np.ix_(free, held)] @ step[held]
-        step[free] = _solve_positive(damped[np.ix_(free, free)], right)
-        target = params + step
-        over = free & ((target < low) | (target > high))
-        if not over.any():
+        goal = step.copy()
+        goal[free] = _solve_positive(
+            damped[np.ix_(free, free)], -gradient[free] - damped[np.ix_(free, held)] @ step[held]
+        )
+        move = goal - step
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(move > 0, (most - step) / move, (least - step) / move)
+        room[~free | (move == 0)] = np.inf
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            step = step + max(room[first], 0.0) * move
+            step[first] = most[first] if move[first] > 0 else least[first]
+            held[first] = True
+            continue
+        step = goal
+        slope = gradient + damped @ step
+        inward = np.where(step <= least, -slope, slope) * held
+        worst = int(np.argmax(inward))
+        if inward[worst] <= 1e-12 * (1.0 + np.abs(gradient).max()):
             break
-        step[over] = np.clip(target[over], low[over], high[over]) - params[over]
-        held |= over
+        held[worst] = False
     return step
 
 

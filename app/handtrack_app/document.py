@@ -1,0 +1,243 @@
+"""What is open in the workbench: a tracking run, poses set by hand, results. No threads, no viser."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.tracker.result import FrameResult
+from handtrack.tracker.tracker import Tracker
+from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
+
+_FAR = 100.0  # [m] nobody's hand is further from the world's origin
+
+
+def drivers(model: ArticulatedModel) -> list[int]:
+    """Return (P,) for each solver parameter the joint parameter that stands for it on the page."""
+    chosen = []
+    for p, name in enumerate(model.transform.names):
+        same = name in model.parameter_names
+        column = np.abs(model.transform.matrix[:, p])
+        chosen.append(model.parameter_names.index(name) if same else int(np.argmax(column)))
+    return chosen
+
+
+def params_of(model: ArticulatedModel, values: Floats) -> Floats:
+    """Return solver parameters (P,), within limits, for joint parameters (S,) as set on the page.
+
+    Under a coupling the driving joints count and the driven ones follow.
+    """
+    values = np.clip(np.nan_to_num(values, nan=0.0), -_FAR, _FAR)
+    transform = model.transform
+    params = np.array(
+        [
+            (values[s] - transform.offset[s]) / transform.matrix[s, p]
+            for p, s in enumerate(drivers(model))
+        ]
+    )
+    return model.clipped(params)
+
+
+class Document:
+    """A run and everything the user and the tracker made of it.
+
+    The pose of a frame is what was set by hand there, else what was tracked, else the last one shown.
+    """
+
+    def __init__(self, run: Any, first_frame: int, first_params: Floats) -> None:
+        self.run = run
+        self.frames: range = run.session.frame_range
+        self.first_frame = int(first_frame)
+        self.start = run.model.joint_params(first_params)
+        self.by_hand: dict[int, Floats] = {}
+        self.results: dict[int, FrameResult] = {}
+        self.limits: dict[str, tuple[float, float]] = {}
+        self.own_interval = run.model.limits.interval.copy()
+        self.frame = self.first_frame
+        self.shown = self.start.copy()
+        self.version = 0
+
+    @property
+    def model(self) -> ArticulatedModel:
+        return self.run.model
+
+    # ---- poses
+
+    def show(self, frame: int) -> None:
+        """Go to a frame (the nearest one of the session)."""
+        self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
+        self.shown = self.pose_at(self.frame)
+
+    def pose_at(self, frame: int) -> Floats:
+        """Return the joint parameters (S,) of a frame."""
+        if frame in self.by_hand:
+            return self.by_hand[frame]
+        if frame in self.results:
+            return self.results[frame].parameters
+        return self.start if frame == self.first_frame else self.shown
+
+    def set_pose(self, frame: int, values: Sequence[float]) -> None:
+        """Set a frame's pose by hand, moved into the limits, and show it."""
+        given = np.asarray(values, dtype=float)
+        if given.shape != (len(self.model.parameter_names),):
+            return  # sent before the model changed
+        self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
+        self.shown = self.model.joint_params(params_of(self.model, given))
+        self.by_hand[self.frame] = self.shown
+
+    def take_pose(self, frame: int, source: str) -> None:
+        """Replace a frame's pose by the first-frame pose, by relaxed fingers, or by the frame before."""
+        current = self.pose_at(frame)
+        if source == "relaxed":
+            taken = np.concatenate([current[:6], self.model.rest[6:]])
+        elif source == "previous":
+            known = [f for f in (*self.by_hand, *self.results) if f < frame]
+            taken = self.pose_at(max(known)) if known else self.start
+        else:
+            taken = self.start
+        self.set_pose(frame, tuple(taken))
+
+    def forget_pose(self, frame: int) -> None:
+        """Drop what was set by hand at a frame."""
+        self.by_hand.pop(frame, None)
+        self.show(frame)
+
+    def accept(self, result: FrameResult) -> None:
+        """Keep a tracked frame. It replaces a pose set by hand there, which it started from."""
+        self.by_hand.pop(result.frame, None)
+        self.results[result.frame] = result
+
+    # ---- settings
+
+    def replace_run(self, run: Any) -> None:
+        """Change to a run with another model or other settings; poses stay, by their names."""
+        old = self.model.parameter_names
+        self.own_interval = run.model.limits.interval.copy()
+        if run.model.parameter_names != old:
+            self.by_hand = {f: renamed(v, old, run.model) for f, v in self.by_hand.items()}
+            self.start = renamed(self.start, old, run.model)
+            self.shown = renamed(self.shown, old, run.model)
+            self.results.clear()
+            self.limits = {n: i for n, i in self.limits.items() if n in run.model.parameter_names}
+        self.run = run
+        self._apply_limits()
+        self.shown = self.model.joint_params(params_of(self.model, self.shown))
+
+    def set_limits(self, name: str, interval: tuple[float, float] | None) -> None:
+        """Change the interval of a joint parameter [rad]; None restores the model's own."""
+        names = self.model.parameter_names
+        if name not in names[6:]:
+            raise unknown_name("parameter with limits", name, names[6:])
+        if interval is None:
+            self.limits.pop(name, None)
+        else:
+            low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
+            if not np.isfinite(low + high):
+                raise HandtrackError(f"limits of {name}: expected two angles, found {interval}.")
+            self.limits[name] = (low, high)
+        self._apply_limits()
+        self.shown = self.model.joint_params(params_of(self.model, self.shown))
+
+    def _apply_limits(self) -> None:
+        interval = self.own_interval.copy()
+        for name, pair in self.limits.items():
+            interval[self.model.parameter_names.index(name)] = pair
+        model = replace(self.model, limits=replace(self.model.limits, interval=interval))
+        self.run = replace(self.run, model=model, tracker=Tracker(model, self.run.settings))
+
+    # ---- what the page sees
+
+    def session_snapshot(self) -> SessionSnapshot:
+        """Return everything the page is built from."""
+        session, model = self.run.session, self.model
+        driving = {model.parameter_names[s] for s in drivers(model)}
+        flesh = model.flesh["fine"]
+        return SessionSnapshot(
+            name=session.name,
+            folder=str(session.folder),
+            fps=float(session.fps),
+            start=self.frames.start,
+            stop=self.frames.stop,
+            first_frame=self.first_frame,
+            cameras=tuple(camera_card(camera) for camera in session.rig.cameras),
+            parameter_names=model.parameter_names,
+            driven=tuple(n for n in model.parameter_names if n not in driving),
+            interval=model.limits.interval.copy(),
+            own_interval=self.own_interval.copy(),
+            bone_names=model.skeleton.bone_names,
+            bone_length=model.skeleton.length,
+            ellipsoid_bone=flesh.bone,
+            radii=flesh.radii,
+            settings=dict(self.run.settings.flat()),
+            has_truth=session.truth is not None,
+            model=f"{model.name}, {model.side} hand, size {model.scale.overall:.2f}",
+        )
+
+    def pose_snapshot(self) -> PoseSnapshot:
+        """Return the hand as it is shown."""
+        model, frame = self.model, self.frame
+        bones = model.bones(params_of(model, self.shown))
+        posed = model.flesh["fine"].posed(bones)
+        result = self.results.get(frame)
+        by_hand = frame in self.by_hand
+        truth = self.truth_at(frame)
+        found = model.keypoints21(bones) if truth is not None and len(truth) == 21 else None
+        return PoseSnapshot(
+            frame=frame,
+            version=self.version,
+            values=self.shown.copy(),
+            bone_position=bones.position,
+            bone_rotation=bones.rotation,
+            centre=posed.centre,
+            rotation=posed.rotation,
+            origin="set" if by_hand else "tracked" if result is not None else "carried",
+            status=3 if by_hand else int(result.status) if result is not None else -1,
+            energy=float(result.energy) if result is not None and not by_hand else float("nan"),
+            std=result.parameter_std if result is not None and not by_hand else None,
+            truth=truth,
+            error_mm=mean_error_mm(found, truth),
+        )
+
+    def strip_snapshot(self) -> StripSnapshot:
+        """Return status, energy and error of every frame."""
+        count = len(self.frames)
+        status = np.full(count, -1, dtype=np.int64)
+        energy, error = np.full(count, np.nan), np.full(count, np.nan)
+        for frame, result in self.results.items():
+            i = frame - self.frames.start
+            if 0 <= i < count:
+                status[i], energy[i] = int(result.status), result.energy
+                error[i] = mean_error_mm(result.keypoints21, self.truth_at(frame))
+        return StripSnapshot(self.frames.start, status, energy, error, tuple(sorted(self.by_hand)))
+
+    def truth_at(self, frame: int) -> Floats | None:
+        """Return the true keypoints (21, 3) of a frame, world [m]."""
+        truth = self.run.session.truth
+        return None if truth is None else truth.keypoints21_at(frame)
+
+
+def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
+    """Return the mean distance of keypoints [mm]; NaN where there is nothing to compare."""
+    if found is None or truth is None or found.shape != truth.shape:
+        return float("nan")
+    distance = np.linalg.norm(found - truth, axis=1)
+    return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
+
+
+def renamed(values: Floats, names: Sequence[str], model: ArticulatedModel) -> Floats:
+    """Return joint parameters of another model by name; new ones are 0."""
+    known: Mapping[str, float] = dict(zip(names, values.tolist(), strict=True))
+    return np.array([known.get(name, 0.0) for name in model.parameter_names])
+
+
+def camera_card(camera: Any) -> CameraCard:
+    """Return what the scene needs of a camera."""
+    return CameraCard(
+        camera.name, camera.size, camera.matrix.copy(), camera.rotation.T.copy(), camera.centre.copy()
+    )

@@ -1,0 +1,153 @@
+"""Cameras: frusta with small live images, the large screen behind the hand, and looking through one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+
+from handtrack.arrays import Bytes, Floats
+from handtrack_app.messages import CameraCard, SessionSnapshot
+from handtrack_app.state import Display
+
+_FRUSTUM = 0.06  # [m] height of a drawn frustum's image: it does not hide the hand
+_SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
+
+
+@dataclass
+class CameraRigView:
+    """Handles of the cameras, and of the one large screen."""
+
+    cards: dict[str, CameraCard]
+    frusta: dict[str, viser.CameraFrustumHandle]
+    labels: dict[str, viser.LabelHandle]
+    screen: viser.ImageHandle
+    screen_camera: str | None = None
+    screen_depth: dict[str, float] = field(default_factory=dict)
+
+
+def add_cameras(server: viser.ViserServer, name: str, session: SessionSnapshot) -> CameraRigView:
+    """Add a frustum for each camera, and the screen, hidden."""
+    frusta, labels = {}, {}
+    for card in session.cameras:
+        width, height = card.size
+        fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
+        frusta[card.name] = server.scene.add_camera_frustum(
+            f"{name}/{card.name}",
+            fov=float(fov),
+            aspect=width / height,
+            scale=_FRUSTUM,
+            thickness=1.5,
+            thickness_units="screen",
+            color=(150, 158, 168),
+            image=np.full((60, 80, 3), 40, np.uint8),
+            format="jpeg",
+            wxyz=vtf.SO3.from_matrix(card.rotation).wxyz,
+            position=card.centre,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        labels[card.name] = server.scene.add_label(
+            f"{name}/{card.name}/label", card.name, position=(0.0, -0.045, 0.03)
+        )
+    screen = server.scene.add_image(
+        f"{name}_screen",
+        np.full((48, 64, 3), 30, np.uint8),
+        0.1,
+        0.1,
+        format="jpeg",
+        cast_shadow=False,
+        receive_shadow=False,
+        visible=False,
+    )
+    return CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
+
+
+def show_cameras(view: CameraRigView, display: Display) -> None:
+    """Apply the display options to the frusta; the camera looked through is hidden."""
+    for name, frustum in view.frusta.items():
+        frustum.visible = display.cameras and name != display.through
+        view.labels[name].visible = frustum.visible
+
+
+def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:
+    """Put small images onto the frusta."""
+    for name, image in images.items():
+        if name in view.frusta:
+            view.frusta[name].image = image
+
+
+def place_screen(view: CameraRigView, camera: str | None, hand: Floats) -> None:
+    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it."""
+    view.screen_camera = camera
+    if camera is None or camera not in view.cards:
+        view.screen.visible = False
+        return
+    card = view.cards[camera]
+    away = float((hand - card.centre) @ card.rotation[:, 2])
+    depth = max(away, 0.1) + _SCREEN_BEHIND
+    kept = view.screen_depth.get(camera)
+    if kept is not None and kept - 0.10 > away > kept - 0.24:
+        depth = kept  # stands still while the hand stays in front of it
+    view.screen_depth[camera] = depth
+    (width, height), matrix = card.size, card.matrix
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    middle = np.array([(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth])
+    view.screen.render_width = depth * width / fx
+    view.screen.render_height = depth * height / fy
+    view.screen.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+    view.screen.position = card.centre + card.rotation @ middle
+
+
+def update_screen(view: CameraRigView, image: Bytes) -> None:
+    """Show an image on the screen."""
+    view.screen.image = image
+    view.screen.visible = True
+
+
+def look_through(client: viser.ClientHandle, card: CameraCard) -> None:
+    """Move a client's view into a camera."""
+    with client.atomic():
+        client.camera.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
+        client.camera.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+        client.camera.position = card.centre
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a free view stands."""
+
+    position: Floats
+    look_at: Floats
+    up: Floats
+    fov: float = 0.7
+
+
+def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return a view of the hand from the first camera's side, a little beside and above it.
+
+    hand: (3,) its middle [m]. Up is the mean of the cameras' upward axes: worlds differ.
+    """
+    if not session.cameras:
+        return Viewpoint(hand + (0.0, -0.35, 0.25), hand, np.array([0.0, 0.0, 1.0]))
+    up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
+    if np.linalg.norm(up) < 0.2:
+        up = -session.cameras[0].rotation[:, 1]
+    up = up / np.linalg.norm(up)
+    back = session.cameras[0].centre - hand
+    back /= max(float(np.linalg.norm(back)), 1e-6)
+    side = np.cross(up, back)
+    side /= max(float(np.linalg.norm(side)), 1e-6)
+    away = back + 0.35 * side + 0.25 * up
+    return Viewpoint(hand + 0.5 * away / np.linalg.norm(away), hand, up)
+
+
+def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
+    """Move a client's view to a free viewpoint."""
+    with client.atomic():
+        client.camera.up_direction = view.up
+        client.camera.position = view.position
+        client.camera.look_at = view.look_at
+        client.camera.fov = view.fov

@@ -1,0 +1,39 @@
+"""Colours that people with any colour vision can tell apart (Okabe & Ito 2008)."""
+
+from __future__ import annotations
+
+from handtrack.arrays import Bytes, Ints
+import numpy as np
+
+FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
+    "palm": (214, 205, 196),
+    "thumb": (230, 159, 0),
+    "index": (86, 180, 233),
+    "middle": (0, 158, 115),
+    "ring": (240, 228, 66),
+    "little": (204, 121, 167),
+}
+TRUTH = (255, 255, 255)
+OUTLINE = (255, 176, 0)
+STATUS = {
+    -1: ("not tracked", "#3a3f47"),
+    0: ("tracked", "#56b4e9"),
+    1: ("doubtful", "#f0e442"),
+    2: ("lost", "#d55e00"),
+    3: ("set by hand", "#cc79a7"),
+    4: ("interpolated", "#009e73"),
+}
+BRAND = (0, 114, 178)
+
+
+def finger_of(name: str) -> str:
+    """Return the finger that a bone or parameter belongs to, or `palm`; metacarpals of fingers are palm."""
+    first, _, rest = name.partition("_")
+    if first in FINGER_COLOURS and ("carpal" not in rest or (first == "thumb" and rest == "metacarpal")):
+        return first
+    return "palm"
+
+
+def colours_of(bone_names: tuple[str, ...], bones: Ints) -> Bytes:
+    """Return (N, 3) colours of things that sit on bones (N,)."""
+    return np.array([FINGER_COLOURS[finger_of(bone_names[b])] for b in bones], dtype=np.uint8)

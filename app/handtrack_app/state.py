@@ -1,0 +1,154 @@
+"""What the user has chosen: plain data, no viser; and undo."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+MODES = ("Skeleton", "Flesh", "Field", "All")
+PAINTS = ("plain", "outline", "residual", "field")
+_MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
+
+
+@dataclass
+class Display:
+    """What is drawn."""
+
+    mode: str = "Flesh"
+    cameras: bool = True
+    images: bool = True
+    truth: bool = True
+    handle: bool = True
+    opacity: float = 1.0
+    paint: str = "outline"
+    through: str | None = None
+    """the camera that the view looks through"""
+    screen: str | None = None
+    """the camera whose picture stands behind the hand"""
+
+    @property
+    def flesh(self) -> bool:
+        return self.mode in ("Flesh", "All")
+
+    @property
+    def skeleton(self) -> bool:
+        return self.mode in ("Skeleton", "All")
+
+    @property
+    def field(self) -> bool:
+        return self.mode in ("Field", "All")
+
+
+@dataclass(frozen=True)
+class PoseStep:
+    """A pose that undo can return to."""
+
+    frame: int
+    values: tuple[float, ...]
+
+
+@dataclass
+class UndoStack:
+    """Poses before and after the current one. Edits with the same tag in quick succession merge."""
+
+    past: list[PoseStep] = field(default_factory=list)
+    future: list[PoseStep] = field(default_factory=list)
+    depth: int = 200
+    _tag: str = ""
+    _when: float = -math.inf
+
+    def record(self, before: PoseStep, tag: str, now: float | None = None) -> None:
+        """Remember the pose before an edit."""
+        now = time.monotonic() if now is None else now
+        merges = tag == self._tag and now - self._when < _MERGE_S and bool(self.past)
+        self._tag, self._when = tag, now
+        self.future.clear()
+        if not (merges and self.past[-1].frame == before.frame):
+            self.past.append(before)
+            del self.past[: -self.depth]
+
+    def undo(self, current: PoseStep) -> PoseStep | None:
+        """Return the pose to go back to, or None."""
+        return self._move(self.past, self.future, current)
+
+    def redo(self, current: PoseStep) -> PoseStep | None:
+        """Return the pose to go forward to, or None."""
+        return self._move(self.future, self.past, current)
+
+    def _move(self, source: list[PoseStep], sink: list[PoseStep], current: PoseStep) -> PoseStep | None:
+        self._tag = ""
+        if not source:
+            return None
+        sink.append(current)
+        return source.pop()
+
+
+@dataclass
+class UserState:
+    """The page's side of the truth. Callbacks run on many threads: hold `lock` for more than one field."""
+
+    names: tuple[str, ...] = ()
+    frame: int = 0
+    start: int = 0
+    stop: int = 1
+    values: tuple[float, ...] = ()
+    """(S,) joint parameters as the user last set or saw them [m, rad]"""
+    version: int = 0
+    playing: bool = False
+    speed: float = 1.0
+    follow: bool = True
+    """the view follows the tracker"""
+    display: Display = field(default_factory=Display)
+    undo: UndoStack = field(default_factory=UndoStack)
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def step(self) -> PoseStep:
+        """Return the pose as it is now."""
+        return PoseStep(self.frame, self.values)
+
+    def edit(self, changes: dict[str, float], tag: str) -> PoseStep | None:
+        """Change joint parameters by name [m, rad]; return the new pose, None if nothing is valid or new."""
+        with self.lock:
+            valid = {n: float(v) for n, v in changes.items() if n in self.names and math.isfinite(v)}
+            if not self.values or not valid:
+                return None
+            values = tuple(valid.get(n, v) for n, v in zip(self.names, self.values, strict=True))
+            if values == self.values:
+                return None
+            return self.replace(values, tag)
+
+    def replace(self, values: Sequence[float], tag: str) -> PoseStep:
+        """Set the whole pose, remembering the one before."""
+        with self.lock:
+            self.undo.record(self.step(), tag)
+            self.values = tuple(values)
+            self.version += 1
+            self.follow = False
+            return self.step()
+
+    def travel(self, back: bool) -> PoseStep | None:
+        """Undo (`back`) or redo; return the pose to show, None at the end of the history."""
+        with self.lock:
+            move = self.undo.undo if back else self.undo.redo
+            target = move(self.step())
+            if target is not None:
+                self.frame, self.values = target.frame, target.values
+                self.version += 1
+            return target
+
+    def begin_edit(self, tag: str) -> int:
+        """Remember the pose before an edit that the worker computes; return the edit's version."""
+        with self.lock:
+            self.undo.record(self.step(), tag)
+            self.version += 1
+            self.follow = False
+            return self.version
+
+    def clamp_frame(self, frame: float) -> int | None:
+        """Return a frame of the session for any number from a client; None for no number."""
+        if not math.isfinite(frame):
+            return None
+        return int(min(max(round(frame), self.start), self.stop - 1))

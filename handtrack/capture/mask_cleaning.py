@@ -1,0 +1,45 @@
+"""What every mask method ends with: the region of interest, an opening, the largest component."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Bytes
+
+Roi = tuple[int, int, int, int]
+
+
+def clean(mask: Bytes, open_px: int, largest: bool, roi: Roi | None) -> Bytes:
+    """Return the mask (H, W) uint8 {0, 255} inside the region of interest, opened by a square, largest piece only."""
+    if roi is not None:
+        mask = inside_roi(mask, roi)
+    if open_px > 1:
+        mask = opened(mask, open_px)
+    return largest_component(mask) if largest else mask
+
+
+def inside_roi(mask: Bytes, roi: Roi) -> Bytes:
+    """Return the mask with everything outside roi = (x, y, width, height) [px] cleared."""
+    x, y, width, height = roi
+    kept = np.zeros_like(mask)
+    kept[y : y + height, x : x + width] = mask[y : y + height, x : x + width]
+    return kept
+
+
+def opened(mask: Bytes, side_px: int) -> Bytes:
+    """Return the opening with a square of side_px; an even one too shifts nothing."""
+    square = np.ones((side_px, side_px), np.uint8)
+    at = side_px // 2
+    back = side_px - 1 - at  # the dilation needs the square reflected
+    shrunk = cv2.erode(mask, square, anchor=(at, at))
+    return cv2.dilate(shrunk, square, anchor=(back, back))  # type: ignore[return-value]
+
+
+def largest_component(mask: Bytes) -> Bytes:
+    """Return the largest 8-connected piece of a mask; of equals the first in reading order."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if len(stats) < 2:
+        return mask
+    chosen = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    return np.where(labels == chosen, 255, 0).astype(np.uint8)

@@ -1,0 +1,193 @@
+"""Pinhole cameras with OpenCV's lens distortion, and a rig of them.
+
+Camera frame: x right, y down, z forward; `p_camera = R p_world + t`; integer pixel coordinates at pixel centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera. Compared by identity, so it can be the key of a cache.
+
+    Raises HandtrackError for a matrix with skew, a rotation that is none, numbers that are not finite.
+    """
+
+    name: str
+    size: tuple[int, int]
+    """width, height [px]."""
+    matrix: Floats
+    """(3, 3) [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    distortions: Floats
+    """(4, 5, 8, 12 or 14,) in OpenCV's order: k1 k2 p1 p2 k3 ..."""
+    rotation: Floats
+    """(3, 3) R_camera_world."""
+    translation: Floats
+    """(3,) [m], the world's origin in the camera frame."""
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "distortions", "rotation", "translation"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        _check(self)
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(3,) the camera's position, world [m]."""
+        return -self.rotation.T @ self.translation
+
+    @cached_property
+    def projection(self) -> Floats:
+        """(3, 4) K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
+        return self.matrix @ np.column_stack([self.rotation, self.translation])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
+        return bool(np.any(self.distortions))
+
+    def to_camera(self, points: Floats) -> Floats:
+        """Return world points (..., 3) [m] in the camera frame (..., 3) [m]."""
+        return np.asarray(points, dtype=float) @ self.rotation.T + self.translation
+
+    def project(self, points_world: Floats) -> Floats:
+        """Return the pixels (..., 2) of world points (..., 3) [m], with distortion.
+
+        NaN behind the camera, and beyond the field in which the lens's polynomial is valid.
+        """
+        points = self.to_camera(points_world)
+        depth = points[..., 2:]
+        in_front = depth > 0
+        directions = points[..., :2] / np.where(in_front, depth, 1.0)
+        directions = np.where(in_front, directions, np.nan)
+        return self._pixels(distort(directions, self.distortions))
+
+    def without_distortion(self) -> Camera:
+        """Return the camera with the same matrix, pose and size, and no distortion."""
+        return replace(self, distortions=np.zeros(5))
+
+    def undistort_points(self, pixels: Floats) -> Floats:
+        """Return pixels (..., 2) of the undistorted camera; NaN where the lens cannot have put them."""
+        return self._pixels(undistort(self._directions(pixels), self.distortions))
+
+    def distort_points(self, pixels: Floats) -> Floats:
+        """Return where pixels (..., 2) of the undistorted camera lie in the real image; NaN beyond the lens's field."""
+        return self._pixels(distort(self._directions(pixels), self.distortions))
+
+    def project_jacobian(self, points_world: Floats) -> Floats:
+        """Return d pixel / d point (..., 2, 3) [px/m] of the undistorted pinhole at world points (..., 3) [m]."""
+        x, y, z = np.moveaxis(self.to_camera(points_world), -1, 0)
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        across = np.stack([np.stack([one, zero, -x / z], -1), np.stack([zero, one, -y / z], -1)], -2)
+        focal = np.diag(self.matrix)[:2, None]
+        return focal * across / z[..., None, None] @ self.rotation
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Return unit directions (..., 3), world, of lines of sight through pixels (..., 2) of the real image."""
+        flat = undistort(self._directions(pixels), self.distortions)
+        directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return directions @ self.rotation
+
+    def _directions(self, pixels: Floats) -> Floats:
+        return (np.asarray(pixels, dtype=float) - self.matrix[:2, 2]) / np.diag(self.matrix)[:2]
+
+    def _pixels(self, directions: Floats) -> Floats:
+        return directions * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRig:
+    """Cameras of one calibration, with names that differ."""
+
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        for name in self.names:
+            if self.names.count(name) > 1:
+                raise HandtrackError(f"the name '{name}' is given to two cameras; each needs its own.")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(camera.name for camera in self.cameras)
+
+    def __getitem__(self, name: str) -> Camera:
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise unknown_name("camera", name, self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[Camera]:
+        return iter(self.cameras)
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+
+def _check(camera: Camera) -> None:
+    who = f"camera '{camera.name}'"
+    shapes = {"matrix": (3, 3), "rotation": (3, 3), "translation": (3,)}
+    for name, shape in shapes.items():
+        if getattr(camera, name).shape != shape:
+            found = getattr(camera, name).shape
+            raise HandtrackError(f"{who}: {name} has the shape {found}, expected {shape}.")
+    if camera.distortions.shape not in [(n,) for n in COEFFICIENT_COUNTS]:
+        raise HandtrackError(
+            f"{who}: {camera.distortions.size} distortion coefficients; OpenCV's model has 4, 5, 8, 12 or 14 "
+            "(k1 k2 p1 p2 k3 ...). Fill up with zeros."
+        )
+    for name in (*shapes, "distortions"):
+        if not np.isfinite(getattr(camera, name)).all():
+            raise HandtrackError(f"{who}: {name} has values that are not finite numbers. Calibrate again.")
+    if min(camera.size) < 1:
+        raise HandtrackError(f"{who}: size {camera.size}; expected width and height in pixels.")
+    _check_matrix(camera.matrix, who)
+    _check_rotation(camera.rotation, who)
+
+
+def _check_matrix(matrix: Floats, who: str) -> None:
+    if abs(matrix[0, 1]) > 1e-9 * abs(matrix[0, 0]):
+        raise HandtrackError(
+            f"{who}: the matrix has a skew of {matrix[0, 1]:g}; expected 0. OpenCV would ignore it silently, so it is "
+            "refused: calibrate without skew."
+        )
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise HandtrackError(
+            f"{who}: focal lengths {matrix[0, 0]:g}, {matrix[1, 1]:g}; expected positive pixels. "
+            "The matrix is singular or mirrored."
+        )
+    if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1], rtol=0, atol=1e-12):
+        raise HandtrackError(
+            f"{who}: the matrix must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; found {matrix.tolist()}. "
+            "Is it transposed?"
+        )
+
+
+def _check_rotation(rotation: Floats, who: str) -> None:
+    determinant = float(np.linalg.det(rotation))
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off < 1e-6 and determinant < 0:
+        raise HandtrackError(
+            f"{who}: the rotation is mirrored (determinant {determinant:.3g}, expected 1). "
+            "One axis has the wrong sign, or two are exchanged."
+        )
+    if off >= 1e-6:
+        raise HandtrackError(
+            f"{who}: the rotation matrix is no rotation: R Rᵀ differs from the identity by {off:.2g} (determinant "
+            f"{determinant:.3g}). It may be singular or scaled; expected orthonormal rows."
+        )

@@ -1,0 +1,140 @@
+"""The lens: OpenCV's distortion model with 4, 5, 8, 12 or 14 coefficients, forward and back.
+
+Coefficients are `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. Directions are (..., 2), x/z and y/z in
+the camera frame. A polynomial folds back beyond some radius: directions out there would land inside the
+image although the lens never shows them. They give NaN here.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import Floats
+
+COEFFICIENT_COUNTS = (4, 5, 8, 12, 14)
+_NEWTON_STEPS = 30
+_CONVERGED = 1e-9  # in normalised units: below a millionth of a pixel
+
+
+def distort(directions: Floats, coefficients: Floats) -> Floats:
+    """Return where the lens puts straight directions (..., 2); NaN beyond the lens's field."""
+    directions = np.asarray(directions, dtype=float)
+    if not np.any(coefficients):
+        return directions.copy()
+    full = _all_fourteen(coefficients)
+    bent, _ = _bend(directions, full)
+    bent = _apply_homography(_tilt(full), bent)
+    radius = np.linalg.norm(directions, axis=-1)
+    return np.where((radius <= field_radius(coefficients))[..., None], bent, np.nan)
+
+
+def undistort(bent: Floats, coefficients: Floats) -> Floats:
+    """Return the straight directions (..., 2) of distorted ones, by Newton's method; NaN where there is none."""
+    bent = np.asarray(bent, dtype=float)
+    if not np.any(coefficients):
+        return bent.copy()
+    full = _all_fourteen(coefficients)
+    target = _apply_homography(np.linalg.inv(_tilt(full)), bent)
+    limit = field_radius(coefficients)
+    straight = target.copy()
+    for _ in range(_NEWTON_STEPS):
+        straight = _pulled_inside(straight, limit)
+        found, jacobian = _bend(straight, full)
+        error = target - found
+        if not np.any(np.abs(error) > 1e-15):
+            break
+        straight = straight + _solve_2x2(jacobian, error)
+    found, _ = _bend(straight, full)
+    error = np.linalg.norm(target - found, axis=-1)
+    good = (error < _CONVERGED) & (np.linalg.norm(straight, axis=-1) <= limit)
+    return np.where(good[..., None], straight, np.nan)
+
+
+def field_radius(coefficients: Floats) -> float:
+    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if always."""
+    return _field_radius(tuple(float(c) for c in coefficients))
+
+
+@lru_cache(maxsize=256)
+def _field_radius(coefficients: tuple[float, ...]) -> float:
+    full = _all_fourteen(np.array(coefficients))
+    k1, k2, k3 = full[[0, 1, 4]]
+    k4, k5, k6 = full[5:8]
+    above = np.polynomial.Polynomial([1.0, k1, k2, k3])  # in s = r²
+    below = np.polynomial.Polynomial([1.0, k4, k5, k6])
+    s = np.polynomial.Polynomial([0.0, 1.0])
+    # d/dr (r a(r²)/b(r²)) = 0  ⇔  (a + 2 s a') b − 2 s a b' = 0
+    turning = (above + 2 * s * above.deriv()) * below - 2 * s * above * below.deriv()
+    ends = [_smallest_positive_root(turning), _smallest_positive_root(below)]
+    return float(np.sqrt(min(ends)))
+
+
+def _smallest_positive_root(polynomial: np.polynomial.Polynomial) -> float:
+    roots = polynomial.trim().roots()
+    real = roots[np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))].real
+    return float(min(real[real > 0], default=np.inf))
+
+
+def _all_fourteen(coefficients: Floats) -> Floats:
+    full = np.zeros(14)
+    full[: len(coefficients)] = coefficients
+    return full
+
+
+def _bend(directions: Floats, full: Floats) -> tuple[Floats, Floats]:
+    """Return directions bent by all but the tilt, and the Jacobian (..., 2, 2)."""
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = full[:12]
+    x, y = directions[..., 0], directions[..., 1]
+    s = x * x + y * y
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        above = 1 + s * (k1 + s * (k2 + s * k3))
+        below = 1 + s * (k4 + s * (k5 + s * k6))
+        radial = above / below
+        d_above = k1 + s * (2 * k2 + s * 3 * k3)
+        d_below = k4 + s * (2 * k5 + s * 3 * k6)
+        d_radial = (d_above - radial * d_below) / below  # with respect to s
+        bent_x = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x) + s * (s1 + s * s2)
+        bent_y = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y + s * (s3 + s * s4)
+        prism_x, prism_y = s1 + 2 * s * s2, s3 + 2 * s * s4
+        xx = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x + 2 * x * prism_x
+        xy = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * y * prism_x
+        yx = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * x * prism_y
+        yy = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x + 2 * y * prism_y
+    jacobian = np.stack([np.stack([xx, xy], -1), np.stack([yx, yy], -1)], -2)
+    return np.stack([bent_x, bent_y], -1), jacobian
+
+
+def _tilt(full: Floats) -> Floats:
+    """Return the homography (3, 3) of a tilted sensor (Scheimpflug), the identity without tilt."""
+    cos_x, sin_x = np.cos(full[12]), np.sin(full[12])
+    cos_y, sin_y = np.cos(full[13]), np.sin(full[13])
+    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
+    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
+    turn = about_y @ about_x
+    onto_axis = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1.0]])
+    return onto_axis @ turn
+
+
+def _apply_homography(homography: Floats, points: Floats) -> Floats:
+    mapped = points @ homography[:, :2].T + homography[:, 2]
+    return mapped[..., :2] / mapped[..., 2:]
+
+
+def _solve_2x2(matrix: Floats, right: Floats) -> Floats:
+    a, b, c, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 0], matrix[..., 1, 1]
+    determinant = a * d - b * c
+    safe = np.where(np.abs(determinant) < 1e-12, 1.0, determinant)
+    x = (d * right[..., 0] - b * right[..., 1]) / safe
+    y = (a * right[..., 1] - c * right[..., 0]) / safe
+    step = np.stack([x, y], -1)
+    return np.where((np.abs(determinant) < 1e-12)[..., None], 0.0, step)
+
+
+def _pulled_inside(directions: Floats, limit: float) -> Floats:
+    """Return directions with those beyond the lens's field moved back into it, so that Newton stays on the branch."""
+    if not np.isfinite(limit):
+        return directions
+    radius = np.linalg.norm(directions, axis=-1, keepdims=True)
+    return np.where(radius > limit, directions * (0.98 * limit / np.maximum(radius, limit)), directions)

@@ -1,0 +1,62 @@
+"""All that was seen of one frame, as frozen data: silhouettes, keypoints, a point cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.geometry.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """Where one camera saw the hand, in the pixels of its undistorted image."""
+
+    camera: Camera
+    """without distortion; its size is the mask's."""
+    mask: Array
+    """(H, W) float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
+    valid: Ints
+    """(H, 2) int32: per row the half-open column span that was really observed; equal ends where none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Points of the hand in space, by joint name."""
+
+    names: tuple[str, ...]
+    positions: Floats
+    """(J, 3) world [m], NaN where unknown."""
+    sigma_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class ImageKeypoints:
+    """Points of the hand in one camera's undistorted image, by joint name."""
+
+    camera: Camera
+    names: tuple[str, ...]
+    pixels: Floats
+    """(J, 2) [px], NaN where unknown."""
+    sigma_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Measured surface points."""
+
+    points: Floats
+    """(N, 3) world [m]."""
+    colors: Array | None = None
+    """(N, 3) uint8 RGB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One frame of a session. A view that is missing is simply absent."""
+
+    frame: int
+    time_s: float
+    silhouettes: tuple[Silhouette, ...] = ()
+    keypoints: tuple[Keypoints | ImageKeypoints, ...] = ()
+    cloud: PointCloud | None = None

@@ -1,0 +1,151 @@
+"""The terms of one frame, stage by stage: what each band of the schedule sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation, Silhouette
+from handtrack.terms.conic_field import ConicFieldTerm
+from handtrack.terms.coverage import CoverageTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.silhouette_observation import PreparedSilhouette, clip_spans, prepare
+from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracker.settings import TrackerSettings
+
+_MM = 1e-3
+_ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
+
+
+@dataclass(frozen=True)
+class FrameTerms:
+    """What is fixed while one frame is solved."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings
+    prepared: tuple[PreparedSilhouette, ...]
+    pixels_per_m: tuple[float, ...]
+    """of each silhouette, at the hand's distance"""
+    keypoints: tuple[KeypointTerm, ...]
+    priors: tuple[ParameterTerm, ...]
+
+    @property
+    def stages(self) -> int:
+        """How many bands the schedule has; one for the 2007 field, or where no silhouette is seen."""
+        bands = self.settings.silhouettes
+        return len(bands.bands_mm) if self.prepared and bands.term == "coverage" else 1
+
+    def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
+        """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
+        settings = self.settings.silhouettes
+        flesh = self.model.flesh["fine"]
+        terms: list[ObservationTerm] = list(self.keypoints)
+        for silhouette, scale in zip(self.prepared, self.pixels_per_m, strict=True):
+            sigma = settings.outline_sigma_mm * _MM * scale
+            stretch = settings.outline_correlation_mm * _MM * scale
+            if settings.term == "conic_field":
+                # The field falls from the outline to the centre over about a finger's radius.
+                width = 0.5 * 9.0 * _MM * scale
+                weight = settings.weight * 2 * width / (stretch * sigma**2)
+                terms.append(ConicFieldTerm((silhouette,), flesh, weight=weight))
+                continue
+            band = max(settings.bands_mm[index] * _MM * scale, 0.75)
+            # ½Σr² grows by 1/(2·band) a pixel of outline and pixel² of shift: in units of the outline's error
+            weight = settings.weight * 2 * band / (stretch * sigma**2)
+            terms.append(
+                CoverageTerm(
+                    (silhouette,),
+                    flesh,
+                    band_px=band,
+                    antisymmetric=index == len(settings.bands_mm) - 1,
+                    bones_at_start=start,
+                    weight=weight,
+                )
+            )
+        return terms
+
+
+def frame_terms(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    observation: Observation,
+    start: BonePoses,
+    expected: Floats | None,
+    frames_ahead: int = 1,
+) -> FrameTerms:
+    """Return the terms of a frame.
+
+    start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
+    expected: predicted joint parameters (S,), or None in a first frame.
+    """
+    prepared, scales = [], []
+    for silhouette in observation.silhouettes:
+        prepared.append(prepare(_without_far_forearm(silhouette, model, start, settings)))
+        scales.append(_pixels_per_m(silhouette, start))
+    keypoints = []
+    if settings.keypoints.weight > 0:
+        loss = GemanMcClure(_ROBUST_SIGMAS)
+        keypoints = [
+            KeypointTerm(model, seen, settings.keypoints.weight, loss) for seen in observation.keypoints
+        ]
+    return FrameTerms(
+        model,
+        settings,
+        tuple(prepared),
+        tuple(scales),
+        tuple(keypoints),
+        tuple(_priors(model, settings, expected, frames_ahead)),
+    )
+
+
+def _priors(
+    model: ArticulatedModel, settings: TrackerSettings, expected: Floats | None, frames_ahead: int
+) -> list[ParameterTerm]:
+    prior, strength = settings.prior, settings.tracker.smoothing
+    count = len(model.parameter_names)
+    terms: list[ParameterTerm] = []
+    if prior.rest_sigma_deg > 0:
+        sigma = np.full(count, np.deg2rad(prior.rest_sigma_deg))
+        sigma[:6] = np.inf
+        terms.append(GaussianPrior(model.rest, sigma, "rest"))
+    if expected is not None and strength > 0:
+        sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
+        sigma[:3] = prior.motion_sigma_mm * _MM
+        sigma *= np.sqrt(max(frames_ahead, 1)) / np.sqrt(strength)
+        terms.append(GaussianPrior(expected, sigma, "motion"))
+    return terms
+
+
+def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
+    camera = silhouette.camera
+    depth = float(np.median(camera.to_camera(start.position)[:, 2]))
+    return 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1]) / max(depth, 0.05)
+
+
+def _without_far_forearm(
+    silhouette: Silhouette, model: ArticulatedModel, start: BonePoses, settings: TrackerSettings
+) -> Silhouette:
+    """Return the silhouette observed only on the hand's side of a line across the forearm.
+
+    Beyond it are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside
+    the mask would be pulled along the arm. The line is the image's own: exact where the forearm is seen from the side.
+    """
+    if not model.has_forearm:
+        return silhouette
+    bone = model.skeleton.bone("forearm")
+    reach = settings.silhouettes.forearm_seen_mm * _MM
+    ends = start.to_world(np.array([bone, bone]), np.array([[0.0, 0.0, 0.0], [0.0, reach, 0.0]]))
+    if (silhouette.camera.to_camera(ends)[:, 2] < 0.02).any():
+        return silhouette
+    wrist, far = silhouette.camera.project(ends)
+    along = wrist - far
+    if np.linalg.norm(along) < 5.0:  # seen along the arm: there is no side to cut off
+        return silhouette
+    line = np.array([along[0], along[1], -float(along @ far)])
+    return Silhouette(silhouette.camera, silhouette.mask, clip_spans(silhouette.valid, line))

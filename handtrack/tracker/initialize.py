@@ -1,0 +1,157 @@
+"""First frame: a pose, and a person's hand size, from parameters or keypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.observation.observation import Keypoints, Silhouette
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors import GaussianPrior
+
+_REST_SIGMA = np.deg2rad(40.0)
+_OVERALL_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+_FINGER_SIGMA = 0.04  # and one finger's share of the hand by this (Alexander & Viktor 2010)
+_FEWEST = 4
+
+
+def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
+    """Return solver parameters (P,) of the hand fitted to points in space, within limits.
+
+    Starts from the relaxed hand, laid rigidly on the points; a weak pull to that pose settles what the
+    points leave open. Raises HandtrackError when too few points are known.
+    """
+    known = np.isfinite(seen.positions).all(axis=1)
+    if known.sum() < _FEWEST:
+        raise HandtrackError(
+            f"first-frame pose: {int(known.sum())} keypoints are known, at least {_FEWEST} are needed to "
+            "place the hand. Add points, or pose the hand by parameters."
+        )
+    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
+    sigma[:6] = np.inf
+    problem = Problem(model, [KeypointTerm(model, seen)], [GaussianPrior(model.rest, sigma)])
+    settings = SolverSettings(iterations=60, damping=1e-3)
+    starts = [laid_on_points(model, seen, posture) for posture in (model.rest, 3.0 * model.rest)]
+    return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
+
+
+def laid_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
+    """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
+    joint = posture.copy()
+    joint[:6] = 0.0
+    joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
+    bones = model.bones(model.transform.solver_params(joint))
+    indices = [model.joint_names.index(name) for name in seen.names]
+    known = np.isfinite(seen.positions).all(axis=1)
+    source = model.joint_positions(bones)[indices][known]
+    target = seen.positions[known]
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, _, vt = np.linalg.svd(b.T @ a)
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    joint[3:6] = rotation_vector(turn)
+    joint[:3] = target.mean(axis=0) - turn @ source.mean(axis=0)
+    return model.transform.solver_params(joint)
+
+
+def fit_scale(
+    build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
+) -> tuple[HandScale, Floats]:
+    """Return a person's hand and solver parameters (P,) fitted together to points in space.
+
+    build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
+    adults differ, so that noisy points do not make odd hands.
+    """
+    params = fit_keypoints(build(HandScale()), seen)
+    count = len(params)
+    low_high = build(HandScale()).bounds(params)
+
+    def size(logs: Floats) -> HandScale:
+        fingers = dict(zip(FINGERS, np.exp(logs[1:]).tolist(), strict=True))
+        return HandScale(float(np.exp(logs[0])), fingers)
+
+    def residuals(x: Floats) -> Floats:
+        model = build(size(x[count:]))
+        bones = model.bones(x[:count])
+        points = KeypointTerm(model, seen).rows(bones).residual
+        joint = model.joint_params(x[:count])
+        rest = (joint[6:] - model.rest[6:]) / _REST_SIGMA
+        return np.concatenate([points, rest, x[count:] / ([_OVERALL_SIGMA] + [_FINGER_SIGMA] * 5)])
+
+    low = np.concatenate([low_high[:, 0], np.full(6, -0.5)])
+    high = np.concatenate([low_high[:, 1], np.full(6, 0.5)])
+    start = np.concatenate([params, np.zeros(6)])
+    start = np.clip(start, low + 1e-6, high - 1e-6)
+    fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
+    scale = size(fitted[count:])
+    return scale, fit_keypoints(build(scale), seen)
+
+
+def forearm_in_view(
+    model: ArticulatedModel, params: Floats, silhouettes: tuple[Silhouette, ...]
+) -> bool:
+    """Return whether the silhouettes go on beyond the wrist, where a bare forearm would be.
+
+    Looks 5 to 9 cm behind the wrist, in all directions that a wrist bends to, for the direction with most
+    mask; true when that is mask in most views. params: of a model with or without forearm.
+    """
+    bones = model.bones(params)
+    bends = np.deg2rad(np.linspace(-70, 70, 15))
+    tilts = np.deg2rad(np.linspace(-35, 35, 7))
+    bend, tilt = np.meshgrid(bends, tilts, indexing="ij")
+    along = np.stack([np.sin(tilt), -np.cos(tilt) * np.cos(bend), -np.cos(tilt) * np.sin(bend)], -1)
+    reach = np.linspace(0.05, 0.09, 5)
+    points = bones.to_world(0, along.reshape(-1, 1, 3) * reach[None, :, None])  # (directions, 5, 3)
+    shares = []
+    for silhouette in silhouettes:
+        covered, known = _mask_at(silhouette, points)
+        if known.mean() > 0.5:
+            shares.append(np.where(known, covered, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+    if not shares:
+        return False
+    together = np.mean(shares, axis=0)
+    best = int(np.argmax(together))
+    return float(np.mean([share[best] > 0.8 for share in shares])) > 0.5
+
+
+def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Floats, np.ndarray]:
+    camera = silhouette.camera
+    pixel = np.rint(camera.project(points)).astype(int)
+    width, height = camera.size
+    inside = (
+        (pixel[..., 0] >= 0) & (pixel[..., 0] < width) & (pixel[..., 1] >= 0) & (pixel[..., 1] < height)
+    ) & (camera.to_camera(points)[..., 2] > 0.02)
+    column = np.clip(pixel[..., 0], 0, width - 1)
+    row = np.clip(pixel[..., 1], 0, height - 1)
+    return silhouette.mask[row, column], inside
+
+
+def aimed_forearm(problem: Problem, params: Floats) -> Floats:
+    """Return params (P,) with the wrist's bend and tilt that cost least, the hand left as it is."""
+    names = problem.model.transform.names
+    if "wrist_flex" not in names:
+        return params
+    flex, abd = names.index("wrist_flex"), names.index("wrist_abd")
+    bounds = problem.bounds(params)
+    best, least = params, np.inf
+    for bend in np.linspace(*bounds[flex], 13):
+        for tilt in np.linspace(*bounds[abd], 7):
+            trial = params.copy()
+            trial[[flex, abd]] = bend, tilt
+            cost = problem.cost(trial)
+            if cost < least:
+                best, least = trial, cost
+    return best
+
+
+def with_sigma(seen: Keypoints, sigma_m: float) -> Keypoints:
+    """Return the keypoints with another standard deviation [m]."""
+    return replace(seen, sigma_m=sigma_m)

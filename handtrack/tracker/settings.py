@@ -1,0 +1,180 @@
+"""Every setting of the tracker, by the names that `--set` and `[tracking]` take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, get_args, get_origin, get_type_hints
+
+from handtrack.errors import HandtrackError
+from handtrack.solver.levenberg_marquardt import SolverSettings
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """Which model; the session's [hand] table unless set."""
+
+    name: str = ""
+    """`hand26` …, or a definition's path; empty: what session.toml says"""
+    coupling: str = "26"
+    """`26` all freedoms, `21` distal joints follow by 2/3, `18` abductions linked as well"""
+    forearm: str = "auto"
+    """`true`, `false`, or `auto`: true where the silhouette goes on beyond the wrist"""
+
+
+@dataclass(frozen=True)
+class SilhouetteSettings:
+    """How outlines pull."""
+
+    term: str = "coverage"
+    """`coverage` (unbiased, wide basin) or `conic_field` (the 2007 paper's)"""
+    weight: float = 1.0
+    bands_mm: tuple[float, ...] = (8.0, 4.0, 1.2)
+    """half-widths of the band around the outline, widest first, at the hand's distance; `coverage` only"""
+    outline_sigma_mm: float = 1.5
+    """how far a model's outline is from a real one"""
+    outline_correlation_mm: float = 10.0
+    """along how much of the outline that error stays the same"""
+    forearm_seen_mm: float = 100.0
+    """the forearm is looked at up to this far from the wrist; what lies beyond is ignored"""
+
+
+@dataclass(frozen=True)
+class KeypointSettings:
+    """How given points pull."""
+
+    weight: float = 1.0
+    sigma_mm: float = 8.0
+    """how well a first frame's keypoints are known, and joints of one hand agree with another's"""
+
+
+@dataclass(frozen=True)
+class PriorSettings:
+    """What is assumed where nothing is seen."""
+
+    rest_sigma_deg: float = 40.0
+    """how far joint angles are from the relaxed hand's; 0 switches the prior off"""
+    motion_sigma_deg: float = 12.0
+    """how far a joint angle, and the hand's turn, is from its prediction one frame later"""
+    motion_sigma_mm: float = 15.0
+    """how far the wrist is from its prediction one frame later"""
+
+
+@dataclass(frozen=True)
+class FollowSettings:
+    """From frame to frame."""
+
+    prediction: str = "constant_velocity"
+    """`constant_velocity` or `none` (start where the last frame ended)"""
+    smoothing: float = 1.0
+    """strength of the pull towards the prediction; 0 switches it off"""
+    jumps: bool = False
+    """restart a doubtful frame from kinematic jumps"""
+    doubtful_overlap: float = 0.70
+    """a frame whose silhouettes overlap less (intersection over union) is doubtful"""
+    lost_overlap: float = 0.45
+    """and less than this: lost"""
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """All settings; immutable. `with_values` gives a changed copy."""
+
+    model: ModelSettings = field(default_factory=ModelSettings)
+    silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
+    keypoints: KeypointSettings = field(default_factory=KeypointSettings)
+    prior: PriorSettings = field(default_factory=PriorSettings)
+    solver: SolverSettings = field(default_factory=lambda: SolverSettings(iterations=30))
+    tracker: FollowSettings = field(default_factory=FollowSettings)
+
+    def flat(self) -> dict[str, Any]:
+        """Return every setting by its dotted name."""
+        return {
+            f"{group.name}.{item.name}": getattr(getattr(self, group.name), item.name)
+            for group in fields(self)
+            for item in fields(getattr(self, group.name))
+        }
+
+    def with_values(self, values: Mapping[str, Any]) -> TrackerSettings:
+        """Return a copy with dotted settings replaced; strings are read as their type.
+
+        Raises HandtrackError for an unknown name (listing the known ones) or a value of a wrong kind.
+        """
+        settings = self
+        for dotted, value in values.items():
+            group, _, name = dotted.partition(".")
+            if dotted not in settings.flat():
+                raise HandtrackError(
+                    f"no setting '{dotted}'; known: {', '.join(sorted(settings.flat()))}"
+                )
+            table = getattr(settings, group)
+            kind = get_type_hints(type(table))[name]
+            changed = replace(table, **{name: _converted(value, kind, dotted)})
+            settings = replace(settings, **{group: changed})
+        _check(settings)
+        return settings
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a nested table (as `[tracking]` in session.toml) by dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _converted(value: Any, kind: Any, name: str) -> Any:
+    try:
+        if kind is bool:
+            return _boolean(value)
+        if get_origin(kind) is tuple:
+            items = value.split(",") if isinstance(value, str) else value
+            return tuple(get_args(kind)[0](item) for item in items)
+        if kind in (float, int):
+            number = float(_boolean(value)) if _is_boolean(value) else float(value)
+            if number != number or abs(number) == float("inf") or kind(number) != number:
+                raise ValueError
+            return kind(number)
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    except (TypeError, ValueError):
+        label = getattr(kind, "__name__", str(kind))
+        raise HandtrackError(f"setting '{name}': expected a value of kind {label}, found {value!r}.") from None
+
+
+def _is_boolean(value: Any) -> bool:
+    return isinstance(value, bool) or str(value).lower() in ("true", "false")
+
+
+def _boolean(value: Any) -> bool:
+    if not _is_boolean(value):
+        raise ValueError
+    return str(value).lower() == "true"
+
+
+_CHOICES = {
+    "model.coupling": ("26", "21", "18"),
+    "model.forearm": ("auto", "true", "false"),
+    "silhouettes.term": ("coverage", "conic_field"),
+    "tracker.prediction": ("constant_velocity", "none"),
+}
+_POSITIVE = (
+    "silhouettes.outline_sigma_mm", "silhouettes.outline_correlation_mm", "keypoints.sigma_mm",
+    "prior.motion_sigma_deg", "prior.motion_sigma_mm", "solver.iterations", "solver.damping",
+)  # fmt: skip
+
+
+def _check(settings: TrackerSettings) -> None:
+    flat = settings.flat()
+    for name, choices in _CHOICES.items():
+        if flat[name] not in choices:
+            raise HandtrackError(f"setting '{name}': expected one of {', '.join(choices)}, found '{flat[name]}'.")
+    for name, value in flat.items():
+        least = 0.0 if name not in _POSITIVE else 1e-12
+        if isinstance(value, (int, float)) and value < least:
+            raise HandtrackError(f"setting '{name}': expected a number above 0, found {value}.")
+    bands = settings.silhouettes.bands_mm
+    if not bands or min(bands) <= 0:
+        raise HandtrackError(f"setting 'silhouettes.bands_mm': expected widths above 0, found {bands}.")

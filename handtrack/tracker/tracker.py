@@ -1,0 +1,158 @@
+"""Tracker: one observation in, one frame's pose out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.rotation import closest_equivalent, wrapped
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.solver.covariance import uncertainty
+from handtrack.solver.levenberg_marquardt import SolveSummary, solve
+from handtrack.solver.problem import Problem
+from handtrack.tracker.assessment import assess
+from handtrack.tracker.frame_terms import FrameTerms, frame_terms
+from handtrack.tracker.initialize import aimed_forearm
+from handtrack.tracker.prediction import predict
+from handtrack.tracker.result import FrameResult, Status
+from handtrack.tracker.settings import TrackerSettings
+
+Watch = Callable[[int, Floats, float], None]
+"""called after each accepted solver step with its count, parameters (P,) and cost"""
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """A model and settings; immutable. What happened before is handed in, so that any frame can be redone."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings = TrackerSettings()
+
+    def step(
+        self,
+        observation: Observation,
+        previous: Sequence[FrameResult] = (),
+        start: Floats | None = None,
+        should_stop: Callable[[], bool] | None = None,
+        on_iteration: Watch | None = None,
+    ) -> FrameResult:
+        """Return the pose of one frame.
+
+        previous: results in the order they were tracked, the latest last; they give the start and the
+        expected pose. start: solver parameters (P,) to begin from instead. At least one of the two.
+        """
+        expected = self._expected(observation.frame, previous)
+        first = start is not None
+        if start is None:
+            assert expected is not None, "a first frame needs a start"
+            start = self.model.transform.solver_params(expected)
+        params = self.model.clipped(start)
+        if expected is not None:
+            expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(params)[3:6])
+        ahead = abs(observation.frame - previous[-1].frame) if previous else 1
+        terms = frame_terms(
+            self.model, self.settings, observation, self.model.bones(params), expected, ahead
+        )
+        if not terms.prepared and not terms.keypoints:
+            return self._unseen(observation, params)
+        if first and self.model.has_forearm:
+            params = aimed_forearm(self._problem(terms, 0, params), params)
+            terms = frame_terms(
+                self.model, self.settings, observation, self.model.bones(params), expected, ahead
+            )
+        summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
+        return self._result(observation, terms, problem, summary, count)
+
+    def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
+        if not previous:
+            return None
+        if self.settings.tracker.prediction == "none":
+            return previous[-1].parameters.copy()
+        return predict(self.model, previous, frame)
+
+    def _problem(self, terms: FrameTerms, stage: int, params: Floats) -> Problem:
+        seen = terms.stage(stage, self.model.bones(params))
+        return Problem(self.model, seen, terms.priors)
+
+    def _descend(
+        self,
+        terms: FrameTerms,
+        params: Floats,
+        should_stop: Callable[[], bool] | None,
+        on_iteration: Watch | None,
+    ) -> tuple[SolveSummary, Problem, int]:
+        """Run the schedule: wide bands first, each from where the one before ended."""
+        done, left = 0, self.settings.solver.iterations
+        for stage in range(terms.stages):
+            share = max(left // (terms.stages - stage), 1)
+            problem = self._problem(terms, stage, params)
+            settings = replace(self.settings.solver, iterations=share)
+            offset = done
+
+            def watch(k: int, x: Floats, cost: float, offset: int = offset) -> None:
+                if on_iteration is not None:
+                    on_iteration(offset + k, x, cost)
+
+            summary = solve(problem, params, settings, should_stop, watch)
+            params = summary.params
+            done, left = done + summary.iterations, left - summary.iterations
+            if summary.why == "stopped":
+                break
+        return summary, problem, done
+
+    def _result(
+        self,
+        observation: Observation,
+        terms: FrameTerms,
+        problem: Problem,
+        summary: SolveSummary,
+        iterations: int,
+    ) -> FrameResult:
+        params = summary.params.copy()
+        system = problem.linearize(params)
+        spread = uncertainty(self.model, params, system.hessian)
+        status, note = assess(terms, self.model.bones(params))
+        std = np.full_like(spread.parameter_std, np.inf) if status == Status.LOST else spread.parameter_std
+        return self._filled(
+            observation, params, status, system.cost, iterations, std, spread.joint_covariance, note
+        )
+
+    def _unseen(self, observation: Observation, params: Floats) -> FrameResult:
+        joints = len(self.model.joint_names)
+        unknown = np.full(len(self.model.parameter_names), np.inf)
+        far = np.tile(np.eye(3), (joints, 1, 1))  # a metre: nothing is known
+        note = "no camera saw anything in this frame"
+        return self._filled(observation, params, Status.LOST, float("nan"), 0, unknown, far, note)
+
+    def _filled(
+        self,
+        observation: Observation,
+        params: Floats,
+        status: Status,
+        energy: float,
+        iterations: int,
+        std: Floats,
+        joint_covariance: Floats,
+        note: str,
+    ) -> FrameResult:
+        joint = self.model.joint_params(params)
+        joint[3:6] = wrapped(joint[3:6])
+        bones = self.model.bones(params)
+        return FrameResult(
+            frame=observation.frame,
+            time_s=observation.time_s,
+            parameters=joint,
+            status=status,
+            energy=energy,
+            iterations=iterations,
+            parameter_std=std,
+            joint_covariance=joint_covariance,
+            T_world_bone=bones.T_world_bone,
+            joint_positions=self.model.joint_positions(bones),
+            keypoints21=self.model.keypoints21(bones) if self.model.name.startswith("hand") else None,
+            note=note,
+        )

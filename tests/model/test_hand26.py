@@ -1,0 +1,139 @@
+"""The definition hand26 keeps what contracts.md §1 promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.model_file import load_model, read_scale, write_scale
+
+NAMES = (
+    "root_tx root_ty root_tz root_rx root_ry root_rz "
+    "thumb_cmc_flex thumb_cmc_abd thumb_mcp_flex thumb_ip_flex "
+    + " ".join(
+        f"{f}_mcp_flex {f}_mcp_abd {f}_pip_flex {f}_dip_flex"
+        for f in ("index", "middle", "ring", "little")
+    )
+).split()
+
+
+def tip(model, name, **angles):
+    bones = model.bones(model.params_from(angles))
+    return model.joint_positions(bones)[model.joint_names.index(name)]
+
+
+def test_bones_and_parameters_are_as_promised():
+    model = load_model()
+    assert model.skeleton.bone_count == 25
+    assert list(model.parameter_names) == NAMES
+    moving = set(model.skeleton.hinge_bone.tolist())
+    assert len(moving) == 15
+    assert 45 <= len(model.flesh["fine"]) <= 55
+    assert len(model.flesh["metaballs"]) == 16
+    assert len(keypoint_names()) == 21
+
+
+def test_a_forearm_adds_wrist_freedoms_after_the_root():
+    model = load_model(forearm=True)
+    assert list(model.parameter_names) == NAMES[:6] + ["wrist_flex", "wrist_abd"] + NAMES[6:]
+
+
+def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
+    model = load_model()
+    points = dict(zip(keypoint_names(), model.keypoints21(model.bones(np.zeros(26))), strict=True))
+    for finger in ("index", "middle", "ring", "little"):
+        along = points[f"{finger}_tip"] - points[f"{finger}_mcp"]
+        np.testing.assert_allclose(along / np.linalg.norm(along), [0, 1, 0], atol=1e-12)
+    assert points["thumb_tip"][0] < points["index_tip"][0] < points["little_tip"][0]
+    assert np.linalg.norm(points["middle_tip"]) == pytest.approx(0.187, rel=0.02)
+
+
+@pytest.mark.parametrize("finger", ["index", "middle", "ring", "little"])
+def test_flexion_bends_to_the_palm(finger):
+    model = load_model()
+    for joint in ("mcp", "pip", "dip"):
+        bent = tip(model, f"{finger}_tip", **{f"{finger}_{joint}_flex": 0.5})
+        assert bent[2] < tip(model, f"{finger}_tip")[2] - 0.005
+
+
+def test_signs_of_abduction():
+    model = load_model()
+    for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
+        moved = tip(model, f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3}) - tip(model, f"{finger}_tip")
+        assert np.sign(moved[0]) == sign, finger
+    thumb = tip(model, "thumb_tip", thumb_cmc_abd=0.3) - tip(model, "thumb_tip")
+    assert thumb[2] < -0.01  # away from the palm: to its side
+    crossed = tip(model, "thumb_tip", thumb_cmc_flex=0.5) - tip(model, "thumb_tip")
+    assert crossed[0] > 0.01  # flexed: across the palm
+
+
+def test_wrist_flexion_brings_palm_and_forearm_together():
+    model = load_model(forearm=True)
+    bone = model.skeleton.bone("forearm")
+    for name, axis, sign in (("wrist_flex", 2, -1), ("wrist_abd", 0, -1)):
+        bones = model.bones(model.params_from({name: 0.4}))
+        elbow = bones.to_world(bone, np.array([0, 0.25, 0]))
+        assert sign * elbow[axis] > 0.05, name
+
+
+def test_the_left_hand_is_the_exact_mirror_image(rng):
+    right, left = load_model(forearm=True), load_model(side="left", forearm=True)
+    params = rng.normal(scale=0.5, size=28)
+    mirrored = params.copy()
+    mirrored[0] *= -1  # the root is placed in the world, so it is mirrored like any point …
+    mirrored[4:6] *= -1  # … and any rotation; joint angles keep their values
+    a, b = right.bones(params), left.bones(mirrored)
+    flip = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(right.joint_positions(a) * flip, left.joint_positions(b), atol=1e-14)
+    for key in ("fine", "metaballs"):
+        one, other = right.flesh[key].posed(a), left.flesh[key].posed(b)
+        np.testing.assert_allclose(one.centre * flip, other.centre, atol=1e-14)
+        shape = np.einsum("eij,ej,ekj->eik", one.rotation, one.radii**2, one.rotation)
+        mirror = np.einsum("eij,ej,ekj->eik", other.rotation, other.radii**2, other.rotation)
+        np.testing.assert_allclose(shape * np.outer(flip, flip), mirror, atol=1e-14)
+
+
+def test_scale_per_hand_and_per_finger():
+    big, plain = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
+    a, b = big.joint_positions(big.bones(np.zeros(26))), plain.joint_positions(plain.bones(np.zeros(26)))
+    names = plain.joint_names
+    i, j = names.index("index_mcp"), names.index("index_tip")
+    np.testing.assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
+    i, j = names.index("thumb_cmc"), names.index("thumb_tip")
+    np.testing.assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
+
+
+def test_a_persons_hand_is_saved_and_read(tmp_path):
+    scale = HandScale(0.93, {"thumb": 1.04})
+    write_scale(tmp_path / "me.json", scale)
+    assert read_scale(tmp_path / "me.json") == scale
+
+
+def test_limits_hold_the_zero_and_the_relaxed_pose():
+    model = load_model(forearm=True)
+    low, high = model.limits.interval.T
+    assert (low <= 0).all() and (high >= 0).all()
+    assert ((model.rest >= low) & (model.rest <= high)).all()
+
+
+def test_spread_shrinks_as_the_knuckle_bends():
+    model = load_model()
+    flex, abd = model.skeleton.parameter("index_mcp_flex"), model.skeleton.parameter("index_mcp_abd")
+    straight, bent = np.zeros(26), np.zeros(26)
+    bent[flex] = np.deg2rad(90)
+    assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])
+
+
+def test_errors_name_what_exists():
+    with pytest.raises(HandtrackError, match="no model 'hand99': expected one of hand26"):
+        load_model("hand99")
+    with pytest.raises(HandtrackError, match="no parameter 'index_dip'; known: root_tx, root_ty"):
+        load_model().params_from({"index_dip": 0.1})
+    with pytest.raises(HandtrackError, match="side 'both': a hand is 'right' or 'left'"):
+        load_model(side="both")
+    with pytest.raises(HandtrackError, match="hand scale 187: expected a factor"):
+        load_model(scale=187.0)
+    with pytest.raises(HandtrackError, match="no coupling '20'; known: 26, 21, 18"):
+        load_model(coupling="20")

@@ -1,0 +1,76 @@
+"""Poses and twist Jacobians of the compiled kinematics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
+from handtrack.model.kinematics import bone_poses, linearize
+from handtrack.model.model_file import load_model
+from tests.model import kinematics_reference as reference
+
+
+def random_params(rng, model, spread=0.5):
+    params = rng.normal(scale=spread, size=len(model.parameter_names))
+    params[:3] *= 0.3
+    return params
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("forearm", [False, True])
+def test_compiled_poses_equal_the_plain_form(rng, side, forearm):
+    model = load_model(side=side, forearm=forearm)
+    for _ in range(5):
+        params = random_params(rng, model)
+        fast, plain = bone_poses(model.skeleton, params), reference.bone_poses(model.skeleton, params)
+        np.testing.assert_allclose(fast.rotation, plain.rotation, atol=1e-13)
+        np.testing.assert_allclose(fast.position, plain.position, atol=1e-13)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-6, 0.5, 2.0])
+def test_twist_jacobian_is_the_derivative_of_points_on_bones(rng, spread):
+    """At random poses and at rest, where the paper's own form is 0/0."""
+    model = load_model(forearm=True)
+    params = random_params(rng, model, spread)
+    bones, jacobian = linearize(model.skeleton, params)
+    every = np.arange(model.skeleton.bone_count)
+    local = rng.normal(scale=0.05, size=(len(every), 3))
+    points = bones.to_world(every, local)
+    for s, name in enumerate(model.parameter_names):
+        step = np.zeros(len(params))
+        step[s] = 1e-6
+        ahead = bone_poses(model.skeleton, params + step).to_world(every, local)
+        behind = bone_poses(model.skeleton, params - step).to_world(every, local)
+        predicted = jacobian[:, :3, s] + np.cross(jacobian[:, 3:, s], points - bones.reference)
+        np.testing.assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
+
+
+def test_left_jacobian_equals_the_papers_derivative(rng):
+    """Eqs. 36–39 at x = r/2, chained to the full angle, give the same spin as J_l(r)."""
+    for _ in range(10):
+        full = rng.normal(size=3)
+        turn = reference.paper_rotation(reference.paper_quaternion(full / 2))
+        np.testing.assert_allclose(turn, rotation_matrix(full), atol=1e-14)
+        paper = reference.paper_rotation_derivative(full / 2) / 2
+        ours = left_jacobian(full)
+        for s in range(3):
+            np.testing.assert_allclose(paper[:, :, s], skew(ours[:, s]) @ turn, atol=1e-13)
+
+
+def test_left_jacobian_holds_at_rest():
+    np.testing.assert_allclose(left_jacobian(np.zeros(3)), np.eye(3), atol=1e-16)
+    tiny = np.array([3e-5, -2e-5, 1e-5])
+    np.testing.assert_allclose(left_jacobian(tiny), left_jacobian(tiny * (1 + 1e-9)), atol=1e-12)
+
+
+def test_the_papers_centres_are_ours(rng):
+    """Eq. 9 gives bone centres; ours are proximal ends: half a bone apart, along +y."""
+    model = load_model()
+    bones = model.bones(random_params(rng, model))
+    b, p = model.skeleton.bone("index_intermediate"), model.skeleton.bone("index_proximal")
+    centre = bones.to_world(b, np.array([0, model.skeleton.length[b] / 2, 0]))
+    ends = bones.to_world(p, np.array([0, model.skeleton.length[p], 0]))
+    np.testing.assert_allclose(ends, bones.position[b], atol=1e-15)
+    along = bones.rotation[b] @ [0, model.skeleton.length[b] / 2, 0]
+    np.testing.assert_allclose(centre, bones.position[b] + along, atol=1e-15)
