@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -93,9 +93,8 @@ class BackgroundMog2:
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
     ) -> Callable[[Array], Bytes]:
         """Return the function from a BGR image to its mask. Raises HandtrackError with fewer than 3 readable frames."""
-        images = sampled_images(source, self.samples)
-        mixture = cv2.createBackgroundSubtractorMOG2(len(images), self.threshold, self.shadows)
-        for image in images:
+        mixture = cv2.createBackgroundSubtractorMOG2(self.samples, self.threshold, self.shadows)
+        for image in sampled_images(source, self.samples):
             mixture.apply(image)
         lock = threading.Lock()
 
@@ -119,16 +118,20 @@ class BackgroundMog2:
         )
 
 
-def sampled_images(source: FrameSource, count: int) -> list[Array]:
-    """Return up to `count` images evenly spaced over a recording. Raises HandtrackError with fewer than 3."""
+def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
+    """Yield up to `count` images evenly spaced over a recording. Raises HandtrackError with fewer than 3."""
     wanted = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
-    images = [image for frame in wanted if (image := source.read(int(frame))) is not None]
-    if len(images) < _LEAST_FRAMES:
+    found = 0
+    for frame in wanted:
+        image = source.read(int(frame))
+        if image is not None:
+            found += 1
+            yield image
+    if found < _LEAST_FRAMES:
         raise HandtrackError(
             f"{source.where}: a background needs at least {_LEAST_FRAMES} readable images among {len(wanted)} sampled "
-            f"frames; found {len(images)}."
+            f"frames; found {found}."
         )
-    return images
 
 
 def _lab(image: Array) -> Array:

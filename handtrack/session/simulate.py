@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,15 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.session import layout
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.motion import motion
-from handtrack.session.session_file import CameraEntry, HandEntry, SessionFile, write_session_file
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    write_session_file,
+)
 
 _SKIN = np.array([224, 172, 140.0])
 
@@ -99,23 +105,21 @@ def simulate(
     joint = motion(model, what.motion, what.frames, rng)
     rig = simulated_rig(what.cameras, what.size, what.distance_m, what.distortion)
     folder.mkdir(parents=True, exist_ok=True)
-    write_rig(folder / layout.CALIBRATION, rig)
+    write_rig(folder / layout.CALIBRATION_FILE, rig)
     _render_all(folder, what, model, rig, joint, progress)
     _write_truth(folder, what, model, joint)
     _write_init(folder, what, model, joint[0], rng)
     entries = tuple(
-        CameraEntry(
+        CameraSettings(
             name=camera.name,
             images=f"{camera.name}.mp4" if what.images else None,
             masks=f"masks/{camera.name}/*.png",
         )
         for camera in rig.cameras
     )
-    hand = HandEntry(side=what.side, scale=what.scale)
-    write_session_file(
-        folder / layout.SESSION,
-        SessionFile(name=f"simulated {what.motion}", fps=what.fps, hand=hand, cameras=entries),
-    )
+    recording = RecordingSettings(name=f"simulated {what.motion}", fps=what.fps)
+    hand = HandSettings(side=what.side, scale=what.scale)
+    write_session_file(folder / layout.SESSION_FILE, SessionFile(recording, hand, entries))
     return folder
 
 
@@ -147,7 +151,7 @@ def _render_all(
             mask = np.where(front >= 0, 255, 0).astype(np.uint8)
             _saved(masks / f"{frame:06d}.png", mask)
             if video is not None:
-                picture = shade(front, normal @ camera.rotation.T, colors, _backdrop(what.size))
+                picture = shade(front, normal, colors, _backdrop(what.size))
                 video.write(np.ascontiguousarray(picture[..., ::-1]))
             if progress is not None:
                 progress(c * len(joint) + frame + 1, len(joint) * len(rig.cameras))
@@ -177,7 +181,7 @@ def _saved(path: Path, image: Array) -> None:
 def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
     bones = [model.bones(model.transform.solver_params(params)) for params in joint]
     np.savez_compressed(
-        folder / layout.TRUTH,
+        folder / layout.TRUTH_FILE,
         keypoints21=np.stack([model.keypoints21(b) for b in bones]),
         joint_names=np.array(model.joint_names),
         joint_positions=np.stack([model.joint_positions(b) for b in bones]),
@@ -191,8 +195,7 @@ def _write_init(
     if what.init_noise_m > 0:
         points = model.keypoints21(model.bones(model.transform.solver_params(first)))
         noisy = points + rng.normal(scale=what.init_noise_m, size=points.shape)
-        data = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": np.round(noisy, 5).tolist()}
+        pose = FirstPose(0, xyz=np.round(noisy, 5))
     else:
-        named = dict(zip(model.parameter_names, np.round(first, 6).tolist(), strict=True))
-        data = {"frame": 0, "parameters": named}
-    (folder / layout.INIT).write_text(json.dumps(data, indent=1) + "\n")
+        pose = FirstPose(0, dict(zip(model.parameter_names, first.tolist(), strict=True)))
+    write_first_pose(folder / layout.INIT_FILE, pose)

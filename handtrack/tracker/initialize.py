@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -124,11 +123,12 @@ def forearm_in_view(
 
 def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Floats, np.ndarray]:
     camera = silhouette.camera
-    pixel = np.rint(camera.project(points)).astype(int)
+    seen = camera.project(points)
+    pixel = np.rint(np.where(np.isfinite(seen), seen, -1)).astype(int)
     width, height = camera.size
     inside = (
         (pixel[..., 0] >= 0) & (pixel[..., 0] < width) & (pixel[..., 1] >= 0) & (pixel[..., 1] < height)
-    ) & (camera.to_camera(points)[..., 2] > 0.02)
+    )
     column = np.clip(pixel[..., 0], 0, width - 1)
     row = np.clip(pixel[..., 1], 0, height - 1)
     return silhouette.mask[row, column], inside
@@ -150,8 +150,3 @@ def aimed_forearm(problem: Problem, params: Floats) -> Floats:
             if cost < least:
                 best, least = trial, cost
     return best
-
-
-def with_sigma(seen: Keypoints, sigma_m: float) -> Keypoints:
-    """Return the keypoints with another standard deviation [m]."""
-    return replace(seen, sigma_m=sigma_m)

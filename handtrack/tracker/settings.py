@@ -115,17 +115,6 @@ class TrackerSettings:
         return settings
 
 
-def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return a nested table (as `[tracking]` in session.toml) by dotted names."""
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
-
-
 def _converted(value: Any, kind: Any, name: str) -> Any:
     try:
         if kind is bool:

@@ -1,0 +1,159 @@
+"""The program `handtrack`: reads the command line and hands over to one module per command."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+
+from handtrack.errors import HandtrackError
+
+EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; return its exit code (contracts §3). Never shows a traceback."""
+    parser = build_parser()
+    args = parser.parse_args(sys.argv[1:] if argv is None else argv)
+    if args.command is None:
+        args = parser.parse_args(["open", *(sys.argv[1:] if argv is None else argv)])
+    try:
+        command = importlib.import_module(f"handtrack_app.commands.{args.module}")
+        return int(command.run(args) or EXIT_OK)
+    except HandtrackError as error:
+        print(f"handtrack {args.command}: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except KeyboardInterrupt:
+        print(f"\nhandtrack {args.command}: interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except Exception as error:
+        print(f"handtrack {args.command}: {_internal(error)}", file=sys.stderr)
+        return EXIT_INTERNAL
+
+
+def _internal(error: Exception) -> str:
+    log = Path(tempfile.gettempdir()) / f"handtrack_error_{os.getpid()}.log"
+    detail = "".join(traceback.format_exception(error))
+    try:
+        log.write_text(detail)
+    except OSError:
+        logging.getLogger(__name__).error(detail)
+        return f"an error inside handtrack, not in your data: {error!r}."
+    return (
+        f"an error inside handtrack, not in your data: {error!r}. The details are in {log}; please report them "
+        "with the command you gave. Your session folder was not changed by this."
+    )
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="handtrack",
+        description="Track the full 3D pose of a hand by fitting an articulated model to what calibrated cameras saw.",
+        epilog="Without a command, the workbench opens in the browser. `handtrack COMMAND --help` tells more.",
+    )
+    parser.add_argument("--version", action="store_true", help=argparse.SUPPRESS)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    _add_workbench(commands)
+    _add_new(commands)
+    _add_track(commands)
+    _add_results(commands)
+    _add_simulate(commands)
+    _add_checks(commands)
+    return parser
+
+
+def _command(commands, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(name, help=help_text, description=help_text)
+    command.set_defaults(module=module)
+    return command
+
+
+def _add_workbench(commands) -> None:
+    for name, text in (
+        ("open", "Open the workbench in the browser, on a session folder or on the bundled one."),
+        ("demo", "Open the workbench on the bundled session and track it."),
+    ):
+        command = _command(commands, name, "workbench", text)
+        if name == "open":
+            command.add_argument("session", nargs="?", type=Path, help="session folder")
+        command.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+        command.add_argument("--port", type=int, default=8080, help="port; the next free one unless given")
+        command.add_argument("--no-browser", action="store_true", help="do not open a browser window")
+        command.add_argument("--rerun", action="store_true", help="also stream residuals to rerun's viewer")
+
+
+def _add_new(commands) -> None:
+    new = _command(commands, "new", "new", "Make a session folder from videos and a calibration.")
+    new.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
+    new.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="Anipose-form calibration.toml")
+    new.add_argument(
+        "--video", action="append", required=True, metavar="CAMERA=FILE", help="a camera's video; once per camera"
+    )
+    new.add_argument("--name", default="", help="the session's name")
+    new.add_argument("--side", choices=("right", "left"), default="right")
+    new.add_argument("--fps", type=float, help="frames a second (default: the first video's)")
+    new.add_argument("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration")
+
+
+def _add_track(commands) -> None:
+    track = _command(commands, "track", "track", "Track a session and save poses.npz; the workbench's engine and numbers.")
+    track.add_argument("session", type=Path, help="session folder")
+    track.add_argument("--init", metavar="FILE|auto", help="first-frame pose (default: the session's init.json)")
+    track.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
+    track.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated")
+    track.add_argument("--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated")
+    track.add_argument("--seed", type=int, default=0, help="of everything random")
+    track.add_argument("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)")
+    track.add_argument("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser")
+    track.add_argument("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file")
+    track.add_argument("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame")
+
+
+def _add_results(commands) -> None:
+    export = _command(commands, "export", "export", "Convert a tracked sequence.")
+    export.add_argument("poses", type=Path, metavar="POSES.npz")
+    export.add_argument("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints")
+    export.add_argument("--out", type=Path, metavar="FILE", help="default: beside the poses")
+    evaluate = _command(commands, "evaluate", "evaluate", "Compare a tracked sequence with the truth.")
+    evaluate.add_argument("poses", type=Path, metavar="POSES.npz")
+    evaluate.add_argument("--truth", type=Path, required=True, metavar="truth.npz")
+    evaluate.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _add_simulate(commands) -> None:
+    simulate = _command(commands, "simulate", "simulate", "Make a simulated recording with truth.")
+    simulate.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
+    simulate.add_argument("--cameras", type=int, default=3)
+    simulate.add_argument("--frames", type=int, default=100)
+    simulate.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels")
+    simulate.add_argument("--motion", default="open_fist_open", help="open_fist_open, curl, gestures or still")
+    simulate.add_argument("--side", choices=("right", "left"), default="right")
+    simulate.add_argument("--scale", type=float, default=1.0, help="of the hand; 1 is 187 mm long")
+    simulate.add_argument("--forearm", action="store_true", help="with a bare forearm")
+    simulate.add_argument("--distance", type=float, default=0.5, help="of the cameras [m]")
+    simulate.add_argument("--fps", type=float, default=25.0)
+    simulate.add_argument("--no-images", action="store_true", help="masks alone, no videos")
+    simulate.add_argument("--distortion", action="store_true", help="lenses with distortion")
+    simulate.add_argument("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose")
+    simulate.add_argument("--seed", type=int, default=0)
+
+
+def _add_checks(commands) -> None:
+    doctor = _command(commands, "doctor", "doctor", "Check a session folder and say what is odd.")
+    doctor.add_argument("session", type=Path, help="session folder")
+    bench = _command(commands, "bench", "bench", "Run the benchmarks: each figure beside its reference, in one run.")
+    bench.add_argument("name", nargs="?", help="one benchmark (default: all quick ones)")
+    bench.add_argument("--json", action="store_true", help="print JSON")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

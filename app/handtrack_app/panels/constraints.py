@@ -1,0 +1,206 @@
+"""Constraints: model, coupling, limits as ranges, weights of the terms; all live."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from handtrack_app.messages import SessionSnapshot, SetLimits, SetSetting
+from handtrack_app.panels.page import Page, number
+from handtrack_app.panels.pose import GROUPS, group_of, label_of, unit_of
+
+
+@dataclass(frozen=True)
+class Knob:
+    """How one setting is drawn. Without choices or range it is a checkbox or a number."""
+
+    name: str
+    label: str
+    hint: str = ""
+    choices: dict[str, str] = field(default_factory=dict)
+    """page's word → setting's value"""
+    span: tuple[float, float, float] | None = None
+    """low, high, step of a slider"""
+
+
+KNOBS: dict[str, tuple[Knob, ...]] = {
+    "Hand": (
+        Knob("model.coupling", "Freedoms", "How many joint angles move on their own.",
+             {"26, all free": "26", "21, tips follow": "21", "18, spread linked": "18"}),
+        Knob("model.forearm", "Forearm", "Whether the model has a forearm: yes where the arm is bare and in view.",
+             {"automatic": "auto", "with": "true", "without": "false"}),
+    ),
+    "Silhouettes": (
+        Knob("silhouettes.term", "Term", "coverage: unbiased, wide basin. conic field: the 2007 paper's.",
+             {"coverage": "coverage", "conic field (2007)": "conic_field"}),
+        Knob("silhouettes.weight", "Weight", "How strongly outlines pull.", span=(0.0, 4.0, 0.05)),
+        Knob("silhouettes.outline_sigma_mm", "Outline error mm", "How far the model's outline is from a real one.",
+             span=(0.2, 6.0, 0.1)),
+        Knob("silhouettes.forearm_seen_mm", "Forearm seen mm", "The arm beyond this is ignored.", span=(20, 250, 5)),
+    ),
+    "Keypoints": (
+        Knob("keypoints.weight", "Weight", "How strongly given points pull.", span=(0.0, 4.0, 0.05)),
+        Knob("keypoints.sigma_mm", "Point error mm", "How well given points are known.", span=(1.0, 30.0, 0.5)),
+    ),
+    "Point cloud": (
+        Knob("cloud.weight", "Weight", "How strongly the cloud pulls.", span=(0.0, 4.0, 0.05)),
+        Knob("cloud.balance", "K", "1: only cloud to surface. 0: only surface to cloud.", span=(0.0, 1.0, 0.01)),
+    ),
+    "Motion": (
+        Knob("tracker.smoothing", "Smoothing", "Pull towards the predicted pose; 0 is off.", span=(0.0, 5.0, 0.1)),
+        Knob("tracker.prediction", "Prediction", "What a frame starts from.",
+             {"constant velocity": "constant_velocity", "last pose": "none"}),
+        Knob("prior.motion_sigma_deg", "Turn per frame °", "How far an angle may be from its prediction.",
+             span=(1.0, 45.0, 0.5)),
+        Knob("prior.motion_sigma_mm", "Move per frame mm", "How far the wrist may be from its prediction.",
+             span=(1.0, 60.0, 0.5)),
+        Knob("prior.rest_sigma_deg", "Towards relaxed °", "Width of the pull to the relaxed hand; 0 is off.",
+             span=(0.0, 90.0, 1.0)),
+        Knob("tracker.jumps", "Jumps", "Restart a doubtful frame from kinematic jumps."),
+    ),
+    "Solver": (
+        Knob("solver.iterations", "Iterations", "Steps a frame at most.", span=(1, 100, 1)),
+    ),
+}  # fmt: skip
+
+
+@dataclass
+class SettingsPanel:
+    """A widget for every setting that the tracker has and people change."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    knobs: dict[str, tuple[Knob, Any]] = field(default_factory=dict)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the widgets once, then show the values in force."""
+        if not self.knobs:
+            with self.tab:
+                for title, knobs in KNOBS.items():
+                    known = [k for k in knobs if k.name in session.settings]
+                    if known:
+                        with self.page.gui.add_folder(title, expand_by_default=title in ("Hand", "Silhouettes")):
+                            for knob in known:
+                                self._add(knob, session.settings[knob.name])
+        for knob, widget in self.knobs.values():
+            value: Any = session.settings.get(knob.name)
+            shown = shown_value(knob, value)
+            if shown is not None and widget.value != shown:
+                widget.value = shown
+
+    def _add(self, knob: Knob, value: Any) -> None:
+        gui, shown = self.page.gui, shown_value(knob, value)
+        if knob.choices:
+            words = tuple(knob.choices)
+            widget: Any = gui.add_dropdown(knob.label, words, initial_value=shown or words[0], hint=knob.hint)
+        elif isinstance(value, bool):
+            widget = gui.add_checkbox(knob.label, value, hint=knob.hint)
+        else:
+            low, high, step = knob.span or (0.0, 100.0, 0.1)
+            widget = gui.add_slider(
+                knob.label, min(low, shown), max(high, shown), step, initial_value=shown, hint=knob.hint
+            )
+        widget.on_update(self.page.from_user(lambda event: self._changed(knob, event)))
+        self.knobs[knob.name] = (knob, widget)
+
+    def _changed(self, knob: Knob, event: viser.GuiEvent) -> None:
+        value: Any = event.target.value
+        if knob.choices:
+            value = knob.choices.get(value)
+        elif not isinstance(value, bool):
+            value = number(value, event.target.min, event.target.max)
+            if value is not None and knob.span is not None and isinstance(knob.span[2], int):
+                value = round(value)
+        if value is not None:
+            self.page.send(SetSetting(knob.name, value))
+
+
+def shown_value(knob: Knob, value: Any) -> Any:
+    """Return how a setting's value stands on the page; None if it cannot be shown."""
+    if knob.choices:
+        return next((word for word, own in knob.choices.items() if own == str(value)), None)
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, (int, float)):
+        return int(value) if knob.span is not None and isinstance(knob.span[2], int) else float(value)
+    return None
+
+
+@dataclass
+class LimitsPanel:
+    """A range for every joint, grouped by finger."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
+    folders: list[viser.GuiFolderHandle] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        gui = self.page.gui
+        with self.tab:
+            gui.add_html(
+                "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
+                "degrees. The solver stays inside, and so do the pose sliders.</div>"
+            )
+            back = gui.add_button("Restore the model's limits", color="gray", icon=viser.Icon.RESTORE)
+        back.on_click(self.page.from_user(lambda _: self._restore()))
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the ranges for a session's joints, then show the limits in force."""
+        if session.parameter_names != self.names:
+            for folder in self.folders:
+                folder.remove()
+            self.names, self.ranges, self.folders = session.parameter_names, {}, []
+            with self.tab:
+                for group in GROUPS[1:]:
+                    self._add_folder(group, session)
+        for s, name in enumerate(self.names):
+            if name in self.ranges:
+                shown = degrees(session.interval[s])
+                if tuple(self.ranges[name].value) != shown:
+                    self.ranges[name].value = shown
+
+    def _add_folder(self, group: str, session: SessionSnapshot) -> None:
+        members = [n for n in self.names if group_of(n) == group]
+        if not members:
+            return
+        folder = self.page.gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+        self.folders.append(folder)
+        with folder:
+            for name in members:
+                low, high = degrees(session.own_interval[self.names.index(name)])
+                widget = self.page.gui.add_multi_slider(
+                    label_of(name), low - 40.0, high + 40.0, 1.0, initial_value=(low, high), min_range=1.0
+                )
+                widget.on_update(self.page.from_user(lambda event, name=name: self._changed(name, event)))
+                self.ranges[name] = widget
+
+    def _changed(self, name: str, event: viser.GuiEvent) -> None:
+        interval = clean_interval(event.target.value, event.target.min, event.target.max)
+        if interval is not None:
+            unit = unit_of(name)
+            self.page.send(SetLimits(name, (interval[0] * unit, interval[1] * unit)))
+
+    def _restore(self) -> None:
+        for name in self.ranges:
+            self.page.send(SetLimits(name, None))
+
+
+def degrees(interval: Sequence[float]) -> tuple[float, float]:
+    """Return an interval [rad] in whole degrees."""
+    return (float(round(math.degrees(interval[0]))), float(round(math.degrees(interval[1]))))
+
+
+def clean_interval(values: object, low: float, high: float) -> tuple[float, float] | None:
+    """Return a client's pair within [low, high], in order; None if it is none."""
+    if not isinstance(values, (tuple, list)) or len(values) != 2:
+        return None
+    pair = [number(value, low, high) for value in values]
+    if pair[0] is None or pair[1] is None:
+        return None
+    return (min(pair[0], pair[1]), max(pair[0], pair[1]))

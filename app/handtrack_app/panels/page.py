@@ -1,0 +1,64 @@
+"""What every panel is handed: the server, the user's state, and the way to the worker."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from handtrack_app.messages import Command
+from handtrack_app.state import UserState
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Page:
+    """The page as its panels see it."""
+
+    server: viser.ViserServer
+    state: UserState
+    send: Callable[[Command], None]
+    redraw: Callable[[], None]
+    """apply changed display options to the scene"""
+    go_to: Callable[[float], None]
+    """show a frame"""
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        return self.server.gui
+
+    def tell(self, level: str, title: str, text: str, client: viser.ClientHandle | None = None) -> None:
+        """Show a notification, on one client or on all."""
+        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(level, "gray")
+        close = {"info": 8.0, "done": 8.0, "warning": 15.0}.get(level)
+        clients = [client] if client is not None else list(self.server.get_clients().values())
+        for target in clients:
+            target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
+
+    def from_user(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
+
+        @functools.wraps(action)
+        def callback(event: Any) -> None:
+            if event.client_id is None:
+                return
+            try:
+                action(event)
+            except Exception as error:
+                log.exception("callback failed")
+                self.tell("error", "That did not work", f"{type(error).__name__}: {error}", event.client)
+
+        return callback
+
+
+def number(value: object, low: float, high: float) -> float | None:
+    """Return a client's value as a number within [low, high]; None if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return None
+    return min(max(float(value), low), high)

@@ -1,0 +1,224 @@
+"""Pose: a slider for every parameter, grouped by finger; undo, reset, copy, save."""
+
+from __future__ import annotations
+
+import html
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from handtrack_app.messages import ForgetPose, PoseSnapshot, SavePose, SessionSnapshot, SetPose, TakePose
+from handtrack_app.panels.page import Page, number
+from handtrack_app.scene.palette import FINGER_COLOURS, STATUS
+
+GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little")
+_ROOT_LABELS = {
+    "root_tx": "x mm", "root_ty": "y mm", "root_tz": "z mm",
+    "root_rx": "turn x °", "root_ry": "turn y °", "root_rz": "turn z °",
+}  # fmt: skip
+_MOTIONS = {"flex": "flex °", "abd": "spread °"}
+_REACH_MM = 500.0  # sliders of the hand's place reach this far from where it first was
+
+
+def group_of(name: str) -> str:
+    """Return the folder of a parameter."""
+    if name.startswith("root_"):
+        return "Hand"
+    first = name.split("_")[0].capitalize()
+    return first if first in GROUPS else "Hand"
+
+
+def label_of(name: str) -> str:
+    """Return a parameter's label inside its folder."""
+    if name in _ROOT_LABELS:
+        return _ROOT_LABELS[name]
+    _, *joint, motion = name.split("_")
+    return " ".join([part.upper() for part in joint] + [_MOTIONS.get(motion, motion)])
+
+
+def unit_of(name: str) -> float:
+    """Return what a slider's unit is in metres or radians."""
+    return 1e-3 if name.startswith("root_t") else math.pi / 180
+
+
+@dataclass
+class PosePanel:
+    """Handles of the pose tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
+    folders: list[viser.GuiFolderHandle] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        page, gui = self.page, self.page.gui
+        with self.tab:
+            self.card = gui.add_html("")
+            edit = gui.add_button_group("Edit", ("Undo", "Redo"))
+            take = gui.add_button_group("Copy from", ("Frame before", "First frame"))
+            more = gui.add_button_group("Fingers", ("Relax", "Forget edit"))
+            save = gui.add_button(
+                "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
+                hint="Writes init.json into the session: tracking starts from this pose.",
+            )  # fmt: skip
+        edit.on_click(page.from_user(lambda event: travel(page, event.target.value == "Undo")))
+        take.on_click(page.from_user(lambda event: self._take(event.target.value)))
+        more.on_click(page.from_user(lambda event: self._take(event.target.value)))
+        save.on_click(page.from_user(lambda _: page.send(SavePose())))
+
+    def _take(self, choice: str) -> None:
+        state = self.page.state
+        version = state.begin_edit(choice)
+        if choice == "Forget edit":
+            self.page.send(ForgetPose(state.frame, version))
+            return
+        source = {"Frame before": "previous", "First frame": "start", "Relax": "relaxed"}.get(choice)
+        if source is not None:
+            self.page.send(TakePose(state.frame, source, version))
+
+    # ---- sliders
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
+        if session.parameter_names != self.names:
+            self._rebuild(session)
+        for s, name in enumerate(session.parameter_names):
+            slider, driven = self.sliders[name], name in session.driven
+            slider.disabled = driven
+            slider.hint = "Follows another joint under this coupling." if driven else name
+            if s >= 6:
+                low, high = session.interval[s] / unit_of(name)
+                slider.min, slider.max = math.floor(low), math.ceil(high)
+
+    def _rebuild(self, session: SessionSnapshot) -> None:
+        for folder in self.folders:
+            folder.remove()
+        self.folders, self.sliders, self.names = [], {}, session.parameter_names
+        with self.tab:
+            for group in GROUPS:
+                members = [n for n in self.names if group_of(n) == group]
+                if members:
+                    self._add_folder(group, members, session)
+
+    def _add_folder(self, group: str, members: list[str], session: SessionSnapshot) -> None:
+        gui = self.page.gui
+        folder = gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+        self.folders.append(folder)
+        with folder:
+            for name in members:
+                s = self.names.index(name)
+                low, high = session.interval[s] / unit_of(name)
+                if not math.isfinite(low + high):
+                    low, high = (-_REACH_MM, _REACH_MM) if name.startswith("root_t") else (-180.0, 180.0)
+                start = float(np.clip(0.0, low, high))
+                low, high = float(math.floor(low)), float(math.ceil(high))
+                slider = gui.add_slider(label_of(name), low, high, 0.1, start)
+                slider.on_update(self.page.from_user(lambda event, name=name: self._moved(name, event)))
+                self.sliders[name] = slider
+
+    def _moved(self, name: str, event: viser.GuiEvent) -> None:
+        slider = event.target
+        value = number(slider.value, slider.min, slider.max)
+        if value is None:
+            return
+        edit = self.page.state.edit({name: value * unit_of(name)}, f"slider {name}")
+        if edit is not None:
+            self.page.send(SetPose(edit.frame, edit.values, self.page.state.version))
+
+    def show(self, pose: PoseSnapshot) -> None:
+        """Move the sliders to a pose, and say where it comes from."""
+        for name, value in zip(self.names, pose.values, strict=True):
+            slider = self.sliders[name]
+            shown = round(float(value) / unit_of(name), 1)
+            if name.startswith("root_t") and not slider.min + 50 <= shown <= slider.max - 50:
+                slider.min, slider.max = min(slider.min, shown - _REACH_MM), max(slider.max, shown + _REACH_MM)
+            shown = min(max(shown, slider.min), slider.max)
+            if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
+                slider.value = shown
+        self.card.content = pose_card(pose)
+
+
+def travel(page: Page, back: bool) -> None:
+    """Undo or redo a pose edit."""
+    step = page.state.travel(back)
+    if step is None:
+        page.tell("info", "Nothing to undo" if back else "Nothing to redo", "The history of pose edits ends here.")
+        return
+    page.send(SetPose(step.frame, step.values, page.state.version))
+
+
+def pose_card(pose: PoseSnapshot) -> str:
+    """Return the lines above the sliders: frame, where the pose comes from, error against the truth."""
+    word, colour = STATUS.get(pose.status, STATUS[-1])
+    if pose.origin == "carried":
+        word = "not tracked yet"
+    facts = []
+    if math.isfinite(pose.error_mm):
+        facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
+    if math.isfinite(pose.energy):
+        facts.append(("energy", f"{pose.energy:.1f}"))
+    rows = "".join(
+        f"<div style='display:flex;justify-content:space-between'><span style='opacity:.65'>{html.escape(k)}</span>"
+        f"<b>{html.escape(v)}</b></div>"
+        for k, v in facts
+    )
+    return (
+        "<div style='padding:.35em .9em .2em;font-size:.85em;line-height:1.6'>"
+        "<div style='display:flex;justify-content:space-between;align-items:center'>"
+        f"<b style='font-size:1.15em'>Frame {pose.frame}</b>"
+        f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em;font-size:.9em'>"
+        f"{html.escape(word)}</span></div>{rows}</div>"
+    )
+
+
+def _ink(colour: str) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return "#111" if 0.3 * red + 0.59 * green + 0.11 * blue > 130 else "#fff"
+
+
+def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
+    """Return how well each parameter is seen, as a table of fingers by joints."""
+    if std is None or len(std) != len(names):
+        return (
+            "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Track this frame to see how well its "
+            "silhouettes determine each joint.</div>"
+        )
+    cells: dict[str, list[str]] = {}
+    for name, value in zip(names, std.tolist(), strict=True):
+        cells.setdefault(group_of(name), []).append(_cell(name, value))
+    rows = "".join(
+        f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
+        for group, row in cells.items()
+    )
+    return (
+        "<div style='padding:.4em .9em;font-size:.8em;line-height:1.5'>"
+        "<div style='opacity:.75;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
+        "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
+        f"<table style='width:100%;border-spacing:2px;border-collapse:separate'>{rows}</table></div>"
+    )
+
+
+def _dot(group: str) -> str:
+    red, green, blue = FINGER_COLOURS.get(group.lower(), FINGER_COLOURS["palm"])
+    return (
+        f"<span style='display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.4em;"
+        f"background:rgb({red},{green},{blue})'></span>"
+    )
+
+
+def _cell(name: str, std: float) -> str:
+    shown = std / unit_of(name)
+    unit = " mm" if name.startswith("root_t") else "°"
+    text = "unseen" if not math.isfinite(std) else f"{shown:.1f}{unit}" if shown < 10 else f"{shown:.0f}{unit}"
+    share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
+    low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
+    red, green, blue = (low + share * (high - low)).astype(int)
+    ink = "#111" if share > 0.45 else "#fff"
+    title = html.escape(f"{name}: ± {text}")
+    return (
+        f"<td title='{title}' style='background:rgb({red},{green},{blue});color:{ink};border-radius:3px;"
+        f"text-align:center;padding:.1em .2em'>{text}</td>"
+    )

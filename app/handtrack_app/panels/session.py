@@ -1,0 +1,116 @@
+"""Session: what is open, and how it is drawn: display modes, cameras, looking through one."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from handtrack_app.messages import ProgressSnapshot, SessionSnapshot
+from handtrack_app.panels.page import Page, number
+from handtrack_app.state import MODES, PAINTS
+
+FREE = "free view"
+_PAINT_WORDS = {"plain": "nothing", "outline": "model's outline", "residual": "silhouette residual", "field": "model's field"}
+
+
+@dataclass
+class SessionPanel:
+    """The head of the main panel and its View tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    look: Callable[[str | None, viser.ClientHandle | None], None]
+    """look through a camera, or freely (None)"""
+    built: bool = False
+    toggles: dict[str, Any] = field(default_factory=dict)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the tab once for a session's cameras."""
+        if self.built:
+            return
+        self.built = True
+        page, gui, display = self.page, self.page.gui, self.page.state.display
+        cameras = tuple(card.name for card in session.cameras)
+        with self.tab:
+            self.mode = gui.add_button_group("Hand", MODES)
+            self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
+            with gui.add_folder("Cameras"):
+                self.through = gui.add_dropdown(
+                    "Look through", (FREE, *cameras), FREE, hint="See the hand over a camera's image."
+                )
+                self.paint = gui.add_dropdown(
+                    "Paint over it", tuple(_PAINT_WORDS.values()), _PAINT_WORDS[display.paint],
+                    hint="Residual: blue is silhouette without model, orange is model without silhouette.",
+                )  # fmt: skip
+                self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
+                self._toggle("Live images", "images", "Show each camera's image of this frame.")
+            with gui.add_folder("Show"):
+                self._toggle("Move and turn handle", "handle", "Drag the whole hand.")
+                if session.has_truth:
+                    self._toggle("Ground truth", "truth", "True joints, white.")
+            back = gui.add_button("Frame the hand", icon=viser.Icon.FOCUS_CENTERED, color="gray")
+        self.mode.value = display.mode
+        self.mode.on_click(page.from_user(lambda event: self._set_mode(event.target.value)))
+        self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
+        self.through.on_update(page.from_user(self._look))
+        self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
+        back.on_click(page.from_user(lambda event: self._free(event)))
+
+    def _toggle(self, label: str, name: str, hint: str) -> None:
+        box = self.page.gui.add_checkbox(label, getattr(self.page.state.display, name), hint=hint)
+        box.on_update(self.page.from_user(lambda event: self._set_toggle(name, event.target.value)))
+        self.toggles[name] = box
+
+    def _set_toggle(self, name: str, value: object) -> None:
+        setattr(self.page.state.display, name, bool(value))
+        self.page.redraw()
+
+    def _set_mode(self, mode: str) -> None:
+        if mode in MODES:
+            self.page.state.display.mode = mode
+            self.page.redraw()
+
+    def _set_opacity(self, value: object) -> None:
+        opacity = number(value, 0.1, 1.0)
+        if opacity is not None:
+            self.page.state.display.opacity = opacity
+            self.page.redraw()
+
+    def _set_paint(self, words: str) -> None:
+        paint = next((p for p in PAINTS if _PAINT_WORDS[p] == words), None)
+        if paint is not None:
+            self.page.state.display.paint = paint
+            self.page.redraw()
+
+    def _look(self, event: Any) -> None:
+        chosen = event.target.value
+        self.look(None if chosen == FREE else str(chosen), event.client)
+
+    def _free(self, event: Any) -> None:
+        self.through.value = FREE
+        self.look(None, event.client)
+
+
+def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
+    """Return the head of the main panel: product, session, hand, and whether it is busy."""
+    busy = progress.state not in ("idle", "failed")
+    colour = {"failed": "#d55e00", "idle": "#009e73"}.get(progress.state, "#56b4e9")
+    lines = ""
+    if session is not None:
+        facts = f"{session.stop - session.start} frames, {len(session.cameras)} cameras, {session.fps:g} frames/s"
+        lines = (
+            f"<div style='font-weight:600;margin-top:.15em'>{html.escape(session.name)}</div>"
+            f"<div style='opacity:.7'>{facts}</div><div style='opacity:.7'>{html.escape(session.model)}</div>"
+        )
+    return (
+        "<div style='padding:.6em .9em .5em;font-size:.85em;line-height:1.5'>"
+        "<div style='display:flex;justify-content:space-between;align-items:center'>"
+        "<span style='font-size:1.25em;font-weight:700;letter-spacing:.01em'>handtrack</span>"
+        f"<span style='opacity:.9'><span style='display:inline-block;width:.65em;height:.65em;border-radius:50%;"
+        f"background:{colour};margin-right:.4em'></span>{html.escape(progress.text if busy else progress.text)}</span>"
+        f"</div>{lines}</div>"
+    )

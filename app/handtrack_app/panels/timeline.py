@@ -1,0 +1,170 @@
+"""Timeline: status and energy of every frame at a glance, the frame slider, playback."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Floats, Ints
+from handtrack_app.messages import SessionSnapshot, StripSnapshot
+from handtrack_app.panels.page import Page
+from handtrack_app.scene.palette import STATUS
+
+_SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+_WIDTH, _CURVE, _BAR = 1000, 46, 12  # of the picture, in its own units
+
+
+@dataclass
+class TimelinePanel:
+    """Handles of the timeline."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    strip: StripSnapshot | None = None
+    fps: float = 25.0
+    slider: viser.GuiSliderHandle[int] | None = None
+    _drawn: tuple[int, int] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        with self.tab:
+            self.picture = self.page.gui.add_html("")
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Make the timeline fit a session's frames; built once."""
+        self.fps = session.fps
+        if self.slider is not None:
+            return
+        page, gui = self.page, self.page.gui
+        last = max(session.stop - 1, session.start + 1)
+        with self.tab:
+            self.slider = gui.add_slider("Frame", session.start, last, 1, session.first_frame)
+            self.play = gui.add_button_group("Play", ("⏮", "◀", "▶ / ❚❚", "▶|", "⏭"))
+            self.speed = gui.add_button_group("Speed", tuple(_SPEEDS))
+        self.slider.on_update(page.from_user(lambda event: page.go_to(event.target.value)))
+        self.play.on_click(page.from_user(lambda event: self._pressed(event.target.value)))
+        self.speed.on_click(page.from_user(lambda event: self._set_speed(event.target.value)))
+
+    def _pressed(self, key: str) -> None:
+        state = self.page.state
+        if key == "▶ / ❚❚":
+            state.playing = not state.playing
+            return
+        state.playing = False
+        target = {"⏮": state.start, "◀": state.frame - 1, "▶|": state.frame + 1, "⏭": state.stop - 1}.get(key)
+        if target is not None:
+            self.page.go_to(target)
+
+    def _set_speed(self, key: str) -> None:
+        self.page.state.speed = _SPEEDS.get(key, 1.0)
+
+    def show_frame(self, frame: int) -> None:
+        """Move the slider and the cursor to a frame."""
+        if self.slider is not None and self.slider.value != frame:
+            self.slider.value = frame
+        self.draw()
+
+    def show_strip(self, strip: StripSnapshot) -> None:
+        """Take the recording's new status and energies."""
+        self.strip, self._drawn = strip, None
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw the strip with its cursor, if something changed."""
+        if self.strip is None:
+            return
+        drawn = (id(self.strip), self.page.state.frame)
+        if drawn != self._drawn:
+            self._drawn = drawn
+            self.picture.content = strip_picture(self.strip, self.page.state.frame)
+
+
+def strip_picture(strip: StripSnapshot, frame: int) -> str:
+    """Return the strip as SVG: the energy (or, with truth, the error) as a curve above bars of status."""
+    count = max(len(strip.status), 1)
+    step = _WIDTH / count
+    known_error = bool(np.isfinite(strip.error_mm).any())
+    curve, unit = (strip.error_mm, "mm") if known_error else (strip.energy, "")
+    title = "mean joint error" if known_error else "energy"
+    parts = [
+        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>",
+        *_curve(curve, step),
+        *_bars(strip.status, step),
+        *(_diamond((f - strip.start + 0.5) * step) for f in strip.by_hand),
+    ]
+    x = (frame - strip.start + 0.5) * step
+    parts.append(
+        f"<line x1='{x:.1f}' x2='{x:.1f}' y1='0' y2='{_CURVE + _BAR + 6}' stroke='currentColor' stroke-width='2' "
+        "vector-effect='non-scaling-stroke'/>"
+    )
+    finite = curve[np.isfinite(curve)]
+    top = f"{title} {_number(float(finite.max()))} {unit} max" if len(finite) else f"{title}: nothing tracked yet"
+    here = curve[frame - strip.start] if 0 <= frame - strip.start < count else math.nan
+    now = f"{_number(float(here))} {unit}" if math.isfinite(here) else ""
+    legend = "".join(_legend(code) for code in (0, 1, 2, 3) if code == 0 or _has(strip, code))
+    return (
+        "<div style='padding:.4em 1em .1em'>"
+        "<div style='display:flex;justify-content:space-between;font-size:.75em;opacity:.8;margin-bottom:.2em'>"
+        f"<span>{top}</span><span><b>{now}</b></span><span>{legend}</span></div>"
+        f"<svg viewBox='0 0 {_WIDTH} {_CURVE + _BAR + 6}' preserveAspectRatio='none' "
+        f"style='width:100%;height:64px;display:block'>{''.join(parts)}</svg></div>"
+    )
+
+
+def _has(strip: StripSnapshot, code: int) -> bool:
+    return bool(strip.by_hand) if code == 3 else bool((strip.status == code).any())
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
+
+
+def _legend(code: int) -> str:
+    word, colour = STATUS[code]
+    return (
+        f"<span style='margin-left:.9em'><span style='display:inline-block;width:.8em;height:.8em;margin-right:.3em;"
+        f"border-radius:2px;background:{colour}'></span>{word}</span>"
+    )
+
+
+def _curve(values: Floats, step: float) -> list[str]:
+    finite = np.isfinite(values)
+    if not finite.any():
+        return []
+    top = max(float(np.quantile(values[finite], 0.98)) * 1.1, 1e-12)
+    height = _CURVE - np.clip(np.nan_to_num(values) / top, 0, 1) * (_CURVE - 3)
+    lines, run = [], []
+    for i, ok in enumerate([*finite.tolist(), False]):
+        if ok:
+            run.append(f"{(i + 0.5) * step:.1f},{height[i]:.1f}")
+        elif run:
+            points = " ".join(run if len(run) > 1 else run * 2)
+            lines.append(
+                f"<polyline points='{points}' fill='none' stroke='#56b4e9' stroke-width='1.6' "
+                "stroke-linecap='round' vector-effect='non-scaling-stroke'/>"
+            )
+            run = []
+    return lines
+
+
+def _bars(status: Ints, step: float) -> list[str]:
+    """Runs of equal status. Height tells them apart as well as colour: the worse, the taller."""
+    heights = {-1: 3, 0: 7, 4: 7, 3: 10, 1: 10, 2: 14}
+    edges = np.flatnonzero(np.diff(status)) + 1
+    bars = []
+    for begin, end in zip([0, *edges], [*edges, len(status)], strict=True):
+        code = int(status[begin])
+        height = heights.get(code, 7)
+        colour = "currentColor' opacity='.25" if code == -1 else STATUS[code][1]
+        y = _CURVE + _BAR + 4 - height
+        bars.append(
+            f"<rect x='{begin * step:.1f}' y='{y}' width='{(end - begin) * step:.1f}' height='{height}' fill='{colour}'/>"
+        )
+    return bars
+
+
+def _diamond(x: float) -> str:
+    y, colour = _CURVE - 2, STATUS[3][1]
+    return f"<path d='M{x:.1f} {y - 7} l5 7 l-5 7 l-5 -7 z' fill='{colour}'/>"

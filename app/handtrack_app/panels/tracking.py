@@ -1,0 +1,131 @@
+"""Tracking: one frame, a range, everything; progress, pause, cancel."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from handtrack_app.messages import Cancel, Pause, ProgressSnapshot, SaveTrack, SessionSnapshot, Track
+from handtrack_app.panels.constraints import clean_interval
+from handtrack_app.panels.page import Page
+
+
+@dataclass
+class TrackingPanel:
+    """Handles of the tracking tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    session: SessionSnapshot | None = None
+    progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
+    starters: list[Any] = field(default_factory=list)
+    range: viser.GuiMultiSliderHandle[int] | None = None
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the tab once for a session's frames."""
+        if self.session is not None:
+            self.session = session
+            return
+        self.session = session
+        page, gui, icon = self.page, self.page.gui, viser.Icon
+        last = max(session.stop - 1, session.start + 1)
+        with self.tab:
+            self.status = gui.add_html(progress_card(self.progress))
+            self.bar = gui.add_progress_bar(0.0, visible=False)
+            self.pause = gui.add_button("Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False)
+            self.cancel = gui.add_button("Cancel", icon=icon.PLAYER_STOP, color="red", visible=False)
+            everything = gui.add_button(
+                "Track all frames", icon=icon.PLAYER_PLAY,
+                hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`.",
+            )  # fmt: skip
+            here = gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
+                                  hint="Fit the pose you see to this frame.")  # fmt: skip
+            onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
+            with gui.add_folder("Range"):
+                self.range = gui.add_multi_slider(
+                    "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
+                )
+                ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
+            self.follow = gui.add_checkbox("Follow the tracker", True, hint="Show each frame as it is tracked.")
+            save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
+                                  hint="Writes tracks/poses.npz into the session.")  # fmt: skip
+        everything.on_click(page.from_user(lambda _: self._start("all")))
+        here.on_click(page.from_user(lambda _: self._start("here")))
+        onward.on_click(page.from_user(lambda event: self._start(event.target.value)))
+        ranged.on_click(page.from_user(lambda _: self._start("range")))
+        self.pause.on_click(page.from_user(lambda _: page.send(Pause(self.progress.state != "paused"))))
+        self.cancel.on_click(page.from_user(lambda _: page.send(Cancel())))
+        self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
+        save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
+        self.starters = [everything, here, onward, ranged]
+
+    def _follow(self, on: bool) -> None:
+        self.page.state.follow = on
+
+    def _start(self, which: str) -> None:
+        order = self.order(which)
+        if order is not None:
+            self.page.state.playing = False
+            self.page.state.follow = self.follow.value
+            self.page.send(order)
+
+    def order(self, which: str) -> Track | None:
+        """Return the tracking command of a button."""
+        session, frame = self.session, self.page.state.frame
+        if session is None or self.range is None:
+            return None
+        if which == "all":
+            return Track(session.start, session.stop, session.first_frame)
+        if which == "here":
+            return Track(frame, frame + 1, frame)
+        if which == "forward ▶":
+            return Track(frame, session.stop, frame)
+        if which == "◀ backward":
+            return Track(session.start, frame + 1, frame)
+        pair = clean_interval(self.range.value, session.start, session.stop - 1)
+        if pair is None:
+            return None
+        first, last = int(pair[0]), int(pair[1])
+        return Track(first, last + 1, min(max(frame, first), last))
+
+    def show(self, progress: ProgressSnapshot) -> None:
+        """Show what the worker is doing; only what can be pressed now is there."""
+        if self.session is None:
+            return
+        self.progress = progress
+        busy = progress.state in ("tracking", "paused", "preparing")
+        self.status.content = progress_card(progress)
+        self.bar.visible = busy
+        self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
+        self.bar.animated = progress.state in ("preparing", "tracking")
+        self.pause.visible = self.cancel.visible = busy
+        paused = progress.state == "paused"
+        if (self.pause.label == "Resume") != paused:
+            self.pause.label = "Resume" if paused else "Pause"
+            self.pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
+        for button in self.starters:
+            if button.disabled != busy:
+                button.disabled = busy
+
+
+def progress_card(progress: ProgressSnapshot) -> str:
+    """Return what is going on, in one or two lines."""
+    left, right = html.escape(progress.text), ""
+    if progress.total:
+        right = f"{progress.done} of {progress.total} frames"
+        if progress.state == "tracking" and progress.done:
+            right += f", {duration(progress.eta_s)} left"
+    return (
+        "<div style='padding:.4em .9em;font-size:.85em;line-height:1.5'>"
+        f"<b>{left}</b><div style='opacity:.7'>{right}</div></div>"
+    )
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in words."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    return f"{int(seconds // 60)} min {int(seconds % 60):02d} s"

@@ -1,0 +1,94 @@
+"""Camera images as the page shows them: undistorted, small for the frusta, large and painted for the screen."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes
+from handtrack.diagnostics.residual_image import field_picture, outline_picture, residual_picture
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import PosedEllipsoids
+
+_THUMBNAIL = 240  # [px] height of a frustum's image
+_KEPT = 24  # undistorted images kept in memory
+_DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
+
+
+class PictureMaker:
+    """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._maps: dict[str, tuple[Array, Array] | None] = {}
+        self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()
+
+    def camera(self, name: str) -> Camera:
+        return self._session.rig[name]
+
+    def plain(self, name: str, frame: int) -> Bytes:
+        """Return a camera's undistorted picture (H, W, 3) RGB; its silhouette where it has no images."""
+        key = (name, frame)
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        image = self._read(name, frame)
+        self._kept[key] = image
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return image
+
+    def thumbnail(self, name: str, frame: int) -> Bytes:
+        """Return a small picture for the camera's frustum."""
+        image = self.plain(name, frame)
+        height, width = image.shape[:2]
+        if height <= _THUMBNAIL:
+            return image
+        size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
+        return cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[return-value]
+
+    def screen(self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None) -> Bytes:
+        """Return the large picture with the model painted over it.
+
+        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette (H, W) where there is one.
+        """
+        image = self.plain(name, frame)
+        camera = self.camera(name).without_distortion()
+        if paint == "outline":
+            return outline_picture(image, camera, flesh)
+        if paint == "residual" and mask is not None:
+            return residual_picture(image, camera, flesh, mask)
+        if paint == "field":
+            return field_picture(camera, flesh)
+        return image
+
+    def _read(self, name: str, frame: int) -> Bytes:
+        camera = self.camera(name)
+        bgr = self._session.image(name, frame)
+        if bgr is not None:
+            image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+            maps = self._undistortion(camera)
+            if maps is not None:
+                image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
+            return image  # type: ignore[return-value]
+        for silhouette in self._session.observation(frame).silhouettes:
+            if silhouette.camera.name == name:
+                grey = _DARK + (_LIGHT - _DARK) * silhouette.mask
+                return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        width, height = camera.size
+        return np.full((height, width, 3), _DARK, np.uint8)
+
+    def _undistortion(self, camera: Camera) -> tuple[Array, Array] | None:
+        if camera.name not in self._maps:
+            maps = None
+            if camera.is_distorted:
+                matrix, size = camera.matrix, camera.size
+                made = cv2.initUndistortRectifyMap(
+                    matrix, camera.distortions, np.eye(3), matrix, size, cv2.CV_16SC2
+                )
+                maps = (made[0], made[1])
+            self._maps[camera.name] = maps
+        return self._maps[camera.name]

@@ -1,0 +1,309 @@
+"""The worker: one thread that owns what is open; commands in, snapshots out. It knows no viser."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+from handtrack.errors import HandtrackError
+from handtrack_app import keeping, messages as m
+from handtrack_app.document import Document, params_of
+from handtrack_app.mailbox import Mailbox
+from handtrack_app.opening import open_document, reopen
+from handtrack_app.pictures import PictureMaker
+from handtrack_app.tracking_job import Ended, Tracked, TrackingJob
+
+log = logging.getLogger(__name__)
+_QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
+_SHOW_EVERY_S = 0.05  # while tracking, poses are shown and
+_STRIP_EVERY_S = 0.25  # the timeline redrawn at most this often
+
+Request = m.Command | Tracked | Ended
+Publish = Callable[[m.Snapshot], None]
+
+
+def _kind(request: Request) -> Hashable | None:
+    latest_wins = (m.SetPose, m.ShowFrame, m.WantPictures)
+    if isinstance(request, m.SetSetting):
+        return ("setting", request.name)
+    if isinstance(request, m.SetLimits):
+        return ("limits", request.name)
+    return type(request) if isinstance(request, latest_wins) else None
+
+
+class Worker:
+    """Serves commands in the order they came; poses and frames before pictures; tracking runs beside it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        publish: Publish,
+        opener: Callable[[Path, dict[str, Any]], Document] = open_document,
+    ) -> None:
+        self.folder = folder
+        self._publish, self._opener = publish, opener
+        self._mail: Mailbox[Request] = Mailbox(_kind)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
+        self._document: Document | None = None
+        self._pictures: PictureMaker | None = None
+        self._wanted = m.WantPictures(True, None, "plain")
+        self._job: TrackingJob | None = None
+        self._jobs = 0
+        self._stale_pictures = False
+        self._unsaved: int | None = None
+        self._edited = self._shown = self._stripped = 0.0
+        self.follow = True
+
+    # ---- from the page
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def send(self, command: m.Command) -> None:
+        """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
+        job = self._job
+        if job is not None and isinstance(command, m.Cancel):
+            job.cancel()
+        if job is not None and isinstance(command, m.Pause):
+            job.pause(command.on)
+        if isinstance(command, (m.SetPose, m.TakePose, m.ShowFrame)):
+            self.follow = False  # the user looks elsewhere: tracking goes on in the background
+        self._mail.put(command)
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the thread; the journal already holds what was accepted."""
+        self._stopping.set()
+        job = self._job
+        if job is not None:
+            job.cancel()
+            job.join(timeout)
+        self._thread.join(timeout)
+
+    # ---- on the worker's thread
+
+    def _work(self) -> None:
+        self._guarded(self._open)
+        while not self._stopping.is_set():
+            idle = self._stale_pictures and not len(self._mail)
+            request = self._mail.take(0.0 if idle else 0.1)
+            if request is not None:
+                self._guarded(lambda request=request: self._serve(request))
+            elif self._stale_pictures:
+                self._guarded(self._show_pictures)
+            if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
+                self._guarded(self._accept_edit)
+        self._guarded(self._accept_edit)
+
+    def _guarded(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except HandtrackError as error:
+            self._publish(m.Notice("error", "That did not work", str(error)))
+        except Exception as error:  # the page must go on, and the user must know
+            log.exception("internal error")
+            self._publish(m.Notice("error", "Internal error", keeping.internal_error_text(error)))
+
+    def _open(self) -> None:
+        self._publish(m.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
+        try:
+            self._document = self._opener(self.folder, {})
+        except Exception:
+            self._publish(m.ProgressSnapshot("failed", "The session could not be opened."))
+            raise
+        document = self._document
+        restored = keeping.restore(document)
+        self._pictures = PictureMaker(document.run.session)
+        self._publish(document.session_snapshot())
+        document.show(restored.frame if restored.frame is not None else document.first_frame)
+        self._show_all()
+        if restored.text:
+            self._publish(m.Notice("info", "Welcome back", restored.text))
+        for warning in getattr(document.run.session, "warnings", ()):
+            self._publish(m.Notice("warning", "About this session", str(warning)))
+        self._idle()
+
+    def _serve(self, request: Request) -> None:
+        document = self._document
+        if document is None:
+            if not isinstance(request, (Tracked, Ended, m.WantPictures, m.ShowFrame)):
+                raise HandtrackError("No session is open yet.")
+            return
+        match request:
+            case m.SetPose():
+                if request.version >= document.version:
+                    document.version = request.version
+                    document.set_pose(request.frame, request.values)
+                    self._edit(document)
+            case m.ShowFrame():
+                self._accept_edit()
+                document.show(request.frame)
+                self._show_pose()
+            case m.TakePose():
+                document.version = max(document.version, request.version)
+                document.take_pose(request.frame, request.source)
+                self._edit(document)
+            case m.ForgetPose():
+                document.version = max(document.version, request.version)
+                document.forget_pose(request.frame)
+                keeping.note(document, {"kind": "forget", "frame": request.frame})
+                self._show_all()
+            case m.WantPictures():
+                self._wanted, self._stale_pictures = request, True
+            case m.Track():
+                self._track(document, request)
+            case m.Pause():
+                self._progress()
+            case m.Cancel():
+                pass  # acted on in `send`; the job's end is reported by the job
+            case m.SetSetting() | m.SetLimits():
+                self._change(document, request)
+            case m.SavePose():
+                text = keeping.save_first_pose(document)
+                self._publish(m.Notice("done", "First-frame pose saved", text))
+            case m.SaveTrack():
+                self._publish(m.Notice("done", "Track saved", keeping.save_track(document)))
+            case m.Export():
+                name, data = keeping.export(document, request.kind)
+                self._publish(m.Download(name, data, request.client_id))
+            case Tracked():
+                self._tracked(document, request)
+            case Ended():
+                self._ended(document, request)
+
+    # ---- posing and showing
+
+    def _edit(self, document: Document) -> None:
+        self._unsaved, self._edited = document.frame, time.monotonic()
+        self._show_pose()
+
+    def _accept_edit(self) -> None:
+        if self._unsaved is None or self._document is None:
+            return
+        frame, self._unsaved = self._unsaved, None
+        document = self._document
+        if frame in document.by_hand:
+            values = dict(zip(document.model.parameter_names, document.by_hand[frame].tolist(), strict=True))
+            keeping.note(document, {"kind": "pose", "frame": frame, "parameters": values})
+        self._show_strip()
+
+    def _show_pose(self) -> None:
+        if self._document is not None:
+            self._publish(self._document.pose_snapshot())
+            self._stale_pictures = True
+
+    def _show_strip(self) -> None:
+        if self._document is not None:
+            self._stripped = time.monotonic()
+            self._publish(self._document.strip_snapshot())
+
+    def _show_all(self) -> None:
+        self._show_pose()
+        self._show_strip()
+
+    def _show_pictures(self) -> None:
+        self._stale_pictures = False
+        document, maker, wanted = self._document, self._pictures, self._wanted
+        if document is None or maker is None:
+            return
+        frame = document.frame
+        small, large = {}, None
+        if wanted.thumbnails:
+            small = {name: maker.thumbnail(name, frame) for name in document.run.session.rig.names}
+        if wanted.screen in document.run.session.rig.names and wanted.screen is not None:
+            bones = document.model.bones(params_of(document.model, document.shown))
+            flesh = document.model.flesh["fine"].posed(bones)
+            seen = document.run.session.observation(frame).silhouettes if wanted.paint == "residual" else ()
+            mask = next((s.mask for s in seen if s.camera.name == wanted.screen), None)
+            large = maker.screen(wanted.screen, frame, wanted.paint, flesh, mask)
+        self._publish(m.PictureSnapshot(frame, small, wanted.screen if large is not None else None, large))
+
+    # ---- tracking
+
+    def _track(self, document: Document, order: m.Track) -> None:
+        if self._job is not None:
+            raise HandtrackError("Tracking is already running. Cancel it first.")
+        frames = range(max(order.start, document.frames.start), min(order.stop, document.frames.stop))
+        if not len(frames) or order.first not in document.frames:
+            raise HandtrackError(
+                f"No frames to track: {order.start} to {order.stop} of a session with frames "
+                f"{document.frames.start} to {document.frames.stop - 1}."
+            )
+        self._accept_edit()
+        start = params_of(document.model, document.pose_at(order.first))
+        self._jobs += 1
+        self.follow = True
+        self._job = TrackingJob(self._jobs, document.run, frames, order.first, start, self._mail.put)
+        self._job.start()
+        self._progress()
+
+    def _tracked(self, document: Document, done: Tracked) -> None:
+        job = self._job
+        if job is None or job.number != done.job:
+            return
+        document.accept(done.result)
+        now = time.monotonic()
+        if self.follow and now - self._shown > _SHOW_EVERY_S:
+            self._shown = now
+            document.show(done.result.frame)
+            self._show_pose()
+        if now - self._stripped > _STRIP_EVERY_S:
+            self._show_strip()
+        self._progress()
+
+    def _ended(self, document: Document, end: Ended) -> None:
+        job = self._job
+        if job is None or job.number != end.job:
+            return
+        self._job = None
+        document.show(document.frame)
+        self._show_all()
+        if job.done:
+            keeping.note_results(document, job.frames)
+        if end.internal:
+            self._publish(m.Notice("error", "Internal error while tracking", keeping.internal_error_text(end.error)))
+        elif end.error:
+            self._publish(m.Notice("error", "Tracking stopped", end.error))
+        else:
+            word = "Cancelled" if end.cancelled else "Tracking finished"
+            took = time.monotonic() - job.began - job.waited
+            self._publish(m.Notice("done", word, keeping.summary(document, job.frames, job.done, took)))
+        self._idle()
+
+    def _progress(self) -> None:
+        job = self._job
+        if job is None:
+            self._idle()
+            return
+        state = "paused" if job.paused else "tracking" if job.done else "preparing"
+        words = {
+            "paused": "Paused",
+            "tracking": "Tracking",
+            "preparing": "Preparing (the first time, code is compiled once) …",
+        }
+        self._publish(m.ProgressSnapshot(state, words[state], job.done, len(job.frames), job.eta_s()))
+
+    def _idle(self) -> None:
+        self._publish(m.ProgressSnapshot("idle", "Ready"))
+
+    def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
+        if self._job is not None:
+            self._publish(document.session_snapshot())  # the page goes back to what holds
+            raise HandtrackError("Settings stay fixed while tracking runs, so that a result has one. Cancel it first.")
+        try:
+            if isinstance(change, m.SetLimits):
+                document.set_limits(change.name, change.interval)
+            else:
+                document.replace_run(reopen(document.run, change.name, change.value))
+                keeping.note(document, {"kind": "setting", "name": change.name, "value": change.value})
+        finally:
+            self._publish(document.session_snapshot())
+        if isinstance(change, m.SetLimits):
+            note = {"kind": "limits", "name": change.name, "interval": json.loads(json.dumps(change.interval))}
+            keeping.note(document, note)
+        self._show_all()

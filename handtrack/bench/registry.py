@@ -1,0 +1,24 @@
+"""The benchmarks by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Where a benchmark's function lives; it returns its figures as a dict."""
+
+    module: str
+    function: str
+    quick: bool = True
+    """whether `handtrack bench` without a name runs it"""
+
+
+BENCHMARKS = {
+    "silhouette_iteration_vs_blas": Benchmark(
+        "handtrack.bench.silhouettes", "silhouette_iteration_vs_blas"
+    ),
+    "field_recovery": Benchmark("handtrack.bench.experiments", "field_recovery", quick=False),
+    "binary_fist": Benchmark("handtrack.bench.experiments", "binary_fist", quick=False),
+}

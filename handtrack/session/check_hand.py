@@ -1,0 +1,125 @@
+"""The doctor's look at the first pose and the ground truth: do they fit the cameras and masks?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.session.finding import Finding, listed
+from handtrack.session.views import View
+
+if TYPE_CHECKING:
+    from handtrack.session.session import Session
+
+_WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
+_PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
+_MARGIN_PX = 7  # joints lie inside the hand, but calibration and noise move them
+_LEAST_INSIDE = 0.75  # share of keypoints on the mask that is still plausible
+_TRUTH_FRAMES = 12  # looked at, evenly spaced
+
+
+def check_init(session: Session) -> Iterator[Finding]:
+    """Yield findings about init.json."""
+    pose = session.init
+    if pose is None:
+        yield Finding("note", "no init.json: tracking needs a first pose (`--init`, or set it in the workbench).")
+        return
+    if pose.xyz is None:
+        yield Finding("ok", f"init.json: {len(pose.parameters)} parameters at frame {pose.frame}.")
+        return
+    yield from _check_palm("init.json", pose.xyz)
+    misses = [text for view in session.views if (text := _misses(view, pose.frame, pose.xyz))]
+    for text in misses:
+        yield Finding("warning", f"init.json, frame {pose.frame}: {text}")
+    if not misses:
+        known = int(np.isfinite(pose.xyz).all(axis=1).sum())
+        yield Finding("ok", f"init.json: {known} keypoints at frame {pose.frame}; they fit the cameras.")
+
+
+def check_truth(session: Session) -> Iterator[Finding]:
+    """Yield findings about truth.npz."""
+    truth = session.truth
+    if truth is None:
+        yield Finding("note", "no truth.npz: the tracking's error cannot be measured.")
+        return
+    outside = [int(frame) for frame in truth.frame if frame not in session.frame_range]
+    if outside:
+        yield Finding("warning", f"truth.npz: the session has no frames {listed(sorted(outside))}.")
+    yield from _check_truth_times(session)
+    points = truth.keypoints21
+    if points is None:
+        yield Finding("ok", f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames.")
+        return
+    yield from _check_palm("truth.npz", points[0])
+    rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
+    wrong = [
+        f"frame {frame}: {text}"
+        for row in rows
+        if (frame := int(truth.frame[row])) in session.frame_range
+        for view in session.views
+        if (text := _misses(view, frame, points[row]))
+    ]
+    if wrong:
+        yield Finding(
+            "warning",
+            f"truth.npz does not fit in {len(wrong)} of {len(rows) * len(session.views)} views looked at; {wrong[0]}",
+        )
+    else:
+        yield Finding("ok", f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras.")
+
+
+def _check_truth_times(session: Session) -> Iterator[Finding]:
+    truth = session.truth
+    if truth is None or truth.time_s is None:
+        return
+    ours = np.array([session.time_s(int(frame)) for frame in truth.frame])
+    off = truth.time_s - ours
+    worst = int(np.argmax(np.abs(off - np.median(off))))
+    if abs(off[worst] - np.median(off)) > 0.5 / session.fps:
+        yield Finding(
+            "warning",
+            f"truth.npz: its times run differently from the session's, by {off[worst] - np.median(off):+.3g} s at frame "
+            f"{int(truth.frame[worst])}. Is fps = {session.fps:g} right?",
+        )
+
+
+def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
+    palm = float(np.linalg.norm(xyz[_MIDDLE_MCP] - xyz[_WRIST]))
+    if np.isfinite(palm) and not _PALM_M[0] <= palm <= _PALM_M[1]:
+        yield Finding(
+            "warning",
+            f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; expected "
+            f"{_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m right, and are the points in order?",
+        )
+
+
+def _misses(view: View, frame: int, xyz: Floats) -> str:
+    """Return what is wrong with points in a view, empty when nothing is."""
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    depth = view.camera.to_camera(known)[:, 2]
+    if (depth <= 0).any():
+        return f"{int((depth <= 0).sum())} of {len(known)} keypoints lie behind camera '{view.name}'."
+    if not view.sources:
+        return ""
+    pixels = view.camera.project(known)
+    width, height = view.camera.size
+    with np.errstate(invalid="ignore"):
+        shown = ((pixels >= -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
+    if shown.mean() < 0.5:
+        return f"{int((~shown).sum())} of {len(known)} keypoints lie outside the image of camera '{view.name}'."
+    mask = view.mask(frame) if view.has_masks else None
+    if mask is None or not mask.any():
+        return ""
+    near = cv2.dilate(mask, np.ones((2 * _MARGIN_PX + 1,) * 2, np.uint8)) > 0
+    columns, rows = pixels[shown].round().astype(int).clip(0, (width - 1, height - 1)).T
+    share = float(near[rows, columns].mean())
+    if share < _LEAST_INSIDE:
+        return (
+            f"only {share:.0%} of the keypoints lie on the mask of camera '{view.name}'. Do calibration, side, unit and "
+            "frame numbers belong together?"
+        )
+    return ""

@@ -1,0 +1,137 @@
+"""The doctor's look at each camera's files and masks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import Bytes
+from handtrack.capture.frames import FrameSource
+from handtrack.capture.video import VideoFile
+from handtrack.session.finding import Finding, listed
+from handtrack.session.views import View
+
+if TYPE_CHECKING:
+    from handtrack.session.session import Session
+
+_MOST_FILES = 2000  # files looked at per camera; beyond that evenly spaced ones
+_MOST_COMPUTED = 60
+_EMPTY_SHARE = 0.0005  # of the image: less than that is no hand
+_INVERTED_SHARE = 0.5
+_RATE_TOLERANCE = 0.01
+
+
+class _MaskLook(NamedTuple):
+    frame: int
+    share: float
+    """of the image that is hand."""
+    touches: bool
+    """whether the hand reaches the image's border."""
+    largest: int
+    """largest value in the file."""
+
+
+def check_view(view: View, session: Session) -> list[Finding]:
+    """Return findings about one camera: files present and missing, rates, masks."""
+    if not view.sources:
+        return [Finding("note", f"camera '{view.name}': no images, masks or depth; it is only drawn.")]
+    found: list[Finding] = []
+    for kind, source in (("images", view.images), ("masks", view.mask_files), ("depth", view.depth)):
+        if source is not None:
+            found += _check_source(view, kind, source, session)
+    if view.has_masks:
+        found += _check_masks(view)
+    elif view.depth is None:
+        found.append(Finding("note", f"camera '{view.name}': images without masks; no silhouettes are observed."))
+    return found
+
+
+def check_lengths(session: Session) -> list[Finding]:
+    """Return a finding when cameras end at different frames."""
+    counts = {f"camera '{view.name}'": view.frame_count for view in session.views if view.sources}
+    if session.cloud_files:
+        counts["clouds"] = max(session.cloud_files) + 1
+    if len(set(counts.values())) < 2:
+        return []
+    shown = ", ".join(f"{name} {count}" for name, count in counts.items())
+    return [Finding("warning", f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?")]
+
+
+def _check_source(view: View, kind: str, source: FrameSource, session: Session) -> Iterator[Finding]:
+    frames = source.frames
+    missing = [frame for frame in frames if not source.has(frame)]
+    width, height = view.camera.size
+    if source.size is None:
+        yield Finding("error", f"camera '{view.name}': none of its {kind} can be read.")
+        return
+    text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"
+    if missing:
+        yield Finding("warning", f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
+    else:
+        yield Finding("ok", f"{text}.")
+    rate = source.nominal_fps if isinstance(source, VideoFile) else 0.0
+    if rate > 0 and abs(rate / session.fps - 1) > _RATE_TOLERANCE:
+        yield Finding(
+            "warning",
+            f"camera '{view.name}': the video says {rate:g} fps, the session {session.fps:g}.",
+        )
+
+
+def _check_masks(view: View) -> Iterator[Finding]:
+    who = f"camera '{view.name}'"
+    looks = list(_looks(view))
+    if not looks:
+        yield Finding("error", f"{who}: no mask could be read or computed.")
+        return
+    if view.mask_files is not None and 0 < max(look.largest for look in looks) < 128:
+        yield Finding(
+            "error",
+            f"{who}: the largest value in the masks is {max(look.largest for look in looks)}; expected 0 for "
+            "background and 255 for hand. Multiply them.",
+        )
+    empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
+    inverted = [look.frame for look in looks if look.share > _INVERTED_SHARE]
+    touching = [look.frame for look in looks if look.touches and look.share <= _INVERTED_SHARE]
+    if len(empty) == len(looks):
+        yield Finding("error", f"{who}: all masks looked at ({len(looks)}) are empty.")
+    elif empty:
+        yield Finding(
+            "warning",
+            f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An empty mask says "
+            "that the hand is not there; delete the file if it was not seen.",
+        )
+    if inverted:
+        yield Finding(
+            "warning",
+            f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is hand, frames "
+            f"{listed(inverted)}. Are they inverted? Expected 0 background, 255 hand.",
+        )
+    if touching:
+        yield Finding(
+            "note",
+            f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's border, frames "
+            f"{listed(touching)}: the arm is part of the mask, or the hand is cut off.",
+        )
+    if not (empty or inverted or touching):
+        yield Finding("ok", f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
+
+
+def _looks(view: View) -> Iterator[_MaskLook]:
+    most = _MOST_FILES if view.mask_files is not None else _MOST_COMPUTED
+    for frame in _spread(view.frame_count, most):
+        mask = view.mask(frame)
+        if mask is not None:
+            hand = mask > 0
+            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), int(mask.max()))
+
+
+def _touches_border(mask: Bytes) -> bool:
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+
+
+def _spread(count: int, most: int) -> list[int]:
+    if count <= most:
+        return list(range(count))
+    return [int(frame) for frame in np.unique(np.linspace(0, count - 1, most).round())]

@@ -1,0 +1,146 @@
+"""init.json: the pose that tracking starts from, as parameters by name or as keypoints."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+
+CONVENTIONS = ("openpose21",)
+_FORMS = (
+    'expected {"frame": 0, "parameters": {"root_tx": 0.1, ...}} or '
+    '{"frame": 0, "convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
+)
+_IN_IMAGE = ("uv", "xy", "pixels", "px", "image", "camera", "views")
+_LARGEST_HAND_M = 0.6
+_SMALLEST_HAND_M = 0.02
+_LARGEST_ANGLE = 2 * math.pi
+_FARTHEST_ROOT_M = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPose:
+    """A pose at one frame: either parameters or keypoints, the other is empty or None."""
+
+    frame: int
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """joint parameters by name [m, rad]; missing ones are 0."""
+    xyz: Floats | None = None
+    """(21, 3) world [m], NaN rows where unknown."""
+    convention: str | None = None
+    """order of the keypoints: openpose21."""
+
+
+def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:
+    """Return the pose of an init.json. parameter_names: the model's, None to accept any.
+
+    Raises HandtrackError naming the row or parameter that is wrong.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_no_constant)
+    except FileNotFoundError:
+        raise HandtrackError(f"{path}: no such file; {_FORMS}.") from None
+    except json.JSONDecodeError as error:
+        raise HandtrackError(f"{path}: not valid JSON at line {error.lineno}: {error.msg}.") from None
+    except (ValueError, OSError) as error:
+        raise HandtrackError(f"{path}: cannot be read: {error}.") from None
+    if not isinstance(data, dict):
+        raise HandtrackError(f"{path}: a {type(data).__name__}; {_FORMS}.")
+    frame = data.get("frame")
+    if isinstance(frame, bool) or not isinstance(frame, int) or frame < 0:
+        raise HandtrackError(f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, from 0.")
+    if "parameters" in data and "xyz" in data:
+        raise HandtrackError(f"{path}: both parameters and xyz; expected one of them.")
+    if "parameters" in data:
+        return FirstPose(frame, _parameters(data["parameters"], parameter_names, path))
+    if "xyz" in data:
+        return _keypoints(data, frame, path)
+    flat = [key for key in _IN_IMAGE if key in data]
+    if flat:
+        raise _two_dimensional(path, f"the key '{flat[0]}'")
+    raise HandtrackError(f"{path}: neither parameters nor xyz; {_FORMS}.")
+
+
+def write_first_pose(path: Path, pose: FirstPose) -> None:
+    """Write an init.json that reads back as the same pose."""
+    data: dict[str, Any] = {"frame": pose.frame}
+    if pose.xyz is None:
+        data["parameters"] = dict(pose.parameters)
+    else:
+        rows = [row.tolist() if np.isfinite(row).all() else None for row in pose.xyz]
+        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
+    Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str, float]:
+    if not isinstance(given, dict):
+        raise HandtrackError(f"{path}: parameters = {given}; expected names with numbers [m, rad].")
+    for name, value in given.items():
+        if known is not None and name not in known:
+            raise unknown_name("parameter", name, list(known), str(path))
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise HandtrackError(f"{path}: parameter {name} = {value}; expected a finite number.")
+        most, hint = _LARGEST_ANGLE, "radians; is it in degrees?"
+        if name.startswith("root_t"):
+            most, hint = _FARTHEST_ROOT_M, "metres; is it in millimetres?"
+        if abs(value) > most:
+            raise HandtrackError(f"{path}: parameter {name} = {value:g} is implausible in {hint}")
+    return {name: float(value) for name, value in given.items()}
+
+
+def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
+    convention, unit = data.get("convention"), data.get("unit")
+    if convention not in CONVENTIONS:
+        raise HandtrackError(f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}.")
+    if unit != "m":
+        hint = "; divide the coordinates by 1000 and write \"m\"" if unit == "mm" else ""
+        raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
+    rows = data["xyz"]
+    if not isinstance(rows, list) or len(rows) != 21:
+        found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
+        raise HandtrackError(f"{path}: xyz has {found}; expected 21 rows [x, y, z], null where unknown.")
+    xyz = np.array([_row(row, index, path) for index, row in enumerate(rows)])
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    if len(known) < 3:
+        raise HandtrackError(f"{path}: only {len(known)} of 21 keypoints are known; expected at least 3.")
+    extent = float(np.linalg.norm(known.max(axis=0) - known.min(axis=0)))
+    if extent > _LARGEST_HAND_M:
+        raise HandtrackError(
+            f"{path}: the keypoints span {extent:g} m, too much for a hand. Are they in millimetres? Expected metres, in "
+            "the world frame of the calibration after world_unit_m."
+        )
+    if len(known) == 21 and extent < _SMALLEST_HAND_M:
+        raise HandtrackError(f"{path}: the keypoints span only {extent:g} m, too little for a hand; expected metres.")
+    return FirstPose(frame, {}, xyz, convention)
+
+
+def _row(row: Any, index: int, path: Path) -> list[float]:
+    if row is None or row == [None] * 3:
+        return [math.nan] * 3
+    if isinstance(row, list) and len(row) == 2:
+        raise _two_dimensional(path, f"row {index} of xyz")
+    numbers = isinstance(row, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
+    )
+    if not numbers or len(row) != 3:
+        raise HandtrackError(f"{path}: row {index} of xyz is {row}; expected [x, y, z] or null.")
+    return [float(v) for v in row]
+
+
+def _two_dimensional(path: Path, what: str) -> HandtrackError:
+    return HandtrackError(
+        f"{path}: {what} looks like points in an image; a first pose needs points in space. Triangulate them from two "
+        f"cameras: {_FORMS}."
+    )
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no JSON number; write null where a keypoint is unknown")

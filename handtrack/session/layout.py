@@ -1,0 +1,79 @@
+"""The file names inside a session folder, and the rule that nothing named there lies outside it."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from handtrack.errors import HandtrackError
+
+SESSION_FILE = "session.toml"
+CALIBRATION_FILE = "calibration.toml"
+TRUTH_FILE = "truth.npz"
+INIT_FILE = "init.json"
+TRACKS_FOLDER = "tracks"
+POSES_FILE = "tracks/poses.npz"
+
+_WILD = "*?["
+
+
+def is_pattern(setting: str) -> bool:
+    """Return whether a path setting names several files, like `masks/cam0/*.png`."""
+    return any(sign in setting for sign in _WILD)
+
+
+def inside(folder: Path, setting: str, where: str) -> Path:
+    """Return folder / setting. Raises HandtrackError when that lies outside the folder, links followed.
+
+    where: the setting's file, table and key, for the error.
+    """
+    absolute = PurePosixPath(setting).is_absolute() or PureWindowsPath(setting).drive
+    path = folder / setting
+    if absolute or not path.resolve().is_relative_to(folder.resolve()):
+        raise _leaves(folder, setting, where, path)
+    return path
+
+
+def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
+    """Return the files of a pattern, sorted; hidden files never match.
+
+    Raises HandtrackError when the pattern or a file leaves the folder, or when nothing matches.
+    """
+    if not is_pattern(pattern):
+        path = inside(folder, pattern, where)
+        if path.is_dir():
+            raise HandtrackError(
+                f'{where}: "{pattern}" is a folder; expected a pattern of files, such as "{pattern.rstrip("/")}/*.png".'
+            )
+        if not path.is_file():
+            raise HandtrackError(f'{where}: no file "{pattern}" in {folder}.')
+        return [path]
+    if ".." in PurePosixPath(pattern).parts:
+        raise _leaves(folder, pattern, where, folder / pattern)
+    inside(folder, str(_fixed_part(pattern)), where)
+    root = folder.resolve()
+    files = []
+    for path in sorted(folder.glob(pattern)):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        if not path.resolve().is_relative_to(root):
+            raise _leaves(folder, str(path.relative_to(folder)), where, path)
+        files.append(path)
+    if not files:
+        raise HandtrackError(
+            f'{where}: nothing matches "{pattern}" in {folder}. Check the pattern, or leave the setting away if this '
+            "camera has no such files."
+        )
+    return files
+
+
+def _fixed_part(pattern: str) -> PurePosixPath:
+    parts = PurePosixPath(pattern).parts
+    fixed = [part for i, part in enumerate(parts) if not any(is_pattern(p) for p in parts[: i + 1])]
+    return PurePosixPath(*fixed)
+
+
+def _leaves(folder: Path, setting: str, where: str, path: Path) -> HandtrackError:
+    return HandtrackError(
+        f'{where}: the path "{setting}" leaves the session folder {folder} (it leads to {path.resolve()}). '
+        "Paths are relative to that folder and must stay in it: copy the files there."
+    )

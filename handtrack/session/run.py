@@ -1,0 +1,178 @@
+"""TrackingRun: a session with its model and tracker, the one engine of command line and workbench."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
+from handtrack.model.model_file import load_model, read_scale
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.session import Session
+from handtrack.session.session_file import dotted
+from handtrack.tracker.initialize import fit_keypoints, fit_scale, forearm_in_view
+from handtrack.tracker.result import FrameResult, TrackResult
+from handtrack.tracker.sequence import track_frames
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class TrackingRun:
+    """What tracking a session takes. Immutable: another setting is another run (`with_values`)."""
+
+    session: Session
+    first: FirstPose | None
+    """where tracking starts: of init.json unless another is given"""
+    settings: TrackerSettings
+    scale: HandScale
+    forearm: bool
+    model: ArticulatedModel
+
+    @classmethod
+    def open(
+        cls,
+        session: Session,
+        overrides: Mapping[str, Any] | None = None,
+        first: FirstPose | None = None,
+    ) -> TrackingRun:
+        """Return the run that session.toml describes, with dotted settings replaced.
+
+        A hand scale of "fit" is fitted to the first pose's keypoints; a forearm is modelled where the
+        silhouettes show one beyond the wrist. Raises HandtrackError.
+        """
+        settings = TrackerSettings().with_values(dotted(session.file.tracking))
+        settings = settings.with_values(overrides or {})
+        first = first or session.init
+        scale = _hand_scale(session, settings, first)
+        forearm = _forearm(session, settings, scale, first)
+        model = _model(session, settings, scale, forearm)
+        return cls(session, first, settings, scale, forearm, model)
+
+    def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
+        """Return the run with dotted settings replaced; the hand's size stays as it is."""
+        settings = self.settings.with_values(overrides)
+        wanted = settings.model.forearm
+        forearm = self.forearm if wanted == "auto" else wanted == "true"
+        model = _model(self.session, settings, self.scale, forearm)
+        return replace(self, settings=settings, model=model, forearm=forearm)
+
+    def with_scale(self, scale: HandScale) -> TrackingRun:
+        """Return the run for a hand of another size."""
+        return replace(
+            self, scale=scale, model=_model(self.session, self.settings, scale, self.forearm)
+        )
+
+    @property
+    def tracker(self) -> Tracker:
+        return Tracker(self.model, self.settings)
+
+    def initial(self) -> tuple[int, Floats]:
+        """Return the first pose: its frame, and solver parameters (P,). HandtrackError without one."""
+        if self.first is None:
+            raise HandtrackError(
+                f"{self.session.folder}: there is no init.json, so tracking has no first pose. Pose the hand in the "
+                "workbench (`handtrack open`) and press 'Save first-frame pose', or give one with --init FILE."
+            )
+        return self.first.frame, _first_params(self.model, self.first, self.settings)
+
+    def observation(self, frame: int) -> Observation:
+        """Return what is known of a frame: silhouettes (missing views are absent), given keypoints."""
+        seen = self.session.observation(frame)
+        if self.first is None or self.first.frame != frame or self.first.xyz is None:
+            return seen
+        return replace(seen, keypoints=(_keypoints(self.first, self.settings),))
+
+    def track(
+        self,
+        frames: range,
+        start_frame: int,
+        start_params: Floats,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Iterator[FrameResult]:
+        """Yield results in the order of tracking; see tracker.sequence.track_frames."""
+        return track_frames(
+            self.tracker, self.observation, start_frame, start_params, frames, should_stop
+        )
+
+    def result(self, frames: Iterable[FrameResult]) -> TrackResult:
+        """Return the frames as one result, sorted, with where they came from."""
+        ordered = sorted(frames, key=lambda result: result.frame)
+        return TrackResult.from_frames(
+            ordered,
+            parameter_names=self.model.parameter_names,
+            bone_names=self.model.skeleton.bone_names,
+            joint_names=self.model.joint_names,
+            model=self.model.name,
+            side=self.model.side,
+            scale=json.dumps({"overall": self.scale.overall, "fingers": self.scale.fingers}),
+            session=self.session.name,
+            settings=json.dumps(self.settings.flat(), sort_keys=True),
+            version=_version(),
+        )
+
+
+def _version() -> str:
+    try:
+        return version("handtrack")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _model(
+    session: Session, settings: TrackerSettings, scale: HandScale, forearm: bool
+) -> ArticulatedModel:
+    name = settings.model.name or session.hand_model
+    side, coupling = session.file.hand.side, settings.model.coupling
+    return load_model(name, side, scale, coupling=coupling, forearm=forearm)
+
+
+def _keypoints(first: FirstPose, settings: TrackerSettings) -> Keypoints:
+    assert first.xyz is not None
+    return Keypoints(keypoint_names(), first.xyz, settings.keypoints.sigma_mm * 1e-3)
+
+
+def _first_params(
+    model: ArticulatedModel, first: FirstPose, settings: TrackerSettings
+) -> Floats:
+    if first.xyz is not None:
+        return fit_keypoints(model, _keypoints(first, settings))
+    return model.params_from(dict(first.parameters))
+
+
+def _hand_scale(
+    session: Session, settings: TrackerSettings, first: FirstPose | None
+) -> HandScale:
+    given = session.hand_scale
+    if isinstance(given, Path):
+        return read_scale(given)
+    if given != "fit":
+        return HandScale(float(given))
+    if first is None or first.xyz is None:
+        return HandScale()  # nothing to fit to: an adult's mean hand
+    seen = _keypoints(first, settings)
+    return fit_scale(lambda scale: _model(session, settings, scale, False), seen)[0]
+
+
+def _forearm(
+    session: Session, settings: TrackerSettings, scale: HandScale, first: FirstPose | None
+) -> bool:
+    wanted = settings.model.forearm
+    if wanted == "auto":
+        wanted = str(session.file.hand.forearm).lower()
+    if wanted != "auto":
+        return wanted == "true"
+    if first is None:
+        return False
+    if any(name.startswith("wrist_") for name in first.parameters):
+        return True
+    model = _model(session, settings, scale, False)
+    params = _first_params(model, first, settings)
+    return forearm_in_view(model, params, session.observation(first.frame).silhouettes)

@@ -1,0 +1,213 @@
+"""A session: a folder with recordings, calibration and settings, opened and checked."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+from handtrack.arrays import Array, Bytes
+from handtrack.capture.calibration import read_rig
+from handtrack.capture.frames import files_by_frame
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.geometry.camera import CameraRig
+from handtrack.model.articulated import keypoint_names
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.session.doctor import Finding, examine
+from handtrack.session.first_pose import FirstPose, read_first_pose
+from handtrack.session.layout import (
+    CALIBRATION_FILE,
+    INIT_FILE,
+    SESSION_FILE,
+    TRUTH_FILE,
+    inside,
+    matching_files,
+)
+from handtrack.session.session_file import SessionFile, read_session_file
+from handtrack.session.timestamps import FrameTimes, read_timestamps
+from handtrack.session.truth import Truth, read_truth
+from handtrack.session.views import View
+
+_T = TypeVar("_T")
+_OBSERVATIONS_KEPT = 12
+_INIT_SIGMA_M = 0.005  # a detector's or a person's error in placing a keypoint
+
+
+class Session:
+    """An opened session folder. Reading frames is safe from several threads."""
+
+    def __init__(self, folder: Path, file: SessionFile, rig: CameraRig) -> None:
+        """Use `Session.open`."""
+        self.folder = folder
+        self.file = file
+        self.rig = rig
+        """the session's cameras, in the order of session.toml."""
+        self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
+        self.cloud_files = self._find_clouds()
+        """point cloud files by frame."""
+        self._times = self._read_times()
+        self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
+        """ground truth, None without truth.npz."""
+        self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
+        """first pose, None without init.json."""
+        self._observations: OrderedDict[tuple[int, bool], Observation] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @classmethod
+    def open(cls, folder: Path | str) -> Session:
+        """Return the session of a folder, with settings, calibration, first pose and truth checked.
+
+        Raises HandtrackError for whatever cannot be used as it is; what is merely odd is in `warnings` and `doctor()`.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            kind = "is a file" if folder.exists() else "does not exist"
+            raise HandtrackError(f"{folder} {kind}; expected a session folder, with a {SESSION_FILE} in it.")
+        if not (folder / SESSION_FILE).is_file():
+            raise HandtrackError(
+                f"{folder}: no {SESSION_FILE} in this folder, so it is no session. `handtrack new` makes one from videos "
+                "and a calibration."
+            )
+        file = read_session_file(folder / SESSION_FILE)
+        everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
+        for camera in file.cameras:
+            if camera.name not in everything:
+                raise HandtrackError(
+                    f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in {CALIBRATION_FILE}; "
+                    f"cameras there: {', '.join(everything.names)}."
+                )
+        return cls(folder, file, CameraRig(tuple(everything[c.name] for c in file.cameras)))
+
+    @property
+    def name(self) -> str:
+        return self.file.session.name
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        return self.rig.names
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, from session.toml or the median of its timestamps."""
+        return self._times.fps
+
+    @cached_property
+    def frame_count(self) -> int:
+        """Frames run from 0 to the last that any camera or cloud has. The first use counts videos by decoding."""
+        clouds = max(self.cloud_files, default=-1) + 1
+        return max(clouds, *(view.frame_count for view in self.views))
+
+    @property
+    def frame_range(self) -> range:
+        """Every frame of the session."""
+        return range(self.frame_count)
+
+    @property
+    def hand_model(self) -> str | Path:
+        """A model's name, or the path of a definition inside the folder."""
+        model = self.file.hand.model
+        if model.endswith(".toml") or "/" in model:
+            return self._hand_file("model", model)
+        return model
+
+    @property
+    def hand_scale(self) -> float | str | Path:
+        """A factor, the text "fit", or the path of a saved hand inside the folder."""
+        scale = self.file.hand.scale
+        if isinstance(scale, str) and scale != "fit":
+            return self._hand_file("scale", scale)
+        return scale
+
+    @property
+    def warnings(self) -> list[str]:
+        """Oddities met so far, in plain sentences; `doctor` looks for more."""
+        return [text for view in self.views for text in view.warnings]
+
+    def view(self, camera: str) -> View:
+        """Return a camera's view. Raises HandtrackError naming the known cameras."""
+        for view in self.views:
+            if view.name == camera:
+                return view
+        raise unknown_name("camera", camera, self.camera_names, str(self.folder / SESSION_FILE))
+
+    def time_s(self, frame: int) -> float:
+        """Return the time of a frame [s]: frame / fps, or the median of the cameras' timestamps."""
+        return self._times.time_of(frame)
+
+    def image(self, camera: str, frame: int) -> Array | None:
+        """Return an image (H, W, 3) uint8 BGR as it was taken, None where missing."""
+        return self.view(camera).image(frame)
+
+    def mask(self, camera: str, frame: int) -> Bytes | None:
+        """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where missing."""
+        return self.view(camera).mask(frame)
+
+    def observation(self, frame: int, keypoints: bool = False) -> Observation:
+        """Return what was seen of one frame. Missing views are absent; an empty mask is seen emptiness.
+
+        keypoints: add those of init.json at its own frame. Raises HandtrackError outside the session's frames.
+        """
+        if frame not in self.frame_range:
+            raise HandtrackError(
+                f"{self.folder}: no frame {frame}; the session has the frames 0 to {self.frame_count - 1}."
+            )
+        with self._lock:
+            known = self._observations.get((frame, keypoints))
+        if known is None:
+            known = self._observe(frame, keypoints)
+        with self._lock:
+            self._observations[frame, keypoints] = known
+            self._observations.move_to_end((frame, keypoints))
+            while len(self._observations) > _OBSERVATIONS_KEPT:
+                self._observations.popitem(last=False)
+        return known
+
+    def doctor(self) -> list[Finding]:
+        """Look at everything and return what was found, each with its severity: ok, note, warning or error."""
+        return examine(self)
+
+    def _observe(self, frame: int, keypoints: bool) -> Observation:
+        seen = tuple(s for view in self.views if (s := view.silhouette(frame)) is not None)
+        points: tuple[Keypoints, ...] = ()
+        if keypoints and self.init is not None and self.init.frame == frame and self.init.xyz is not None:
+            points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
+        return Observation(frame, self.time_s(frame), seen, points)
+
+    def _find_clouds(self) -> dict[int, Path]:
+        pattern = None if self.file.clouds is None else self.file.clouds.files
+        if pattern is None:
+            return {}
+        where = f"{self.folder / SESSION_FILE}, [clouds], files"
+        files = matching_files(self.folder, pattern, where)
+        wrong = [path.name for path in files if path.suffix.lower() not in (".ply", ".npz")]
+        if wrong:
+            raise HandtrackError(f"{where}: '{wrong[0]}' is neither .ply nor .npz.")
+        return files_by_frame(files)
+
+    def _read_times(self) -> FrameTimes:
+        recording = self.file.session
+        if recording.timestamps is None:
+            assert recording.fps is not None
+            return FrameTimes(recording.fps)
+        where = f"{self.folder / SESSION_FILE}, [session], timestamps"
+        path = matching_files(self.folder, recording.timestamps, where)[0]
+        return read_timestamps(path, self.camera_names, recording.fps)
+
+    def _read_init(self, path: Path) -> FirstPose:
+        pose = read_first_pose(path)
+        if pose.frame not in self.frame_range:
+            raise HandtrackError(
+                f"{path}: frame = {pose.frame}, but the session has the frames 0 to {self.frame_count - 1}."
+            )
+        return pose
+
+    def _optional(self, name: str, read: Callable[[Path], _T]) -> _T | None:
+        path = inside(self.folder, name, str(self.folder))
+        return read(path) if path.exists() else None
+
+    def _hand_file(self, key: str, setting: str) -> Path:
+        where = f"{self.folder / SESSION_FILE}, [hand], {key}"
+        return matching_files(self.folder, setting, where)[0]

@@ -1,0 +1,268 @@
+"""session.toml ↔ frozen dataclasses. Unknown keys are refused, naming the known ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
+from handtrack.capture.toml_table import TableReader
+from handtrack.capture.toml_text import read_toml, toml_key, toml_value
+from handtrack.errors import HandtrackError
+
+FORMAT = 1
+_TABLES = ("session", "hand", "camera", "clouds", "tracking")
+_CLOUD_SOURCES = ("files", "stereo", "depth")
+_CLOUD_NUMBERS = ("crop_m", "voxel_m", "near_m", "far_m")
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """[session]: what the recording is called and how its numbers are to be read."""
+
+    name: str
+    fps: float | None = None
+    """frames a second; may be absent when timestamps are given."""
+    timestamps: str | None = None
+    """a csv file with the columns camera, frame, time_s."""
+    world_unit_m: float = 1.0
+    """metres in one unit of calibration.toml and of the clouds."""
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """[hand]: whose hand, by which model."""
+
+    model: str = "hand26"
+    """a model's name, or the path of a definition in the folder."""
+    side: str = "right"
+    scale: float | str = 1.0
+    """a factor, "fit" (from the keypoints of init.json), or the path of a saved hand in the folder."""
+    forearm: bool | str = "auto"
+    """whether the model has a forearm: true, false, or "auto"."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """[[camera]]: what one camera gave; whatever is absent is not observed."""
+
+    name: str
+    images: str | None = None
+    """a video, or a pattern of numbered files."""
+    masks: str | MaskMethod | None = None
+    """a pattern of numbered files, or how masks are computed."""
+    roi: tuple[int, int, int, int] | None = None
+    """x, y, w, h [px] in the image as it was taken; outside of it nothing counts as observed."""
+    depth: str | None = None
+    """a pattern of numbered 16 bit files."""
+    depth_scale_m: float | None = None
+    """metres in one unit of the depth files."""
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """[clouds]: where point clouds come from (exactly one source), and the filters' settings; None: the filter's own."""
+
+    files: str | None = None
+    """a pattern of .ply or .npz files."""
+    stereo: tuple[tuple[str, str], ...] = ()
+    """pairs of cameras to match."""
+    depth: tuple[str, ...] = ()
+    """cameras whose depth is used."""
+    crop_m: float | None = None
+    voxel_m: float | None = None
+    max_points: int | None = None
+    near_m: float | None = None
+    far_m: float | None = None
+    outlier_neighbours: int | None = None
+
+
+@dataclass(frozen=True)
+class SessionFile:
+    """All that session.toml says."""
+
+    session: RecordingSettings
+    hand: HandSettings
+    cameras: tuple[CameraSettings, ...]
+    clouds: CloudSettings | None = None
+    tracking: Mapping[str, Any] = field(default_factory=dict)
+    """nested tables as written; the tracker checks them, see `dotted`."""
+
+
+def dotted(tracking: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings by the names that `--set` takes, such as `silhouettes.weight`."""
+    flat: dict[str, Any] = {}
+    for key, value in tracking.items():
+        if isinstance(value, Mapping):
+            flat |= dotted(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def read_session_file(path: Path) -> SessionFile:
+    """Return the settings of a session.toml. Raises HandtrackError naming file, table and key."""
+    tables = read_toml(path, "a session's settings")
+    for name in tables:
+        if name not in _TABLES:
+            raise HandtrackError(
+                f"{path}: unknown key '{name}'; known tables: {', '.join(_TABLES)}."
+            )
+    if "session" not in tables:
+        raise HandtrackError(f"{path}: the table [session] is missing; it needs `format = {FORMAT}` and `fps`.")
+    recording = _recording(TableReader(tables["session"], f"{path}, [session]"), path)
+    hand = _hand(TableReader(tables.get("hand", {}), f"{path}, [hand]"))
+    cameras = _cameras(tables.get("camera"), path)
+    clouds = None
+    if "clouds" in tables:
+        clouds = _clouds(TableReader(tables["clouds"], f"{path}, [clouds]"), cameras)
+    tracking = tables.get("tracking", {})
+    if not isinstance(tracking, Mapping):
+        raise HandtrackError(f"{path}: tracking = {tracking}; expected a table [tracking].")
+    return SessionFile(recording, hand, cameras, clouds, tracking)
+
+
+def write_session_file(path: Path, file: SessionFile) -> None:
+    """Write a session.toml that reads back as the same settings."""
+    blocks = ["[session]", f"format = {FORMAT}", *_lines(vars(file.session)), ""]
+    blocks += ["[hand]", *_lines(vars(file.hand)), ""]
+    for camera in file.cameras:
+        masks = camera.masks
+        shown = masks if masks is None or isinstance(masks, str) else mask_method_table(masks)
+        blocks += ["[[camera]]", *_lines({**vars(camera), "masks": shown}), ""]
+    if file.clouds is not None:
+        blocks += ["[clouds]", *_lines(vars(file.clouds)), ""]
+    if file.tracking:
+        flat = dotted(file.tracking)
+        named = {".".join(map(toml_key, key.split("."))): value for key, value in flat.items()}
+        blocks += ["[tracking]", *(f"{key} = {toml_value(value)}" for key, value in named.items()), ""]
+    Path(path).write_text("\n".join(blocks), encoding="utf-8")
+
+
+def _lines(values: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {toml_value(value)}" for key, value in values.items() if value is not None and value != ()]
+
+
+def _recording(table: TableReader, path: Path) -> RecordingSettings:
+    version = table.whole("format", None, 1)
+    if version > FORMAT:
+        raise HandtrackError(
+            f"{path}: format = {version}, but this handtrack reads format {FORMAT}. The session was written by a "
+            "newer handtrack: update handtrack."
+        )
+    has_fps = table.raw("fps") is not None
+    timestamps = table.text("timestamps") if table.raw("timestamps") is not None else None
+    if not has_fps and timestamps is None:
+        raise HandtrackError(f'{table.where}: give `fps` (frames a second) or `timestamps` (a csv file).')
+    recording = RecordingSettings(
+        name=table.text("name", path.resolve().parent.name or "session"),
+        fps=table.number("fps", above=0.0, unit="1/s") if has_fps else None,
+        timestamps=timestamps,
+        world_unit_m=table.number("world_unit_m", 1.0, above=0.0, unit="m"),
+    )
+    table.finish()
+    return recording
+
+
+def _hand(table: TableReader) -> HandSettings:
+    scale = table.raw("scale")
+    forearm = table.raw("forearm")
+    if forearm not in (None, "auto", True, False):
+        raise table.error("forearm", forearm, 'true, false or "auto"')
+    hand = HandSettings(
+        model=table.text("model", HandSettings.model),
+        side=table.choice("side", ("right", "left"), HandSettings.side),
+        scale=scale if isinstance(scale, str) and scale else table.number("scale", 1.0, above=0.0),
+        forearm=HandSettings.forearm if forearm is None else forearm,
+    )
+    table.finish()
+    return hand
+
+
+def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:
+    if not isinstance(tables, list) or not tables:
+        raise HandtrackError(f"{path}: no camera; expected at least one table [[camera]] (two brackets).")
+    cameras = tuple(_camera(TableReader(t, f"{path}, [[camera]] number {i + 1}")) for i, t in enumerate(tables))
+    names = [camera.name for camera in cameras]
+    for name in names:
+        if names.count(name) > 1:
+            raise HandtrackError(f"{path}: two tables [[camera]] have the name '{name}'; one a camera is expected.")
+    return cameras
+
+
+def _camera(table: TableReader) -> CameraSettings:
+    name = table.text("name")
+    table.where = f"{table.where.rsplit(', ', 1)[0]}, camera '{name}'"
+    images = table.text("images") if table.raw("images") is not None else None
+    depth = table.text("depth") if table.raw("depth") is not None else None
+    masks = table.raw("masks")
+    if masks is not None and not isinstance(masks, str):
+        masks = read_mask_method(masks, f"{table.where}, masks")
+        if (images if masks.needs == "images" else depth) is None:
+            raise HandtrackError(
+                f"{table.where}: masks by the method \"{masks.name}\" need the camera's `{masks.needs}`, which is missing."
+            )
+    roi = table.whole_list("roi", None, "x y w h") if table.raw("roi") is not None else None
+    if roi is not None and (min(roi[:2]) < 0 or min(roi[2:]) < 1):
+        raise table.error("roi", list(roi), "[x, y, w, h] in pixels, inside the image")
+    scale = table.number("depth_scale_m", above=0.0, unit="m") if table.raw("depth_scale_m") is not None else None
+    if depth is not None and scale is None:
+        raise HandtrackError(f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files.")
+    table.finish()
+    box = None if roi is None else (roi[0], roi[1], roi[2], roi[3])
+    return CameraSettings(name, images, masks, box, depth, scale)
+
+
+def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSettings:
+    given = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
+    if len(given) != 1:
+        raise HandtrackError(
+            f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found {', '.join(given) or 'none'}."
+        )
+    numbers: dict[str, Any] = {
+        key: table.number(key, above=0.0, unit="m") for key in _CLOUD_NUMBERS if table.raw(key) is not None
+    }
+    for key in ("max_points", "outlier_neighbours"):
+        if table.raw(key) is not None:
+            numbers[key] = table.whole(key, None, 1)
+    settings = CloudSettings(
+        files=table.text("files") if given == ["files"] else None,
+        stereo=_pairs(table, cameras) if given == ["stereo"] else (),
+        depth=_names(table, "depth", table.raw("depth"), cameras, "depth") if given == ["depth"] else (),
+        **numbers,
+    )
+    table.finish()
+    return settings
+
+
+def _pairs(table: TableReader, cameras: tuple[CameraSettings, ...]) -> tuple[tuple[str, str], ...]:
+    value = table.raw("stereo")
+    form = 'pairs of camera names, such as [["cam0", "cam1"]]'
+    if not isinstance(value, list) or not value:
+        raise table.error("stereo", value, form)
+    pairs = []
+    for pair in value:
+        if not isinstance(pair, list) or len(pair) != 2 or pair[0] == pair[1]:
+            raise table.error("stereo", value, form)
+        left, right = _names(table, "stereo", pair, cameras, "images")
+        pairs.append((left, right))
+    return tuple(pairs)
+
+
+def _names(
+    table: TableReader, key: str, value: Any, cameras: tuple[CameraSettings, ...], needs: str
+) -> tuple[str, ...]:
+    """Return camera names that exist and have what is needed of them."""
+    if not isinstance(value, list) or not value:
+        raise table.error(key, value, 'a list of camera names, such as ["cam0"]')
+    known = {camera.name: camera for camera in cameras}
+    for name in value:
+        if name not in known:
+            raise HandtrackError(
+                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; known: {', '.join(known)}."
+            )
+        if getattr(known[name], needs) is None:
+            raise HandtrackError(f"{table.where}: {key} uses the camera '{name}', which has no `{needs}`.")
+    return tuple(value)

@@ -1,0 +1,84 @@
+"""When each frame was taken: from the frame rate, or from a csv file of times."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+
+COLUMNS = ("camera", "frame", "time_s")
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTimes:
+    """Time of every frame: frame / fps, or measured times with straight lines between and beyond them."""
+
+    fps: float
+    """frames a second; the median rate when only times were given."""
+    frame: Floats | None = None
+    """(N,) frames with a measured time, ascending."""
+    time_s: Floats | None = None
+    """(N,) [s], ascending."""
+
+    def time_of(self, frame: int) -> float:
+        """Return a frame's time [s]."""
+        if self.frame is None or self.time_s is None:
+            return frame / self.fps
+        if frame < self.frame[0]:
+            return float(self.time_s[0] + (frame - self.frame[0]) / self.fps)
+        if frame > self.frame[-1]:
+            return float(self.time_s[-1] + (frame - self.frame[-1]) / self.fps)
+        return float(np.interp(frame, self.frame, self.time_s))
+
+
+def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> FrameTimes:
+    """Return the times of a csv with the columns camera, frame, time_s; a frame's time is the cameras' median.
+
+    Raises HandtrackError naming the line.
+    """
+    times: dict[int, dict[str, float]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            found = tuple(reader.fieldnames or ())
+            if found != COLUMNS:
+                raise HandtrackError(
+                    f"{path}: the columns are {','.join(found) or 'missing'}; expected {','.join(COLUMNS)}."
+                )
+            for row in reader:
+                where = f"{path}, line {reader.line_num}"
+                camera, frame, time_s = _entry(row, where, cameras)
+                if camera in times.setdefault(frame, {}):
+                    raise HandtrackError(f"{where}: a second time for camera '{camera}', frame {frame}.")
+                times[frame][camera] = time_s
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise HandtrackError(f"{path}: cannot be read as csv: {error}.") from None
+    if len(times) < 2:
+        raise HandtrackError(f"{path}: times of {len(times)} frames; expected at least two.")
+    frames = np.array(sorted(times))
+    medians = np.array([np.median(list(times[int(frame)].values())) for frame in frames])
+    steps = np.diff(medians)
+    if (steps <= 0).any():
+        at = int(frames[1:][steps <= 0][0])
+        raise HandtrackError(f"{path}: the time of frame {at} is not later than that of the frame before it.")
+    rate = fps or float(1 / np.median(steps / np.diff(frames)))
+    return FrameTimes(rate, frames.astype(float), medians)
+
+
+def _entry(row: dict[str, str], where: str, cameras: tuple[str, ...]) -> tuple[str, int, float]:
+    try:
+        camera, frame, time_s = row["camera"], int(row["frame"]), float(row["time_s"])
+    except (TypeError, ValueError):
+        shown = ",".join(str(row[column]) for column in COLUMNS)
+        raise HandtrackError(f"{where}: '{shown}'; expected a camera, a whole frame number and seconds.") from None
+    if camera not in cameras:
+        raise HandtrackError(f"{where}: unknown camera '{camera}'; known: {', '.join(cameras)}.")
+    if frame < 0 or not math.isfinite(time_s):
+        raise HandtrackError(f"{where}: frame {frame}, time {time_s}; expected a frame from 0 and finite seconds.")
+    return camera, frame, time_s

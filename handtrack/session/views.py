@@ -1,0 +1,127 @@
+"""What one camera of a session gives: images, masks (files or computed), depth, silhouettes."""
+
+from __future__ import annotations
+
+import threading
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Array, Bytes
+from handtrack.capture.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, MASK, FrameSource, ImageFiles
+from handtrack.capture.segmentation import Segmenter
+from handtrack.capture.video import VideoFile
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.observation.observation import Silhouette
+from handtrack.observation.undistortion import undistort_silhouette
+from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
+from handtrack.session.session_file import CameraSettings
+
+
+class View:
+    """One camera with its sources. Opening checks that files exist and the first ones fit the calibration."""
+
+    def __init__(self, folder: Path, settings: CameraSettings, camera: Camera) -> None:
+        self.settings = settings
+        self.camera = camera
+        self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
+        self._learning = threading.Lock()
+        self._check_roi()
+        self.images = self._source(folder, settings.images, COLOUR)
+        masks = settings.masks if isinstance(settings.masks, str) else None
+        self.mask_files = self._source(folder, masks, MASK)
+        self.depth = self._source(folder, settings.depth, DEPTH)
+        for source in self.sources:
+            source.size  # noqa: B018  reads one image, which checks its size
+
+    @property
+    def name(self) -> str:
+        return self.settings.name
+
+    @property
+    def sources(self) -> tuple[FrameSource, ...]:
+        """Images, masks and depth, as far as there are any."""
+        return tuple(s for s in (self.images, self.mask_files, self.depth) if s is not None)
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether silhouettes can be observed here at all."""
+        return self.settings.masks is not None
+
+    @property
+    def frame_count(self) -> int:
+        """One more than the last frame of any source."""
+        return max((len(source.frames) for source in self.sources), default=0)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [text for source in self.sources for text in source.warnings]
+
+    def image(self, frame: int) -> Array | None:
+        """Return the frame's image (H, W, 3) uint8 BGR, None where missing."""
+        return None if self.images is None else self.images.read(frame)
+
+    def mask(self, frame: int) -> Bytes | None:
+        """Return the frame's mask (H, W) uint8, read or computed; None where missing."""
+        if self.mask_files is not None:
+            return self.mask_files.read(frame)
+        source = self._segmented_source
+        image = None if source is None else source.read(frame)
+        return None if image is None else self._segmenter(image)
+
+    def depth_m(self, frame: int) -> Array | None:
+        """Return the frame's depth (H, W) float64 [m], 0 where not measured; None where missing."""
+        image = None if self.depth is None else self.depth.read(frame)
+        return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
+
+    def silhouette(self, frame: int) -> Silhouette | None:
+        """Return the frame's silhouette in the undistorted image; None where there is no mask."""
+        mask = self.mask(frame)
+        return None if mask is None else undistort_silhouette(self.camera, mask, self.settings.roi)
+
+    @property
+    def _segmented_source(self) -> FrameSource | None:
+        method = self.settings.masks
+        if method is None or isinstance(method, str):
+            return None
+        return self.images if method.needs == "images" else self.depth
+
+    @property
+    def _segmenter(self) -> Segmenter:
+        with self._learning:
+            return self._learned
+
+    @cached_property
+    def _learned(self) -> Segmenter:
+        method, source = self.settings.masks, self._segmented_source
+        assert method is not None and not isinstance(method, str) and source is not None
+        try:
+            return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)
+        except HandtrackError as error:
+            raise HandtrackError(f"{self._where}: {error}") from None
+
+    def _check_roi(self) -> None:
+        if self.settings.roi is None:
+            return
+        x, y, width, height = self.settings.roi
+        if x + width > self.camera.size[0] or y + height > self.camera.size[1]:
+            raise HandtrackError(
+                f"{self._where}: roi = {[x, y, width, height]} reaches outside the image of "
+                f"{self.camera.size[0]} x {self.camera.size[1]}; expected [x, y, w, h] inside it."
+            )
+
+    def _source(self, folder: Path, setting: str | None, kind: str) -> FrameSource | None:
+        if setting is None:
+            return None
+        key = {COLOUR: "images", MASK: "masks", DEPTH: "depth"}[kind]
+        where = f"{self._where}, {key}"
+        if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:
+            files = matching_files(folder, setting, where)
+            return ImageFiles(files, kind, self.camera.size, str(folder / setting))
+        path = inside(folder, setting, where)
+        if path.is_dir() or kind != COLOUR:
+            matching_files(folder, setting, where)  # says what is wrong with it
+            raise HandtrackError(f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".')
+        return VideoFile(path, self.camera.size, f"{where}, {path}")
