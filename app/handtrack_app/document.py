@@ -12,7 +12,6 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracker.result import FrameResult
-from handtrack.tracker.tracker import Tracker
 from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
@@ -149,7 +148,7 @@ class Document:
         for name, pair in self.limits.items():
             interval[self.model.parameter_names.index(name)] = pair
         model = replace(self.model, limits=replace(self.model.limits, interval=interval))
-        self.run = replace(self.run, model=model, tracker=Tracker(model, self.run.settings))
+        self.run = replace(self.run, model=model)
 
     # ---- what the page sees
 
@@ -219,7 +218,10 @@ class Document:
     def truth_at(self, frame: int) -> Floats | None:
         """Return the true keypoints (21, 3) of a frame, world [m]."""
         truth = self.run.session.truth
-        return None if truth is None else truth.keypoints21_at(frame)
+        if truth is None or truth.keypoints21 is None:
+            return None
+        row = np.flatnonzero(truth.frame == frame)
+        return truth.keypoints21[row[0]] if len(row) else None
 
 
 def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:

@@ -32,7 +32,8 @@ class BackgroundMedian:
     samples: int = 25
     """frames, evenly spaced over the recording, whose median is the background."""
     threshold: float = 8.0
-    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the pixel."""
+    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the
+    pixel."""
     open_px: int = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
@@ -41,7 +42,10 @@ class BackgroundMedian:
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
     ) -> Callable[[Array], Bytes]:
-        """Return the function from a BGR image to its mask. Raises HandtrackError with fewer than 3 readable frames."""
+        """Return the function from a BGR image to its mask.
+
+        Raises HandtrackError with fewer than 3 readable frames.
+        """
         stack = np.stack([_lab(image) for image in sampled_images(source, self.samples)])
         median = np.empty(stack.shape[1:], np.float32)
         limit = np.empty(stack.shape[1:], np.float32)
@@ -62,7 +66,9 @@ class BackgroundMedian:
         """Return the settings of an inline table. Raises HandtrackError."""
         return cls(
             samples=table.whole("samples", cls.samples, _LEAST_FRAMES),
-            threshold=table.number("threshold", cls.threshold, above=0.0, unit="standard deviations"),
+            threshold=table.number(
+                "threshold", cls.threshold, above=0.0, unit="standard deviations"
+            ),
             open_px=table.whole("open_px", cls.open_px),
             largest=table.flag("largest", cls.largest),
         )
@@ -92,7 +98,10 @@ class BackgroundMog2:
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
     ) -> Callable[[Array], Bytes]:
-        """Return the function from a BGR image to its mask. Raises HandtrackError with fewer than 3 readable frames."""
+        """Return the function from a BGR image to its mask.
+
+        Raises HandtrackError with fewer than 3 readable frames.
+        """
         mixture = cv2.createBackgroundSubtractorMOG2(self.samples, self.threshold, self.shadows)
         for image in sampled_images(source, self.samples):
             mixture.apply(image)
@@ -119,7 +128,10 @@ class BackgroundMog2:
 
 
 def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
-    """Yield up to `count` images evenly spaced over a recording. Raises HandtrackError with fewer than 3."""
+    """Yield up to `count` images evenly spaced over a recording.
+
+    Raises HandtrackError with fewer than 3.
+    """
     wanted = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
     found = 0
     for frame in wanted:
@@ -129,7 +141,8 @@ def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
             yield image
     if found < _LEAST_FRAMES:
         raise HandtrackError(
-            f"{source.where}: a background needs at least {_LEAST_FRAMES} readable images among {len(wanted)} sampled "
+            f"{source.where}: a background needs at least {_LEAST_FRAMES} readable images among "
+            f"{len(wanted)} sampled "
             f"frames; found {found}."
         )
 

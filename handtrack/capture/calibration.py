@@ -1,7 +1,7 @@
 """Camera rigs as TOML in the form that Anipose, Pose2Sim and FreeMoCap read and write.
 
-One table per camera with `name`, `size`, `matrix`, `distortions`, `rotation` (rotation vector, world → camera) and
-`translation`. Other tables and other keys are ignored.
+One table per camera with `name`, `size`, `matrix`, `distortions`, `rotation` (rotation vector,
+world → camera) and `translation`. Other tables and other keys are ignored.
 """
 
 from __future__ import annotations
@@ -24,15 +24,19 @@ _MARKS = ("matrix", "distortions", "rotation", "translation")
 def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
     """Return the cameras of a calibration file, translations in metres.
 
-    world_unit_m: metres in one unit of the file. Raises HandtrackError naming the file and the camera.
+    world_unit_m: metres in one unit of the file. Raises HandtrackError naming the file and the
+    camera.
     """
     tables = read_toml(Path(path), "the camera calibration")
     found = {name: t for name, t in tables.items() if _is_camera(t)}
     if not found:
         raise HandtrackError(
-            f"{path}: no camera found; expected one table per camera with the keys {', '.join(_KEYS)}."
+            f"{path}: no camera found; expected one table per camera with the keys "
+            f"{', '.join(_KEYS)}."
         )
-    cameras = tuple(_camera(table, f"{path}, [{name}]", world_unit_m) for name, table in found.items())
+    cameras = tuple(
+        _camera(table, f"{path}, [{name}]", world_unit_m) for name, table in found.items()
+    )
     try:
         return CameraRig(cameras)
     except HandtrackError as error:
@@ -70,14 +74,17 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
         )
     if table.get("fisheye"):
         raise HandtrackError(
-            f"{where}: fisheye = true; fisheye lenses are not supported. Calibrate with the standard model "
+            f"{where}: fisheye = true; fisheye lenses are not supported. Calibrate with the "
+            "standard model "
             "(8 coefficients for wide lenses), or undistort the images first."
         )
     if not isinstance(table["name"], str) or not table["name"]:
         raise HandtrackError(f"{where}: name = {table['name']!r}; expected a text.")
     size = _numbers(table, "size", (2,), where)
     if (size != np.round(size)).any() or (size < 1).any():
-        raise HandtrackError(f"{where}: size = {table['size']}; expected [width, height] in whole pixels.")
+        raise HandtrackError(
+            f"{where}: size = {table['size']}; expected [width, height] in whole pixels."
+        )
     try:
         return Camera(
             name=table["name"],
@@ -89,7 +96,9 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
         )
     except HandtrackError as error:
         message = str(error)
-        raise HandtrackError(message if message.startswith(where) else f"{where}: {message}") from None
+        raise HandtrackError(
+            message if message.startswith(where) else f"{where}: {message}"
+        ) from None
 
 
 def _numbers(table: dict[str, Any], key: str, shape: tuple[int | None, ...], where: str) -> Floats:
@@ -106,7 +115,8 @@ def _numbers(table: dict[str, Any], key: str, shape: tuple[int | None, ...], whe
         if key == "rotation" and array.size == 9:
             hint = " Write the rotation vector (Rodrigues) of this matrix instead."
         raise HandtrackError(
-            f"{where}: {key} has {' x '.join(map(str, array.shape))} numbers; expected {shown}.{hint}"
+            f"{where}: {key} has {' x '.join(map(str, array.shape))} numbers; expected "
+            f"{shown}.{hint}"
         )
     if not np.isfinite(array).all():
         raise HandtrackError(f"{where}: {key} = {table[key]}; expected finite numbers.")

@@ -1,4 +1,7 @@
-"""What a camera gave for each frame: numbered image files here, videos in `video.py`. A miss is a value, None."""
+"""What a camera gave for each frame: numbered image files here, videos in `video.py`.
+
+A miss is a value, None.
+"""
 
 from __future__ import annotations
 
@@ -56,23 +59,31 @@ class FrameSource(Protocol):
 
 
 def frame_number(name: str) -> int:
-    """Return the frame of a file name: the last group of digits before its suffix. Raises HandtrackError."""
+    """Return the frame of a file name: the last group of digits before its suffix.
+
+    Raises HandtrackError.
+    """
     groups = re.findall(r"\d+", Path(name).stem)
     if not groups:
         raise HandtrackError(
-            f"{name}: no digits in the file name; expected the frame number in it, such as 000018.png."
+            f"{name}: no digits in the file name; expected the frame number in it, such as "
+            "000018.png."
         )
     return int(groups[-1])
 
 
 def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
-    """Return files by their frame number, ascending. Raises HandtrackError when two have the same number."""
+    """Return files by their frame number, ascending.
+
+    Raises HandtrackError when two have the same number.
+    """
     by_frame: dict[int, Path] = {}
     for path in sorted(paths):
         frame = frame_number(path.name)
         if frame in by_frame:
             raise HandtrackError(
-                f"{path.parent}: '{by_frame[frame].name}' and '{path.name}' are both frame {frame}; "
+                f"{path.parent}: '{by_frame[frame].name}' and '{path.name}' are both frame "
+                f"{frame}; "
                 "expected one file a frame. The frame is the last group of digits in the name."
             )
         by_frame[frame] = path
@@ -80,9 +91,11 @@ def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
 
 
 class ImageFiles:
-    """Numbered image files of one kind: colour (H, W, 3) uint8 BGR, mask (H, W) uint8 or depth (H, W) uint16.
+    """Numbered image files of one kind: colour (H, W, 3) uint8 BGR, mask (H, W) uint8 or depth (H,
+    W) uint16.
 
-    expected_size: (width, height) [px] of the calibration; another size raises HandtrackError when read.
+    expected_size: (width, height) [px] of the calibration; another size raises HandtrackError when
+    read.
     """
 
     def __init__(
@@ -138,7 +151,8 @@ class ImageFiles:
             return None
         if self._kind == DEPTH and (image.dtype != np.uint16 or image.ndim != 2):
             raise HandtrackError(
-                f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape {image.shape}."
+                f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
+                f"{image.shape}."
             )
         check_size(image, self._expected_size, f"{path}, frame {frame}")
         return image
@@ -150,21 +164,30 @@ def check_size(image: Array, expected: tuple[int, int] | None, where: str) -> No
     if expected is not None and found != tuple(expected):
         raise HandtrackError(
             f"{where}: the image is {found[0]} x {found[1]}, but the camera is calibrated for "
-            f"{expected[0]} x {expected[1]}. Use the images the calibration belongs to, or scale its matrix and size."
+            f"{expected[0]} x {expected[1]}. Use the images the calibration belongs to, or scale "
+            "its matrix and size."
         )
 
 
 def _decode(path: Path, flags: int) -> tuple[Array | None, str]:
     try:
-        data = np.fromfile(path, dtype=np.uint8)  # not cv2.imread: it fails on non-ASCII paths on Windows
+        # not cv2.imread, which fails on non-ASCII paths on Windows
+        data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         return None, f"cannot be read ({error.strerror})"
     if data.size == 0:
         return None, "the file is empty"
     if path.suffix.lower() == ".png" and b"IEND" not in data[-64:].tobytes():
         return None, "the PNG is cut off"  # some decoders fill the rest with black
+    if path.suffix.lower() in (".jpg", ".jpeg") and _is_cut_jpeg(data.tobytes()):
+        return None, "the JPEG is cut off"
     try:
         image = cv2.imdecode(data, flags)
     except cv2.error as error:
         return None, f"not a readable image ({error.err})"
     return (None, "not a readable image") if image is None else (image, "")
+
+
+def _is_cut_jpeg(data: bytes) -> bool:
+    """Return whether the end marker is missing; one in the first half is an embedded thumbnail's."""
+    return data.rfind(b"\xff\xd9") < len(data) // 2

@@ -11,7 +11,8 @@ Roi = tuple[int, int, int, int]
 
 
 def clean(mask: Bytes, open_px: int, largest: bool, roi: Roi | None) -> Bytes:
-    """Return the mask (H, W) uint8 {0, 255} inside the region of interest, opened by a square, largest piece only."""
+    """Return the mask (H, W) uint8 {0, 255} inside the region of interest, opened by a square,
+    largest piece only."""
     if roi is not None:
         mask = inside_roi(mask, roi)
     if open_px > 1:

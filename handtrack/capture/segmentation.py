@@ -1,4 +1,5 @@
-"""Image → mask: the methods that session.toml may name, their settings, and how they are read and written."""
+"""Image → mask: the methods that session.toml may name, their settings, and how they are read and
+written."""
 
 from __future__ import annotations
 
@@ -39,8 +40,11 @@ class SkinYCrCb:
     largest: bool = True
     """keep only the largest component."""
 
-    def segmenter(self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0) -> Segmenter:
-        """Return the function from a BGR image (H, W, 3) uint8 to its mask; nothing is learned from the source."""
+    def segmenter(
+        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
+    ) -> Segmenter:
+        """Return the function from a BGR image (H, W, 3) uint8 to its mask; nothing is learned
+        from the source."""
         low = np.array([self.y_min, self.cr[0], self.cb[0]])
         high = np.array([255, self.cr[1], self.cb[1]])
 
@@ -79,8 +83,11 @@ class DepthRange:
     largest: bool = False
     """keep only the largest component."""
 
-    def segmenter(self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0) -> Segmenter:
-        """Return the function from a depth image (H, W) uint16, unit_m metres a unit, to its mask; 0 is no measurement."""
+    def segmenter(
+        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
+    ) -> Segmenter:
+        """Return the function from a depth image (H, W) uint16, unit_m metres a unit, to its mask;
+        0 is no measurement."""
 
         def segment(depth: Array) -> Bytes:
             metres = depth * unit_m
@@ -103,7 +110,8 @@ class DepthRange:
 
 MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange
 METHODS: dict[str, type[MaskMethod]] = {
-    kind.name: kind for kind in (SkinYCrCb, SkinAdaptive, BackgroundMog2, BackgroundMedian, DepthRange)
+    kind.name: kind
+    for kind in (SkinYCrCb, SkinAdaptive, BackgroundMog2, BackgroundMedian, DepthRange)
 }
 
 
@@ -115,7 +123,9 @@ def read_mask_method(table: Any, where: str) -> MaskMethod:
     reader = TableReader(table, where)
     name = reader.text("method")
     if name not in METHODS:
-        raise HandtrackError(f"{where}: unknown mask method '{name}'; known methods: {', '.join(METHODS)}.")
+        raise HandtrackError(
+            f"{where}: unknown mask method '{name}'; known methods: {', '.join(METHODS)}."
+        )
     reader.where = f'{where}, method "{name}"'
     method = METHODS[name].read(reader)
     reader.finish()

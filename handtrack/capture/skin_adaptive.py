@@ -21,7 +21,8 @@ _TRIM = 3.0  # samples farther than this from the first fit are left out of the 
 
 @dataclass(frozen=True)
 class SkinAdaptive:
-    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample box."""
+    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample
+    box."""
 
     name: ClassVar[str] = "skin_adaptive"
     needs: ClassVar[str] = "images"
@@ -61,13 +62,15 @@ class SkinAdaptive:
         image = source.read(self.reference)
         if image is None:
             raise HandtrackError(
-                f"{source.where}: mask method skin_adaptive takes its sample from frame {self.reference}, which is "
+                f"{source.where}: mask method skin_adaptive takes its sample from frame "
+                f"{self.reference}, which is "
                 "missing; set `reference` to a frame that exists."
             )
         x, y, width, height = self.sample
         if x < 0 or y < 0 or x + width > image.shape[1] or y + height > image.shape[0]:
             raise HandtrackError(
-                f"{source.where}: mask method skin_adaptive: sample = {list(self.sample)} leaves the image of "
+                f"{source.where}: mask method skin_adaptive: sample = {list(self.sample)} leaves "
+                "the image of "
                 f"{image.shape[1]} x {image.shape[0]}."
             )
         colours = _chromaticity(image[y : y + height, x : x + width]).reshape(-1, 2)
@@ -81,7 +84,9 @@ class SkinAdaptive:
         """Return the settings of an inline table. Raises HandtrackError."""
         x, y, width, height = table.whole_list("sample", None, "x y w h")
         if x < 0 or y < 0 or width < 2 or height < 2:
-            raise table.error("sample", [x, y, width, height], "a box of at least 2 x 2 pixels inside the image")
+            raise table.error(
+                "sample", [x, y, width, height], "a box of at least 2 x 2 pixels inside the image"
+            )
         return cls(
             sample=(x, y, width, height),
             size=table.number("size", cls.size, above=0.0, unit="standard deviations"),
@@ -101,4 +106,5 @@ def _chromaticity(image: Array) -> Array:
 
 def _ellipse(colours: Array) -> tuple[Floats, Floats]:
     covariance = np.cov(colours.T.astype(float)) + _LEAST_SPREAD**2 * np.eye(2)
-    return colours.mean(axis=0, dtype=float), np.linalg.inv(covariance)
+    inverse = np.asarray(np.linalg.inv(covariance), dtype=float)
+    return colours.mean(axis=0, dtype=float), inverse

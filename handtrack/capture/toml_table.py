@@ -12,7 +12,8 @@ from handtrack.errors import HandtrackError
 class TableReader:
     """Hands out a table's values one by one; whatever nobody asked for is an unknown key.
 
-    where: file and table for the errors, such as `session.toml, [hand]`. Every method raises HandtrackError.
+    where: file and table for the errors, such as `session.toml, [hand]`. Every method raises
+    HandtrackError.
     """
 
     def __init__(self, table: Any, where: str) -> None:

@@ -21,7 +21,9 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise HandtrackError(f"{path}: no such file; expected {what} there.") from None
     except UnicodeDecodeError as error:
-        raise HandtrackError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start}).") from None
+        raise HandtrackError(
+            f"{path}: not UTF-8 text ({error.reason} at byte {error.start})."
+        ) from None
     except OSError as error:
         raise HandtrackError(f"{path}: cannot read {what}: {error.strerror}.") from None
     except tomllib.TOMLDecodeError as error:

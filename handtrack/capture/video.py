@@ -1,7 +1,8 @@
 """Videos by decode index, exact at random access, without holding the recording in memory.
 
-What a container says about its frames is not trusted: the number of frames is counted by decoding once, and a seek is
-used only where it is proven, by time stamp and by content, to have arrived where it should.
+What a container says about its frames is not trusted: the number of frames is counted by decoding
+once, and a seek is used only where it is proven, by time stamp and by content, to have arrived
+where it should.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ class _Checkpoint(NamedTuple):
 class VideoFile:
     """Frames (H, W, 3) uint8 BGR of a video; a frame is its decode index from 0.
 
-    expected_size: (width, height) [px] of the calibration. Raises HandtrackError when the file cannot be opened as a
-    video, holds no frame, or has another size.
+    expected_size: (width, height) [px] of the calibration. Raises HandtrackError when the file
+    cannot be opened as a video, holds no frame, or has another size.
     """
 
     def __init__(
@@ -50,7 +51,9 @@ class VideoFile:
         self._next = 0  # decode index of the frame that the next grab gives
         first = self._decode_next()
         if first is None:
-            raise HandtrackError(f"{self._where}: no frame can be decoded; the video is damaged or empty.")
+            raise HandtrackError(
+                f"{self._where}: no frame can be decoded; the video is damaged or empty."
+            )
         check_size(first, expected_size, self._where)
         self._size = (first.shape[1], first.shape[0])
         self._keep = max(8, _CACHE_BYTES // first.nbytes)
@@ -110,20 +113,23 @@ class VideoFile:
         capture = cv2.VideoCapture(str(self._path))
         if not capture.isOpened():
             raise HandtrackError(
-                f"{self._where}: cannot be opened as a video. It is no video, its codec is unknown, or it was cut off "
-                "before its index was written; re-encode it (for instance with ffmpeg) or record again."
+                f"{self._where}: cannot be opened as a video. It is no video, its codec is "
+                "unknown, or it was cut off "
+                "before its index was written; re-encode it (for instance with ffmpeg) or record "
+                "again."
             )
         return capture
 
     def _decode_next(self) -> Array | None:
-        good, image = self._capture.read()
-        if not good:
+        if not self._capture.grab():
             return None
-        self._next += 1
-        return image
+        self._next += 1  # also when the image is bad: it has its index
+        good, image = self._capture.retrieve()
+        return image if good else None
 
     def _decode_to(self, frame: int) -> Array | None:
-        """Decode up to a frame at or after the position; the last ones on the way stay in the cache."""
+        """Decode up to a frame at or after the position; the last ones on the way stay in the
+        cache."""
         window = self._window
         while self._next < frame - window:
             if not self._capture.grab():
@@ -132,10 +138,11 @@ class VideoFile:
         while self._next <= frame:
             at = self._next
             image = self._decode_next()
-            if image is None:
-                return None
-            self._remember(at, image)
-        return self._cache[frame]
+            if image is not None:
+                self._remember(at, image)
+            if self._next == at:
+                return None  # the video ends before the frame
+        return self._cache.get(frame)
 
     @property
     def _window(self) -> int:
@@ -155,10 +162,9 @@ class VideoFile:
 
     def _jump(self, frame: int) -> None:
         """Place the decoder nearer to a frame far ahead, if a proven checkpoint lies between."""
-        before = self._next
-        if not self._seek_checkpoint(max(0, frame - self._window), after=before):
-            if self._next != before:
-                self._restart()
+        found = self._seek_checkpoint(max(0, frame - self._window), after=self._next)
+        if not found and self._next < 0:  # the attempt lost the place
+            self._restart()
 
     def _restart(self) -> None:
         self._capture.release()
@@ -166,7 +172,8 @@ class VideoFile:
         self._next = 0
 
     def _seek_checkpoint(self, frame: int, after: int = 0) -> bool:
-        """Seek to the last checkpoint in (after, frame]; true when time stamp and content prove it was reached."""
+        """Seek to the last checkpoint in (after, frame]; true when time stamp and content prove it
+        was reached."""
         usable = [at for at in self._checkpoints if after < at <= frame]
         if not usable:
             return False
@@ -185,7 +192,7 @@ class VideoFile:
 
     def _mark(self, image: Array) -> _Checkpoint:
         time_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
-        return _Checkpoint(time_ms, zlib.crc32(np.ascontiguousarray(image)))
+        return _Checkpoint(time_ms, zlib.crc32(image.tobytes()))
 
     def _audit(self) -> int:
         """Decode everything once: count, note checkpoints, and say what is odd."""
@@ -210,7 +217,8 @@ def _oddities(where: str, claimed: int, times_ms: Array) -> list[str]:
     count = len(times_ms)
     if claimed > count:
         found.append(
-            f"{where}: announces {claimed} frames, but only {count} can be decoded; it is cut off or damaged. "
+            f"{where}: announces {claimed} frames, but only {count} can be decoded; it is cut "
+            "off or damaged. "
             f"Frames from {count} on count as missing."
         )
     steps = np.diff(times_ms)
@@ -219,8 +227,10 @@ def _oddities(where: str, claimed: int, times_ms: Array) -> list[str]:
         if len(uneven):
             worst = int(uneven[np.argmax(steps[uneven])])
             found.append(
-                f"{where}: {len(uneven)} steps between frames are longer than the usual {usual:.1f} ms (the longest "
-                f"{steps[worst]:.0f} ms after frame {worst}); frames were dropped, or the rate varies. "
+                f"{where}: {len(uneven)} steps between frames are longer than the usual "
+                f"{usual:.1f} ms (the longest "
+                f"{steps[worst]:.0f} ms after frame {worst}); frames were dropped, or the rate "
+                "varies. "
                 "Give timestamps if cameras must agree."
             )
     return found

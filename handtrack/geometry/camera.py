@@ -1,6 +1,7 @@
 """Pinhole cameras with OpenCV's lens distortion, and a rig of them.
 
-Camera frame: x right, y down, z forward; `p_camera = R p_world + t`; integer pixel coordinates at pixel centres.
+Camera frame: x right, y down, z forward; `p_camera = R p_world + t`; integer pixel coordinates at
+pixel centres.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 class Camera:
     """One calibrated camera. Compared by identity, so it can be the key of a cache.
 
-    Raises HandtrackError for a matrix with skew, a rotation that is none, numbers that are not finite.
+    Raises HandtrackError for a matrix with skew, a rotation that is none, numbers that are not
+    finite.
     """
 
     name: str
@@ -79,23 +81,29 @@ class Camera:
         return replace(self, distortions=np.zeros(5))
 
     def undistort_points(self, pixels: Floats) -> Floats:
-        """Return pixels (..., 2) of the undistorted camera; NaN where the lens cannot have put them."""
+        """Return pixels (..., 2) of the undistorted camera; NaN where the lens cannot have put
+        them."""
         return self._pixels(undistort(self._directions(pixels), self.distortions))
 
     def distort_points(self, pixels: Floats) -> Floats:
-        """Return where pixels (..., 2) of the undistorted camera lie in the real image; NaN beyond the lens's field."""
+        """Return where pixels (..., 2) of the undistorted camera lie in the real image; NaN beyond
+        the lens's field."""
         return self._pixels(distort(self._directions(pixels), self.distortions))
 
     def project_jacobian(self, points_world: Floats) -> Floats:
-        """Return d pixel / d point (..., 2, 3) [px/m] of the undistorted pinhole at world points (..., 3) [m]."""
+        """Return d pixel / d point (..., 2, 3) [px/m] of the undistorted pinhole at world points
+        (..., 3) [m]."""
         x, y, z = np.moveaxis(self.to_camera(points_world), -1, 0)
         zero, one = np.zeros_like(x), np.ones_like(x)
-        across = np.stack([np.stack([one, zero, -x / z], -1), np.stack([zero, one, -y / z], -1)], -2)
+        across = np.stack(
+            [np.stack([one, zero, -x / z], -1), np.stack([zero, one, -y / z], -1)], -2
+        )
         focal = np.diag(self.matrix)[:2, None]
         return focal * across / z[..., None, None] @ self.rotation
 
     def rays(self, pixels: Floats) -> Floats:
-        """Return unit directions (..., 3), world, of lines of sight through pixels (..., 2) of the real image."""
+        """Return unit directions (..., 3), world, of lines of sight through pixels (..., 2) of the
+        real image."""
         flat = undistort(self._directions(pixels), self.distortions)
         directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -117,7 +125,9 @@ class CameraRig:
     def __post_init__(self) -> None:
         for name in self.names:
             if self.names.count(name) > 1:
-                raise HandtrackError(f"the name '{name}' is given to two cameras; each needs its own.")
+                raise HandtrackError(
+                    f"the name '{name}' is given to two cameras; each needs its own."
+                )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -148,12 +158,15 @@ def _check(camera: Camera) -> None:
             raise HandtrackError(f"{who}: {name} has the shape {found}, expected {shape}.")
     if camera.distortions.shape not in [(n,) for n in COEFFICIENT_COUNTS]:
         raise HandtrackError(
-            f"{who}: {camera.distortions.size} distortion coefficients; OpenCV's model has 4, 5, 8, 12 or 14 "
+            f"{who}: {camera.distortions.size} distortion coefficients; OpenCV's model has 4, 5, "
+            "8, 12 or 14 "
             "(k1 k2 p1 p2 k3 ...). Fill up with zeros."
         )
     for name in (*shapes, "distortions"):
         if not np.isfinite(getattr(camera, name)).all():
-            raise HandtrackError(f"{who}: {name} has values that are not finite numbers. Calibrate again.")
+            raise HandtrackError(
+                f"{who}: {name} has values that are not finite numbers. Calibrate again."
+            )
     if min(camera.size) < 1:
         raise HandtrackError(f"{who}: size {camera.size}; expected width and height in pixels.")
     _check_matrix(camera.matrix, who)
@@ -163,7 +176,8 @@ def _check(camera: Camera) -> None:
 def _check_matrix(matrix: Floats, who: str) -> None:
     if abs(matrix[0, 1]) > 1e-9 * abs(matrix[0, 0]):
         raise HandtrackError(
-            f"{who}: the matrix has a skew of {matrix[0, 1]:g}; expected 0. OpenCV would ignore it silently, so it is "
+            f"{who}: the matrix has a skew of {matrix[0, 1]:g}; expected 0. OpenCV would ignore "
+            "it silently, so it is "
             "refused: calibrate without skew."
         )
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
@@ -173,7 +187,8 @@ def _check_matrix(matrix: Floats, who: str) -> None:
         )
     if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1], rtol=0, atol=1e-12):
         raise HandtrackError(
-            f"{who}: the matrix must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; found {matrix.tolist()}. "
+            f"{who}: the matrix must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; found "
+            f"{matrix.tolist()}. "
             "Is it transposed?"
         )
 
@@ -188,6 +203,7 @@ def _check_rotation(rotation: Floats, who: str) -> None:
         )
     if off >= 1e-6:
         raise HandtrackError(
-            f"{who}: the rotation matrix is no rotation: R Rᵀ differs from the identity by {off:.2g} (determinant "
+            f"{who}: the rotation matrix is no rotation: R Rᵀ differs from the identity by "
+            f"{off:.2g} (determinant "
             f"{determinant:.3g}). It may be singular or scaled; expected orthonormal rows."
         )

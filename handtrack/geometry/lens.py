@@ -1,8 +1,8 @@
 """The lens: OpenCV's distortion model with 4, 5, 8, 12 or 14 coefficients, forward and back.
 
-Coefficients are `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. Directions are (..., 2), x/z and y/z in
-the camera frame. A polynomial folds back beyond some radius: directions out there would land inside the
-image although the lens never shows them. They give NaN here.
+Coefficients are `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. Directions are (...,
+2), x/z and y/z in the camera frame. A polynomial folds back beyond some radius: directions out
+there would land inside the image although the lens never shows them. They give NaN here.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ def distort(directions: Floats, coefficients: Floats) -> Floats:
 
 
 def undistort(bent: Floats, coefficients: Floats) -> Floats:
-    """Return the straight directions (..., 2) of distorted ones, by Newton's method; NaN where there is none."""
+    """Return the straight directions (..., 2) of distorted ones, by Newton's method; NaN where
+    there is none."""
     bent = np.asarray(bent, dtype=float)
     if not np.any(coefficients):
         return bent.copy()
     full = _all_fourteen(coefficients)
-    target = _apply_homography(np.linalg.inv(_tilt(full)), bent)
+    target = _apply_homography(np.asarray(np.linalg.inv(_tilt(full)), float), bent)
     limit = field_radius(coefficients)
     straight = target.copy()
     for _ in range(_NEWTON_STEPS):
@@ -53,7 +54,8 @@ def undistort(bent: Floats, coefficients: Floats) -> Floats:
 
 
 def field_radius(coefficients: Floats) -> float:
-    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if always."""
+    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if
+    always."""
     return _field_radius(tuple(float(c) for c in coefficients))
 
 
@@ -65,7 +67,7 @@ def _field_radius(coefficients: tuple[float, ...]) -> float:
     above = np.polynomial.Polynomial([1.0, k1, k2, k3])  # in s = r²
     below = np.polynomial.Polynomial([1.0, k4, k5, k6])
     s = np.polynomial.Polynomial([0.0, 1.0])
-    # d/dr (r a(r²)/b(r²)) = 0  ⇔  (a + 2 s a') b − 2 s a b' = 0
+    # d/dr (r a(r²)/b(r²)) = 0  ⇔  (a + 2 s a') b = 2 s a b'
     turning = (above + 2 * s * above.deriv()) * below - 2 * s * above * below.deriv()
     ends = [_smallest_positive_root(turning), _smallest_positive_root(below)]
     return float(np.sqrt(min(ends)))
@@ -133,8 +135,11 @@ def _solve_2x2(matrix: Floats, right: Floats) -> Floats:
 
 
 def _pulled_inside(directions: Floats, limit: float) -> Floats:
-    """Return directions with those beyond the lens's field moved back into it, so that Newton stays on the branch."""
+    """Return directions with those beyond the lens's field moved back into it, so that Newton
+    stays on the branch."""
     if not np.isfinite(limit):
         return directions
     radius = np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.where(radius > limit, directions * (0.98 * limit / np.maximum(radius, limit)), directions)
+    return np.where(
+        radius > limit, directions * (0.98 * limit / np.maximum(radius, limit)), directions
+    )

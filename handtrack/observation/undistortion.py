@@ -8,8 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Ints
-from handtrack.arrays import check_shape
+from handtrack.arrays import Array, Bytes, Ints, check_shape
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 
@@ -22,7 +21,8 @@ class _Maps(NamedTuple):
 
     camera: Camera
     x: Array | None
-    """(H, W) float32: the column in the real image of each undistorted pixel; None without distortion."""
+    """(H, W) float32: the column in the real image of each undistorted pixel; None without
+    distortion."""
     y: Array | None
     valid: Ints
 
@@ -30,8 +30,9 @@ class _Maps(NamedTuple):
 def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) -> Silhouette:
     """Return the silhouette of a mask (H, W) uint8, 0 background to 255 hand, of the real image.
 
-    Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the largest run of pixels
-    that come from inside the image and the region of interest. Without distortion the mask passes unchanged.
+    Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
+    largest run of pixels that come from inside the image and the region of interest. Without
+    distortion the mask passes unchanged.
     """
     width, height = camera.size
     check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
@@ -59,18 +60,22 @@ def _maps(camera: Camera, roi: Roi | None) -> _Maps:
         return _Maps(straight, None, None, valid)
     # beyond the lens's field the source is NaN; any place will do, since those pixels are not valid
     maps = np.nan_to_num(source, nan=-1e4).astype(np.float32)
-    return _Maps(straight, np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1]), valid)
+    return _Maps(
+        straight, np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1]), valid
+    )
 
 
 def _inside(source: Array, box: Roi) -> Array:
-    """Return where source points (H, W, 2) lie in a box of whole pixels (a pixel reaches half a unit each way)."""
+    """Return where source points (H, W, 2) lie in a box of whole pixels (a pixel reaches half a
+    unit each way)."""
     x, y, width, height = box
     low, high = np.array([x, y]) - 0.5, np.array([x + width, y + height]) - 0.5
-    return ((source >= low) & (source < high)).all(axis=-1)
+    return np.asarray(((source >= low) & (source < high)).all(axis=-1))
 
 
 def longest_runs(inside: Array) -> Ints:
-    """Return per row (H, W) of booleans the longest run of true, half-open, as (H, 2) int32; the first of equals."""
+    """Return per row (H, W) of booleans the longest run of true, half-open, as (H, 2) int32; the
+    first of equals."""
     height, width = inside.shape
     position = np.arange(1, width + 1)
     last_outside = np.maximum.accumulate(np.where(inside, 0, position), axis=1)

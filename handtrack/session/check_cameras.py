@@ -19,12 +19,11 @@ _FAR_APART_M = 20.0
 _USUAL_FIELD = (0.2, 5.0)  # image width / focal length: 11° to 136°
 
 
-def check_cameras(session: Session) -> list[Finding]:
-    """Return findings about the cameras' mutual distances and each one's lens."""
-    found = list(_check_distances(session))
+def check_cameras(session: Session) -> Iterator[Finding]:
+    """Yield findings about the cameras' mutual distances and each one's lens."""
+    yield from _check_distances(session)
     for camera in session.rig:
-        found += _check_lens(camera)
-    return found
+        yield from _check_lens(camera)
 
 
 def _check_distances(session: Session) -> Iterator[Finding]:
@@ -33,17 +32,23 @@ def _check_distances(session: Session) -> Iterator[Finding]:
     if not pairs:
         return
     apart = np.array([np.linalg.norm(a.centre - b.centre) for a, b in pairs])
-    span = f"cameras are {apart.min():.3g} to {apart.max():.3g} m apart" if len(pairs) > 1 else f"the cameras are {apart[0]:.3g} m apart"
+    span = (
+        f"cameras are {apart.min():.3g} to {apart.max():.3g} m apart"
+        if len(pairs) > 1
+        else f"the cameras are {apart[0]:.3g} m apart"
+    )
     if apart.max() > _FAR_APART_M:
         yield Finding(
             "warning",
-            f"{span}, with world_unit_m = {unit:g}. Is calibration.toml in millimetres? Then world_unit_m = 0.001.",
+            f"{span}, with world_unit_m = {unit:g}. Is calibration.toml in millimetres? Then "
+            "world_unit_m = 0.001.",
         )
     elif apart.min() < _SAME_PLACE_M:
         a, b = pairs[int(np.argmin(apart))]
         yield Finding(
             "warning",
-            f"cameras '{a.name}' and '{b.name}' are only {apart.min() * 1000:.2g} mm apart, with world_unit_m = {unit:g}. "
+            f"cameras '{a.name}' and '{b.name}' are only {apart.min() * 1000:.2g} mm apart, with "
+            f"world_unit_m = {unit:g}. "
             "Was one camera's pose copied, or is the unit wrong?",
         )
     else:
@@ -56,20 +61,25 @@ def _check_lens(camera: Camera) -> Iterator[Finding]:
     if not _USUAL_FIELD[0] < field < _USUAL_FIELD[1]:
         yield Finding(
             "warning",
-            f"camera '{camera.name}': a focal length of {camera.matrix[0, 0]:.4g} px is unusual for an image {width} px "
+            f"camera '{camera.name}': a focal length of {camera.matrix[0, 0]:.4g} px is unusual "
+            f"for an image {width} px "
             "wide. Does the matrix belong to another image size?",
         )
     cx, cy = camera.matrix[:2, 2]
     if not (0.2 * width < cx < 0.8 * width and 0.2 * height < cy < 0.8 * height):
         yield Finding(
             "warning",
-            f"camera '{camera.name}': the principal point ({cx:.0f}, {cy:.0f}) is far from the middle of {width} x "
+            f"camera '{camera.name}': the principal point ({cx:.0f}, {cy:.0f}) is far from the "
+            f"middle of {width} x "
             f"{height}. Is the image cropped or scaled, or are cx and cy exchanged?",
         )
-    corners = np.array([[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=float)
+    corners = np.array(
+        [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=float
+    )
     if np.isnan(camera.undistort_points(corners)).any():
         yield Finding(
-            "warning",
-            f"camera '{camera.name}': the distortion folds back before the image's corners; what lies there is not "
+            "note",
+            f"camera '{camera.name}': the distortion folds back before the image's corners; what "
+            "lies there is not "
             "used. Too many coefficients for the calibration's images? Calibrate with fewer.",
         )

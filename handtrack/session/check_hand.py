@@ -26,7 +26,10 @@ def check_init(session: Session) -> Iterator[Finding]:
     """Yield findings about init.json."""
     pose = session.init
     if pose is None:
-        yield Finding("note", "no init.json: tracking needs a first pose (`--init`, or set it in the workbench).")
+        yield Finding(
+            "note",
+            "no init.json: tracking needs a first pose (`--init`, or set it in the workbench).",
+        )
         return
     if pose.xyz is None:
         yield Finding("ok", f"init.json: {len(pose.parameters)} parameters at frame {pose.frame}.")
@@ -37,7 +40,9 @@ def check_init(session: Session) -> Iterator[Finding]:
         yield Finding("warning", f"init.json, frame {pose.frame}: {text}")
     if not misses:
         known = int(np.isfinite(pose.xyz).all(axis=1).sum())
-        yield Finding("ok", f"init.json: {known} keypoints at frame {pose.frame}; they fit the cameras.")
+        yield Finding(
+            "ok", f"init.json: {known} keypoints at frame {pose.frame}; they fit the cameras."
+        )
 
 
 def check_truth(session: Session) -> Iterator[Finding]:
@@ -52,7 +57,9 @@ def check_truth(session: Session) -> Iterator[Finding]:
     yield from _check_truth_times(session)
     points = truth.keypoints21
     if points is None:
-        yield Finding("ok", f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames.")
+        yield Finding(
+            "ok", f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames."
+        )
         return
     yield from _check_palm("truth.npz", points[0])
     rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
@@ -66,10 +73,13 @@ def check_truth(session: Session) -> Iterator[Finding]:
     if wrong:
         yield Finding(
             "warning",
-            f"truth.npz does not fit in {len(wrong)} of {len(rows) * len(session.views)} views looked at; {wrong[0]}",
+            f"truth.npz does not fit in {len(wrong)} of {len(rows) * len(session.views)} views "
+            f"looked at; {wrong[0]}",
         )
     else:
-        yield Finding("ok", f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras.")
+        yield Finding(
+            "ok", f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras."
+        )
 
 
 def _check_truth_times(session: Session) -> Iterator[Finding]:
@@ -82,7 +92,8 @@ def _check_truth_times(session: Session) -> Iterator[Finding]:
     if abs(off[worst] - np.median(off)) > 0.5 / session.fps:
         yield Finding(
             "warning",
-            f"truth.npz: its times run differently from the session's, by {off[worst] - np.median(off):+.3g} s at frame "
+            "truth.npz: its times run differently from the session's, by "
+            f"{off[worst] - np.median(off):+.3g} s at frame "
             f"{int(truth.frame[worst])}. Is fps = {session.fps:g} right?",
         )
 
@@ -92,8 +103,10 @@ def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
     if np.isfinite(palm) and not _PALM_M[0] <= palm <= _PALM_M[1]:
         yield Finding(
             "warning",
-            f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; expected "
-            f"{_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m right, and are the points in order?",
+            f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; "
+            "expected "
+            f"{_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m right, and "
+            "are the points in order?",
         )
 
 
@@ -102,7 +115,9 @@ def _misses(view: View, frame: int, xyz: Floats) -> str:
     known = xyz[np.isfinite(xyz).all(axis=1)]
     depth = view.camera.to_camera(known)[:, 2]
     if (depth <= 0).any():
-        return f"{int((depth <= 0).sum())} of {len(known)} keypoints lie behind camera '{view.name}'."
+        return (
+            f"{int((depth <= 0).sum())} of {len(known)} keypoints lie behind camera '{view.name}'."
+        )
     if not view.sources:
         return ""
     pixels = view.camera.project(known)
@@ -110,7 +125,8 @@ def _misses(view: View, frame: int, xyz: Floats) -> str:
     with np.errstate(invalid="ignore"):
         shown = ((pixels >= -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
     if shown.mean() < 0.5:
-        return f"{int((~shown).sum())} of {len(known)} keypoints lie outside the image of camera '{view.name}'."
+        outside = int((~shown).sum())
+        return f"{outside} of {len(known)} keypoints lie outside the image of camera '{view.name}'."
     mask = view.mask(frame) if view.has_masks else None
     if mask is None or not mask.any():
         return ""
@@ -119,7 +135,8 @@ def _misses(view: View, frame: int, xyz: Floats) -> str:
     share = float(near[rows, columns].mean())
     if share < _LEAST_INSIDE:
         return (
-            f"only {share:.0%} of the keypoints lie on the mask of camera '{view.name}'. Do calibration, side, unit and "
+            f"only {share:.0%} of the keypoints lie on the mask of camera '{view.name}'. Do "
+            "calibration, side, unit and "
             "frame numbers belong together?"
         )
     return ""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from handtrack.arrays import Bytes
-from handtrack.capture.frames import FrameSource
+from handtrack.capture.frames import FrameSource, ImageFiles
 from handtrack.capture.video import VideoFile
 from handtrack.session.finding import Finding, listed
 from handtrack.session.views import View
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _MOST_FILES = 2000  # files looked at per camera; beyond that evenly spaced ones
 _MOST_COMPUTED = 60
+_FEW = 10
+_USUAL_DEPTH_M = (0.1, 10.0)
 _EMPTY_SHARE = 0.0005  # of the image: less than that is no hand
 _INVERTED_SHARE = 0.5
 _RATE_TOLERANCE = 0.01
@@ -33,39 +35,50 @@ class _MaskLook(NamedTuple):
     """largest value in the file."""
 
 
-def check_view(view: View, session: Session) -> list[Finding]:
-    """Return findings about one camera: files present and missing, rates, masks."""
+def check_view(view: View, session: Session) -> Iterator[Finding]:
+    """Yield findings about one camera: files present, missing, unreadable; rates; masks; depth."""
     if not view.sources:
-        return [Finding("note", f"camera '{view.name}': no images, masks or depth; it is only drawn.")]
-    found: list[Finding] = []
-    for kind, source in (("images", view.images), ("masks", view.mask_files), ("depth", view.depth)):
+        yield Finding("note", f"camera '{view.name}': no images, masks or depth; it is only drawn.")
+        return
+    sources = (("images", view.images), ("masks", view.mask_files), ("depth images", view.depth))
+    for kind, source in sources:
         if source is not None:
-            found += _check_source(view, kind, source, session)
+            yield from _check_source(view, kind, source, session)
+    if view.depth is not None:
+        yield from _check_depth(view)
     if view.has_masks:
-        found += _check_masks(view)
+        yield from _check_masks(view)
     elif view.depth is None:
-        found.append(Finding("note", f"camera '{view.name}': images without masks; no silhouettes are observed."))
-    return found
+        yield Finding(
+            "note", f"camera '{view.name}': images without masks; no silhouettes are observed."
+        )
 
 
-def check_lengths(session: Session) -> list[Finding]:
-    """Return a finding when cameras end at different frames."""
+def check_lengths(session: Session) -> Iterator[Finding]:
+    """Yield a finding when cameras end at different frames."""
     counts = {f"camera '{view.name}'": view.frame_count for view in session.views if view.sources}
     if session.cloud_files:
         counts["clouds"] = max(session.cloud_files) + 1
-    if len(set(counts.values())) < 2:
-        return []
-    shown = ", ".join(f"{name} {count}" for name, count in counts.items())
-    return [Finding("warning", f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?")]
+    if len(set(counts.values())) > 1:
+        shown = ", ".join(f"{name} {count}" for name, count in counts.items())
+        yield Finding(
+            "warning",
+            f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?",
+        )
 
 
-def _check_source(view: View, kind: str, source: FrameSource, session: Session) -> Iterator[Finding]:
+def _check_source(
+    view: View, kind: str, source: FrameSource, session: Session
+) -> Iterator[Finding]:
     frames = source.frames
     missing = [frame for frame in frames if not source.has(frame)]
     width, height = view.camera.size
     if source.size is None:
         yield Finding("error", f"camera '{view.name}': none of its {kind} can be read.")
         return
+    if isinstance(source, ImageFiles):
+        for frame in spread(len(frames), _MOST_FILES):
+            source.read(frame)  # finds unreadable files and wrong sizes
     text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"
     if missing:
         yield Finding("warning", f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
@@ -79,6 +92,25 @@ def _check_source(view: View, kind: str, source: FrameSource, session: Session) 
         )
 
 
+def _check_depth(view: View) -> Iterator[Finding]:
+    frames = spread(view.frame_count, _FEW)
+    depths = [depth for frame in frames if (depth := view.depth_m(frame)) is not None]
+    measured = np.concatenate([depth[depth > 0] for depth in depths] or [np.zeros(0)])
+    if measured.size == 0:
+        yield Finding(
+            "error",
+            f"camera '{view.name}': no depth is measured in the frames looked at; all is 0.",
+        )
+        return
+    middle = float(np.median(measured))
+    if not _USUAL_DEPTH_M[0] < middle < _USUAL_DEPTH_M[1]:
+        yield Finding(
+            "warning",
+            f"camera '{view.name}': the median depth is {middle:.3g} m, with depth_scale_m = "
+            f"{view.settings.depth_scale_m:g}. Is the scale right?",
+        )
+
+
 def _check_masks(view: View) -> Iterator[Finding]:
     who = f"camera '{view.name}'"
     looks = list(_looks(view))
@@ -88,7 +120,8 @@ def _check_masks(view: View) -> Iterator[Finding]:
     if view.mask_files is not None and 0 < max(look.largest for look in looks) < 128:
         yield Finding(
             "error",
-            f"{who}: the largest value in the masks is {max(look.largest for look in looks)}; expected 0 for "
+            f"{who}: the largest value in the masks is {max(look.largest for look in looks)}; "
+            "expected 0 for "
             "background and 255 for hand. Multiply them.",
         )
     empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
@@ -99,28 +132,33 @@ def _check_masks(view: View) -> Iterator[Finding]:
     elif empty:
         yield Finding(
             "warning",
-            f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An empty mask says "
+            f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An "
+            "empty mask says "
             "that the hand is not there; delete the file if it was not seen.",
         )
     if inverted:
         yield Finding(
             "warning",
-            f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is hand, frames "
+            f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is "
+            "hand, frames "
             f"{listed(inverted)}. Are they inverted? Expected 0 background, 255 hand.",
         )
     if touching:
         yield Finding(
             "note",
-            f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's border, frames "
+            f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's "
+            "border, frames "
             f"{listed(touching)}: the arm is part of the mask, or the hand is cut off.",
         )
     if not (empty or inverted or touching):
-        yield Finding("ok", f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
+        yield Finding(
+            "ok", f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off."
+        )
 
 
 def _looks(view: View) -> Iterator[_MaskLook]:
     most = _MOST_FILES if view.mask_files is not None else _MOST_COMPUTED
-    for frame in _spread(view.frame_count, most):
+    for frame in spread(view.frame_count, most):
         mask = view.mask(frame)
         if mask is not None:
             hand = mask > 0
@@ -131,7 +169,8 @@ def _touches_border(mask: Bytes) -> bool:
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 
-def _spread(count: int, most: int) -> list[int]:
+def spread(count: int, most: int) -> list[int]:
+    """Return all frames below `count`, or `most` evenly spaced ones."""
     if count <= most:
         return list(range(count))
     return [int(frame) for frame in np.unique(np.linspace(0, count - 1, most).round())]

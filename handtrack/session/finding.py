@@ -12,7 +12,8 @@ class Finding(NamedTuple):
     """What was found, in one plain sentence or two."""
 
     severity: str
-    """ok: as it should be; note: worth knowing; warning: probably wrong; error: tracking cannot use it."""
+    """ok: as it should be; note: worth knowing; warning: probably wrong; error: tracking cannot
+    use it."""
     text: str
 
 

@@ -49,14 +49,19 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
     except FileNotFoundError:
         raise HandtrackError(f"{path}: no such file; {_FORMS}.") from None
     except json.JSONDecodeError as error:
-        raise HandtrackError(f"{path}: not valid JSON at line {error.lineno}: {error.msg}.") from None
+        raise HandtrackError(
+            f"{path}: not valid JSON at line {error.lineno}: {error.msg}."
+        ) from None
     except (ValueError, OSError) as error:
         raise HandtrackError(f"{path}: cannot be read: {error}.") from None
     if not isinstance(data, dict):
         raise HandtrackError(f"{path}: a {type(data).__name__}; {_FORMS}.")
     frame = data.get("frame")
     if isinstance(frame, bool) or not isinstance(frame, int) or frame < 0:
-        raise HandtrackError(f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, from 0.")
+        raise HandtrackError(
+            f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, "
+            "from 0."
+        )
     if "parameters" in data and "xyz" in data:
         raise HandtrackError(f"{path}: both parameters and xyz; expected one of them.")
     if "parameters" in data:
@@ -86,7 +91,11 @@ def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str
     for name, value in given.items():
         if known is not None and name not in known:
             raise unknown_name("parameter", name, list(known), str(path))
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             raise HandtrackError(f"{path}: parameter {name} = {value}; expected a finite number.")
         most, hint = _LARGEST_ANGLE, "radians; is it in degrees?"
         if name.startswith("root_t"):
@@ -99,26 +108,35 @@ def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str
 def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     convention, unit = data.get("convention"), data.get("unit")
     if convention not in CONVENTIONS:
-        raise HandtrackError(f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}.")
+        raise HandtrackError(
+            f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}."
+        )
     if unit != "m":
-        hint = "; divide the coordinates by 1000 and write \"m\"" if unit == "mm" else ""
+        hint = '; divide the coordinates by 1000 and write "m"' if unit == "mm" else ""
         raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
     rows = data["xyz"]
     if not isinstance(rows, list) or len(rows) != 21:
         found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
-        raise HandtrackError(f"{path}: xyz has {found}; expected 21 rows [x, y, z], null where unknown.")
+        raise HandtrackError(
+            f"{path}: xyz has {found}; expected 21 rows [x, y, z], null where unknown."
+        )
     xyz = np.array([_row(row, index, path) for index, row in enumerate(rows)])
     known = xyz[np.isfinite(xyz).all(axis=1)]
     if len(known) < 3:
-        raise HandtrackError(f"{path}: only {len(known)} of 21 keypoints are known; expected at least 3.")
+        raise HandtrackError(
+            f"{path}: only {len(known)} of 21 keypoints are known; expected at least 3."
+        )
     extent = float(np.linalg.norm(known.max(axis=0) - known.min(axis=0)))
     if extent > _LARGEST_HAND_M:
         raise HandtrackError(
-            f"{path}: the keypoints span {extent:g} m, too much for a hand. Are they in millimetres? Expected metres, in "
+            f"{path}: the keypoints span {extent:g} m, too much for a hand. Are they in "
+            "millimetres? Expected metres, in "
             "the world frame of the calibration after world_unit_m."
         )
     if len(known) == 21 and extent < _SMALLEST_HAND_M:
-        raise HandtrackError(f"{path}: the keypoints span only {extent:g} m, too little for a hand; expected metres.")
+        raise HandtrackError(
+            f"{path}: the keypoints span only {extent:g} m, too little for a hand; expected metres."
+        )
     return FirstPose(frame, {}, xyz, convention)
 
 
@@ -137,7 +155,8 @@ def _row(row: Any, index: int, path: Path) -> list[float]:
 
 def _two_dimensional(path: Path, what: str) -> HandtrackError:
     return HandtrackError(
-        f"{path}: {what} looks like points in an image; a first pose needs points in space. Triangulate them from two "
+        f"{path}: {what} looks like points in an image; a first pose needs points in space. "
+        "Triangulate them from two "
         f"cameras: {_FORMS}."
     )
 

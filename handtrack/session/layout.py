@@ -22,7 +22,8 @@ def is_pattern(setting: str) -> bool:
 
 
 def inside(folder: Path, setting: str, where: str) -> Path:
-    """Return folder / setting. Raises HandtrackError when that lies outside the folder, links followed.
+    """Return folder / setting. Raises HandtrackError when that lies outside the folder, links
+    followed.
 
     where: the setting's file, table and key, for the error.
     """
@@ -42,7 +43,8 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
         path = inside(folder, pattern, where)
         if path.is_dir():
             raise HandtrackError(
-                f'{where}: "{pattern}" is a folder; expected a pattern of files, such as "{pattern.rstrip("/")}/*.png".'
+                f'{where}: "{pattern}" is a folder; expected a pattern of files, such as '
+                f'"{pattern.rstrip("/")}/*.png".'
             )
         if not path.is_file():
             raise HandtrackError(f'{where}: no file "{pattern}" in {folder}.')
@@ -60,7 +62,8 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
         files.append(path)
     if not files:
         raise HandtrackError(
-            f'{where}: nothing matches "{pattern}" in {folder}. Check the pattern, or leave the setting away if this '
+            f'{where}: nothing matches "{pattern}" in {folder}. Check the pattern, or leave the '
+            "setting away if this "
             "camera has no such files."
         )
     return files
@@ -74,6 +77,7 @@ def _fixed_part(pattern: str) -> PurePosixPath:
 
 def _leaves(folder: Path, setting: str, where: str, path: Path) -> HandtrackError:
     return HandtrackError(
-        f'{where}: the path "{setting}" leaves the session folder {folder} (it leads to {path.resolve()}). '
+        f'{where}: the path "{setting}" leaves the session folder {folder} (it leads to '
+        f"{path.resolve()}). "
         "Paths are relative to that folder and must stay in it: copy the files there."
     )

@@ -15,6 +15,7 @@ from handtrack.capture.frames import files_by_frame
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.doctor import Finding, examine
 from handtrack.session.first_pose import FirstPose, read_first_pose
@@ -60,23 +61,30 @@ class Session:
     def open(cls, folder: Path | str) -> Session:
         """Return the session of a folder, with settings, calibration, first pose and truth checked.
 
-        Raises HandtrackError for whatever cannot be used as it is; what is merely odd is in `warnings` and `doctor()`.
+        Raises HandtrackError for whatever cannot be used as it is; what is merely odd is in
+        `warnings` and `doctor()`.
         """
         folder = Path(folder)
         if not folder.is_dir():
             kind = "is a file" if folder.exists() else "does not exist"
-            raise HandtrackError(f"{folder} {kind}; expected a session folder, with a {SESSION_FILE} in it.")
+            raise HandtrackError(
+                f"{folder} {kind}; expected a session folder, with a {SESSION_FILE} in it."
+            )
         if not (folder / SESSION_FILE).is_file():
             raise HandtrackError(
-                f"{folder}: no {SESSION_FILE} in this folder, so it is no session. `handtrack new` makes one from videos "
+                f"{folder}: no {SESSION_FILE} in this folder, so it is no session. `handtrack "
+                "new` makes one from videos "
                 "and a calibration."
             )
         file = read_session_file(folder / SESSION_FILE)
-        everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
+        everything = read_rig(
+            inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m
+        )
         for camera in file.cameras:
             if camera.name not in everything:
                 raise HandtrackError(
-                    f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in {CALIBRATION_FILE}; "
+                    f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
+                    f"{CALIBRATION_FILE}; "
                     f"cameras there: {', '.join(everything.names)}."
                 )
         return cls(folder, file, CameraRig(tuple(everything[c.name] for c in file.cameras)))
@@ -96,7 +104,10 @@ class Session:
 
     @cached_property
     def frame_count(self) -> int:
-        """Frames run from 0 to the last that any camera or cloud has. The first use counts videos by decoding."""
+        """Frames run from 0 to the last that any camera or cloud has.
+
+        The first use counts videos by decoding.
+        """
         clouds = max(self.cloud_files, default=-1) + 1
         return max(clouds, *(view.frame_count for view in self.views))
 
@@ -142,17 +153,21 @@ class Session:
         return self.view(camera).image(frame)
 
     def mask(self, camera: str, frame: int) -> Bytes | None:
-        """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where missing."""
+        """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where
+        missing."""
         return self.view(camera).mask(frame)
 
     def observation(self, frame: int, keypoints: bool = False) -> Observation:
-        """Return what was seen of one frame. Missing views are absent; an empty mask is seen emptiness.
+        """Return what was seen of one frame. Missing views are absent; an empty mask is seen
+        emptiness.
 
-        keypoints: add those of init.json at its own frame. Raises HandtrackError outside the session's frames.
+        keypoints: add those of init.json at its own frame. Raises HandtrackError outside the
+        session's frames.
         """
         if frame not in self.frame_range:
             raise HandtrackError(
-                f"{self.folder}: no frame {frame}; the session has the frames 0 to {self.frame_count - 1}."
+                f"{self.folder}: no frame {frame}; the session has the frames 0 to "
+                f"{self.frame_count - 1}."
             )
         with self._lock:
             known = self._observations.get((frame, keypoints))
@@ -166,13 +181,19 @@ class Session:
         return known
 
     def doctor(self) -> list[Finding]:
-        """Look at everything and return what was found, each with its severity: ok, note, warning or error."""
+        """Look at everything and return what was found, each with its severity: ok, note, warning
+        or error."""
         return examine(self)
 
     def _observe(self, frame: int, keypoints: bool) -> Observation:
         seen = tuple(s for view in self.views if (s := view.silhouette(frame)) is not None)
         points: tuple[Keypoints, ...] = ()
-        if keypoints and self.init is not None and self.init.frame == frame and self.init.xyz is not None:
+        if (
+            keypoints
+            and self.init is not None
+            and self.init.frame == frame
+            and self.init.xyz is not None
+        ):
             points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
         return Observation(frame, self.time_s(frame), seen, points)
 
@@ -197,12 +218,21 @@ class Session:
         return read_timestamps(path, self.camera_names, recording.fps)
 
     def _read_init(self, path: Path) -> FirstPose:
-        pose = read_first_pose(path)
+        pose = read_first_pose(path, self._parameter_names())
         if pose.frame not in self.frame_range:
             raise HandtrackError(
-                f"{path}: frame = {pose.frame}, but the session has the frames 0 to {self.frame_count - 1}."
+                f"{path}: frame = {pose.frame}, but the session has the frames 0 to "
+                f"{self.frame_count - 1}."
             )
         return pose
+
+    def _parameter_names(self) -> tuple[str, ...] | None:
+        """Return the names that init.json may use; None when the model is a file, which is not
+        read here."""
+        hand = self.file.hand
+        if hand.model not in MODELS:
+            return None
+        return load_model(hand.model, forearm=hand.forearm is not False).parameter_names
 
     def _optional(self, name: str, read: Callable[[Path], _T]) -> _T | None:
         path = inside(self.folder, name, str(self.folder))

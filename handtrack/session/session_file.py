@@ -39,7 +39,8 @@ class HandSettings:
     """a model's name, or the path of a definition in the folder."""
     side: str = "right"
     scale: float | str = 1.0
-    """a factor, "fit" (from the keypoints of init.json), or the path of a saved hand in the folder."""
+    """a factor, "fit" (from the keypoints of init.json), or the path of a saved hand in the
+    folder."""
     forearm: bool | str = "auto"
     """whether the model has a forearm: true, false, or "auto"."""
 
@@ -63,7 +64,8 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """[clouds]: where point clouds come from (exactly one source), and the filters' settings; None: the filter's own."""
+    """[clouds]: where point clouds come from (exactly one source), and the filters' settings;
+    None: the filter's own."""
 
     files: str | None = None
     """a pattern of .ply or .npz files."""
@@ -111,7 +113,9 @@ def read_session_file(path: Path) -> SessionFile:
                 f"{path}: unknown key '{name}'; known tables: {', '.join(_TABLES)}."
             )
     if "session" not in tables:
-        raise HandtrackError(f"{path}: the table [session] is missing; it needs `format = {FORMAT}` and `fps`.")
+        raise HandtrackError(
+            f"{path}: the table [session] is missing; it needs `format = {FORMAT}` and `fps`."
+        )
     recording = _recording(TableReader(tables["session"], f"{path}, [session]"), path)
     hand = _hand(TableReader(tables.get("hand", {}), f"{path}, [hand]"))
     cameras = _cameras(tables.get("camera"), path)
@@ -137,25 +141,36 @@ def write_session_file(path: Path, file: SessionFile) -> None:
     if file.tracking:
         flat = dotted(file.tracking)
         named = {".".join(map(toml_key, key.split("."))): value for key, value in flat.items()}
-        blocks += ["[tracking]", *(f"{key} = {toml_value(value)}" for key, value in named.items()), ""]
+        blocks += [
+            "[tracking]",
+            *(f"{key} = {toml_value(value)}" for key, value in named.items()),
+            "",
+        ]
     Path(path).write_text("\n".join(blocks), encoding="utf-8")
 
 
 def _lines(values: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {toml_value(value)}" for key, value in values.items() if value is not None and value != ()]
+    return [
+        f"{key} = {toml_value(value)}"
+        for key, value in values.items()
+        if value is not None and value != ()
+    ]
 
 
 def _recording(table: TableReader, path: Path) -> RecordingSettings:
     version = table.whole("format", None, 1)
     if version > FORMAT:
         raise HandtrackError(
-            f"{path}: format = {version}, but this handtrack reads format {FORMAT}. The session was written by a "
+            f"{path}: format = {version}, but this handtrack reads format {FORMAT}. The session "
+            "was written by a "
             "newer handtrack: update handtrack."
         )
     has_fps = table.raw("fps") is not None
     timestamps = table.text("timestamps") if table.raw("timestamps") is not None else None
     if not has_fps and timestamps is None:
-        raise HandtrackError(f'{table.where}: give `fps` (frames a second) or `timestamps` (a csv file).')
+        raise HandtrackError(
+            f"{table.where}: give `fps` (frames a second) or `timestamps` (a csv file)."
+        )
     recording = RecordingSettings(
         name=table.text("name", path.resolve().parent.name or "session"),
         fps=table.number("fps", above=0.0, unit="1/s") if has_fps else None,
@@ -183,12 +198,18 @@ def _hand(table: TableReader) -> HandSettings:
 
 def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:
     if not isinstance(tables, list) or not tables:
-        raise HandtrackError(f"{path}: no camera; expected at least one table [[camera]] (two brackets).")
-    cameras = tuple(_camera(TableReader(t, f"{path}, [[camera]] number {i + 1}")) for i, t in enumerate(tables))
+        raise HandtrackError(
+            f"{path}: no camera; expected at least one table [[camera]] (two brackets)."
+        )
+    cameras = tuple(
+        _camera(TableReader(t, f"{path}, [[camera]] number {i + 1}")) for i, t in enumerate(tables)
+    )
     names = [camera.name for camera in cameras]
     for name in names:
         if names.count(name) > 1:
-            raise HandtrackError(f"{path}: two tables [[camera]] have the name '{name}'; one a camera is expected.")
+            raise HandtrackError(
+                f"{path}: two tables [[camera]] have the name '{name}'; one a camera is expected."
+            )
     return cameras
 
 
@@ -202,14 +223,21 @@ def _camera(table: TableReader) -> CameraSettings:
         masks = read_mask_method(masks, f"{table.where}, masks")
         if (images if masks.needs == "images" else depth) is None:
             raise HandtrackError(
-                f"{table.where}: masks by the method \"{masks.name}\" need the camera's `{masks.needs}`, which is missing."
+                f'{table.where}: masks by the method "{masks.name}" need the camera\'s '
+                f"`{masks.needs}`, which is missing."
             )
     roi = table.whole_list("roi", None, "x y w h") if table.raw("roi") is not None else None
     if roi is not None and (min(roi[:2]) < 0 or min(roi[2:]) < 1):
         raise table.error("roi", list(roi), "[x, y, w, h] in pixels, inside the image")
-    scale = table.number("depth_scale_m", above=0.0, unit="m") if table.raw("depth_scale_m") is not None else None
+    scale = (
+        table.number("depth_scale_m", above=0.0, unit="m")
+        if table.raw("depth_scale_m") is not None
+        else None
+    )
     if depth is not None and scale is None:
-        raise HandtrackError(f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files.")
+        raise HandtrackError(
+            f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files."
+        )
     table.finish()
     box = None if roi is None else (roi[0], roi[1], roi[2], roi[3])
     return CameraSettings(name, images, masks, box, depth, scale)
@@ -219,10 +247,13 @@ def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSet
     given = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
     if len(given) != 1:
         raise HandtrackError(
-            f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found {', '.join(given) or 'none'}."
+            f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
+            f"{', '.join(given) or 'none'}."
         )
     numbers: dict[str, Any] = {
-        key: table.number(key, above=0.0, unit="m") for key in _CLOUD_NUMBERS if table.raw(key) is not None
+        key: table.number(key, above=0.0, unit="m")
+        for key in _CLOUD_NUMBERS
+        if table.raw(key) is not None
     }
     for key in ("max_points", "outlier_neighbours"):
         if table.raw(key) is not None:
@@ -230,7 +261,9 @@ def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSet
     settings = CloudSettings(
         files=table.text("files") if given == ["files"] else None,
         stereo=_pairs(table, cameras) if given == ["stereo"] else (),
-        depth=_names(table, "depth", table.raw("depth"), cameras, "depth") if given == ["depth"] else (),
+        depth=_names(table, "depth", table.raw("depth"), cameras, "depth")
+        if given == ["depth"]
+        else (),
         **numbers,
     )
     table.finish()
@@ -261,8 +294,11 @@ def _names(
     for name in value:
         if name not in known:
             raise HandtrackError(
-                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; known: {', '.join(known)}."
+                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; "
+                f"known: {', '.join(known)}."
             )
         if getattr(known[name], needs) is None:
-            raise HandtrackError(f"{table.where}: {key} uses the camera '{name}', which has no `{needs}`.")
+            raise HandtrackError(
+                f"{table.where}: {key} uses the camera '{name}', which has no `{needs}`."
+            )
     return tuple(value)

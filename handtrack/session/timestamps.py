@@ -17,7 +17,8 @@ COLUMNS = ("camera", "frame", "time_s")
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Time of every frame: frame / fps, or measured times with straight lines between and beyond them."""
+    """Time of every frame: frame / fps, or measured times with straight lines between and beyond
+    them."""
 
     fps: float
     """frames a second; the median rate when only times were given."""
@@ -38,7 +39,8 @@ class FrameTimes:
 
 
 def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> FrameTimes:
-    """Return the times of a csv with the columns camera, frame, time_s; a frame's time is the cameras' median.
+    """Return the times of a csv with the columns camera, frame, time_s; a frame's time is the
+    cameras' median.
 
     Raises HandtrackError naming the line.
     """
@@ -49,13 +51,16 @@ def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> 
             found = tuple(reader.fieldnames or ())
             if found != COLUMNS:
                 raise HandtrackError(
-                    f"{path}: the columns are {','.join(found) or 'missing'}; expected {','.join(COLUMNS)}."
+                    f"{path}: the columns are {','.join(found) or 'missing'}; expected "
+                    f"{','.join(COLUMNS)}."
                 )
             for row in reader:
                 where = f"{path}, line {reader.line_num}"
                 camera, frame, time_s = _entry(row, where, cameras)
                 if camera in times.setdefault(frame, {}):
-                    raise HandtrackError(f"{where}: a second time for camera '{camera}', frame {frame}.")
+                    raise HandtrackError(
+                        f"{where}: a second time for camera '{camera}', frame {frame}."
+                    )
                 times[frame][camera] = time_s
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise HandtrackError(f"{path}: cannot be read as csv: {error}.") from None
@@ -66,7 +71,9 @@ def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> 
     steps = np.diff(medians)
     if (steps <= 0).any():
         at = int(frames[1:][steps <= 0][0])
-        raise HandtrackError(f"{path}: the time of frame {at} is not later than that of the frame before it.")
+        raise HandtrackError(
+            f"{path}: the time of frame {at} is not later than that of the frame before it."
+        )
     rate = fps or float(1 / np.median(steps / np.diff(frames)))
     return FrameTimes(rate, frames.astype(float), medians)
 
@@ -76,9 +83,13 @@ def _entry(row: dict[str, str], where: str, cameras: tuple[str, ...]) -> tuple[s
         camera, frame, time_s = row["camera"], int(row["frame"]), float(row["time_s"])
     except (TypeError, ValueError):
         shown = ",".join(str(row[column]) for column in COLUMNS)
-        raise HandtrackError(f"{where}: '{shown}'; expected a camera, a whole frame number and seconds.") from None
+        raise HandtrackError(
+            f"{where}: '{shown}'; expected a camera, a whole frame number and seconds."
+        ) from None
     if camera not in cameras:
         raise HandtrackError(f"{where}: unknown camera '{camera}'; known: {', '.join(cameras)}.")
     if frame < 0 or not math.isfinite(time_s):
-        raise HandtrackError(f"{where}: frame {frame}, time {time_s}; expected a frame from 0 and finite seconds.")
+        raise HandtrackError(
+            f"{where}: frame {frame}, time {time_s}; expected a frame from 0 and finite seconds."
+        )
     return camera, frame, time_s

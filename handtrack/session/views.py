@@ -21,7 +21,10 @@ from handtrack.session.session_file import CameraSettings
 
 
 class View:
-    """One camera with its sources. Opening checks that files exist and the first ones fit the calibration."""
+    """One camera with its sources.
+
+    Opening checks that files exist and the first ones fit the calibration.
+    """
 
     def __init__(self, folder: Path, settings: CameraSettings, camera: Camera) -> None:
         self.settings = settings
@@ -123,5 +126,7 @@ class View:
         path = inside(folder, setting, where)
         if path.is_dir() or kind != COLOUR:
             matching_files(folder, setting, where)  # says what is wrong with it
-            raise HandtrackError(f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".')
+            raise HandtrackError(
+                f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".'
+            )
         return VideoFile(path, self.camera.size, f"{where}, {path}")

@@ -14,8 +14,8 @@ from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
-from handtrack.terms.silhouette_observation import PreparedSilhouette, clip_spans, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracker.settings import TrackerSettings
 
@@ -86,7 +86,7 @@ def frame_terms(
     """
     prepared, scales = [], []
     for silhouette in observation.silhouettes:
-        prepared.append(prepare(_without_far_forearm(silhouette, model, start, settings)))
+        prepared.append(prepare(silhouette, _forearm_cut(silhouette, model, start, settings)))
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []
     if settings.keypoints.weight > 0:
@@ -128,24 +128,21 @@ def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
     return 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1]) / max(depth, 0.05)
 
 
-def _without_far_forearm(
+def _forearm_cut(
     silhouette: Silhouette, model: ArticulatedModel, start: BonePoses, settings: TrackerSettings
-) -> Silhouette:
-    """Return the silhouette observed only on the hand's side of a line across the forearm.
+) -> tuple[float, float, float] | None:
+    """Return the line (a, b, c) across the forearm beyond which a silhouette does not count, or None.
 
-    Beyond it are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside
-    the mask would be pulled along the arm. The line is the image's own: exact where the forearm is seen from the side.
+    There are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside the mask
+    would be pulled along the arm. Pixels with a u + b v + c < 0 are cut off.
     """
     if not model.has_forearm:
-        return silhouette
+        return None
     bone = model.skeleton.bone("forearm")
     reach = settings.silhouettes.forearm_seen_mm * _MM
     ends = start.to_world(np.array([bone, bone]), np.array([[0.0, 0.0, 0.0], [0.0, reach, 0.0]]))
-    if (silhouette.camera.to_camera(ends)[:, 2] < 0.02).any():
-        return silhouette
     wrist, far = silhouette.camera.project(ends)
     along = wrist - far
-    if np.linalg.norm(along) < 5.0:  # seen along the arm: there is no side to cut off
-        return silhouette
-    line = np.array([along[0], along[1], -float(along @ far)])
-    return Silhouette(silhouette.camera, silhouette.mask, clip_spans(silhouette.valid, line))
+    if not np.linalg.norm(along) > 5.0:  # seen along the arm, or behind the camera: no side to cut off
+        return None
+    return float(along[0]), float(along[1]), -float(along @ far)

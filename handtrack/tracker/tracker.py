@@ -70,9 +70,10 @@ class Tracker:
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
         if not previous:
             return None
-        if self.settings.tracker.prediction == "none":
-            return previous[-1].parameters.copy()
-        return predict(self.model, previous, frame)
+        known = None
+        if self.settings.tracker.prediction == "constant_velocity":
+            known = predict(self.model, previous, frame)
+        return previous[-1].parameters.copy() if known is None else known
 
     def _problem(self, terms: FrameTerms, stage: int, params: Floats) -> Problem:
         seen = terms.stage(stage, self.model.bones(params))

@@ -164,6 +164,7 @@ class LimitsPanel:
                 shown = degrees(session.interval[s])
                 if tuple(self.ranges[name].value) != shown:
                     self.ranges[name].value = shown
+                self._name(name, shown)
 
     def _add_folder(self, group: str, session: SessionSnapshot) -> None:
         members = [n for n in self.names if group_of(n) == group]
@@ -179,6 +180,12 @@ class LimitsPanel:
                 )
                 widget.on_update(self.page.from_user(lambda event, name=name: self._changed(name, event)))
                 self.ranges[name] = widget
+
+    def _name(self, name: str, interval: tuple[float, float]) -> None:
+        """The range itself shows no numbers: they stand in its label."""
+        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}…{interval[1]:.0f}°".replace("-", "−")
+        if self.ranges[name].label != label:
+            self.ranges[name].label = label
 
     def _changed(self, name: str, event: viser.GuiEvent) -> None:
         interval = clean_interval(event.target.value, event.target.min, event.target.max)

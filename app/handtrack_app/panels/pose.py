@@ -111,7 +111,7 @@ class PosePanel:
             for name in members:
                 s = self.names.index(name)
                 low, high = session.interval[s] / unit_of(name)
-                if not math.isfinite(low + high):
+                if not (math.isfinite(low) and math.isfinite(high)):
                     low, high = (-_REACH_MM, _REACH_MM) if name.startswith("root_t") else (-180.0, 180.0)
                 start = float(np.clip(0.0, low, high))
                 low, high = float(math.floor(low)), float(math.ceil(high))
@@ -188,16 +188,23 @@ def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
         )
     cells: dict[str, list[str]] = {}
     for name, value in zip(names, std.tolist(), strict=True):
-        cells.setdefault(group_of(name), []).append(_cell(name, value))
-    rows = "".join(
-        f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
-        for group, row in cells.items()
-    )
+        row = {"root_t": "Place", "root_r": "Turn"}.get(name[:6], group_of(name))
+        cells.setdefault(row, []).append(_cell(name, value))
+    heads = {"Place": ("x", "y", "z"), "Thumb": ("flex", "spread", "2nd", "3rd")}
+    rows = ""
+    for group, row in cells.items():
+        if group in heads:
+            titles = "".join(f"<td style='text-align:center;opacity:.6'>{title}</td>" for title in heads[group])
+            rows += f"<tr><td></td>{titles}</tr>"
+        rows += (
+            f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
+        )
     return (
         "<div style='padding:.4em .9em;font-size:.8em;line-height:1.5'>"
         "<div style='opacity:.75;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
         "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
-        f"<table style='width:100%;border-spacing:2px;border-collapse:separate'>{rows}</table></div>"
+        "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
+        f"<colgroup><col style='width:5.4em'></colgroup>{rows}</table></div>"
     )
 
 

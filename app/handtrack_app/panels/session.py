@@ -14,6 +14,15 @@ from handtrack_app.panels.page import Page, number
 from handtrack_app.state import MODES, PAINTS
 
 FREE = "free view"
+_SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+_STATES = {
+    "idle": ("ready", "#009e73"),
+    "failed": ("failed", "#d55e00"),
+    "opening": ("opening", "#f0e442"),
+    "preparing": ("preparing", "#f0e442"),
+    "tracking": ("tracking", "#56b4e9"),
+    "paused": ("paused", "#cc79a7"),
+}
 _PAINT_WORDS = {"plain": "nothing", "outline": "model's outline", "residual": "silhouette residual", "field": "model's field"}
 
 
@@ -23,8 +32,8 @@ class SessionPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    look: Callable[[str | None, viser.ClientHandle | None], None]
-    """look through a camera, or freely (None)"""
+    look: Callable[..., None]
+    """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
     built: bool = False
     toggles: dict[str, Any] = field(default_factory=dict)
 
@@ -40,10 +49,10 @@ class SessionPanel:
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
-                    "Look through", (FREE, *cameras), FREE, hint="See the hand over a camera's image."
+                    "Look through", (FREE, *cameras), initial_value=FREE, hint="See the hand over a camera's image."
                 )
                 self.paint = gui.add_dropdown(
-                    "Paint over it", tuple(_PAINT_WORDS.values()), _PAINT_WORDS[display.paint],
+                    "Paint over it", tuple(_PAINT_WORDS.values()), initial_value=_PAINT_WORDS[display.paint],
                     hint="Residual: blue is silhouette without model, orange is model without silhouette.",
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
@@ -52,13 +61,15 @@ class SessionPanel:
                 self._toggle("Move and turn handle", "handle", "Drag the whole hand.")
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
-            back = gui.add_button("Frame the hand", icon=viser.Icon.FOCUS_CENTERED, color="gray")
+                self.speed = gui.add_dropdown("Playback speed", tuple(_SPEEDS), initial_value="1 ×")
+            self.view = gui.add_button_group("Look at", ("Hand", "Everything"))
         self.mode.value = display.mode
+        self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
         self.mode.on_click(page.from_user(lambda event: self._set_mode(event.target.value)))
         self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
         self.through.on_update(page.from_user(self._look))
         self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
-        back.on_click(page.from_user(lambda event: self._free(event)))
+        self.view.on_click(page.from_user(self._free))
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         box = self.page.gui.add_checkbox(label, getattr(self.page.state.display, name), hint=hint)
@@ -73,6 +84,9 @@ class SessionPanel:
         if mode in MODES:
             self.page.state.display.mode = mode
             self.page.redraw()
+
+    def _set_speed(self, word: str) -> None:
+        self.page.state.speed = _SPEEDS.get(word, 1.0)
 
     def _set_opacity(self, value: object) -> None:
         opacity = number(value, 0.1, 1.0)
@@ -90,27 +104,33 @@ class SessionPanel:
         chosen = event.target.value
         self.look(None if chosen == FREE else str(chosen), event.client)
 
+    def show_display(self) -> None:
+        """Show the display options in force."""
+        display = self.page.state.display
+        if self.built:
+            through = display.through or FREE
+            if self.through.value != through:
+                self.through.value = through
+
     def _free(self, event: Any) -> None:
         self.through.value = FREE
-        self.look(None, event.client)
+        self.look(None, event.client, event.target.value == "Everything")
 
 
 def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
-    """Return the head of the main panel: product, session, hand, and whether it is busy."""
-    busy = progress.state not in ("idle", "failed")
-    colour = {"failed": "#d55e00", "idle": "#009e73"}.get(progress.state, "#56b4e9")
-    lines = ""
+    """Return the head of the main panel: session, hand, and what is going on."""
+    word, colour = _STATES.get(progress.state, ("Busy", "#56b4e9"))
+    title, facts = "Opening …", ""
     if session is not None:
-        facts = f"{session.stop - session.start} frames, {len(session.cameras)} cameras, {session.fps:g} frames/s"
-        lines = (
-            f"<div style='font-weight:600;margin-top:.15em'>{html.escape(session.name)}</div>"
-            f"<div style='opacity:.7'>{facts}</div><div style='opacity:.7'>{html.escape(session.model)}</div>"
-        )
+        title = html.escape(session.name)
+        counts = f"{session.stop - session.start} frames, {len(session.cameras)} cameras, {session.fps:g} frames/s"
+        facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
+    elif progress.state == "failed":
+        title = "No session"
     return (
-        "<div style='padding:.6em .9em .5em;font-size:.85em;line-height:1.5'>"
-        "<div style='display:flex;justify-content:space-between;align-items:center'>"
-        "<span style='font-size:1.25em;font-weight:700;letter-spacing:.01em'>handtrack</span>"
-        f"<span style='opacity:.9'><span style='display:inline-block;width:.65em;height:.65em;border-radius:50%;"
-        f"background:{colour};margin-right:.4em'></span>{html.escape(progress.text if busy else progress.text)}</span>"
-        f"</div>{lines}</div>"
+        "<div style='padding:.3em .9em .5em;font-size:.85em;line-height:1.5'>"
+        "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
+        f"<span style='font-size:1.1em;font-weight:600'>{title}</span>"
+        f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
+        f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}</div>"
     )

@@ -13,7 +13,8 @@ from handtrack_app.messages import SessionSnapshot, StripSnapshot
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.palette import STATUS
 
-_SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+_PLAY = ("First", "Back", "Play / Pause", "Next", "Last")
+_LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
 _WIDTH, _CURVE, _BAR = 1000, 46, 12  # of the picture, in its own units
 
 
@@ -41,24 +42,21 @@ class TimelinePanel:
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
             self.slider = gui.add_slider("Frame", session.start, last, 1, session.first_frame)
-            self.play = gui.add_button_group("Play", ("⏮", "◀", "▶ / ❚❚", "▶|", "⏭"))
-            self.speed = gui.add_button_group("Speed", tuple(_SPEEDS))
+            self.play = gui.add_button_group("Playback", _PLAY)
         self.slider.on_update(page.from_user(lambda event: page.go_to(event.target.value)))
         self.play.on_click(page.from_user(lambda event: self._pressed(event.target.value)))
-        self.speed.on_click(page.from_user(lambda event: self._set_speed(event.target.value)))
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
-        if key == "▶ / ❚❚":
+        if key == _PLAY[2]:
             state.playing = not state.playing
             return
         state.playing = False
-        target = {"⏮": state.start, "◀": state.frame - 1, "▶|": state.frame + 1, "⏭": state.stop - 1}.get(key)
+        target = dict(
+            zip(_PLAY, (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1), strict=True)
+        ).get(key)
         if target is not None:
             self.page.go_to(target)
-
-    def _set_speed(self, key: str) -> None:
-        self.page.state.speed = _SPEEDS.get(key, 1.0)
 
     def show_frame(self, frame: int) -> None:
         """Move the slider and the cursor to a frame."""
@@ -87,7 +85,7 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
     step = _WIDTH / count
     known_error = bool(np.isfinite(strip.error_mm).any())
     curve, unit = (strip.error_mm, "mm") if known_error else (strip.energy, "")
-    title = "mean joint error" if known_error else "energy"
+    title = "joint error" if known_error else "energy"
     parts = [
         f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>",
         *_curve(curve, step),
@@ -100,21 +98,23 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
         "vector-effect='non-scaling-stroke'/>"
     )
     finite = curve[np.isfinite(curve)]
-    top = f"{title} {_number(float(finite.max()))} {unit} max" if len(finite) else f"{title}: nothing tracked yet"
+    top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
     here = curve[frame - strip.start] if 0 <= frame - strip.start < count else math.nan
     now = f"{_number(float(here))} {unit}" if math.isfinite(here) else ""
-    legend = "".join(_legend(code) for code in (0, 1, 2, 3) if code == 0 or _has(strip, code))
+    legend = "".join(_legend(code) for code in (0, 1, 2, 3, 4) if _has(strip, code))
     return (
-        "<div style='padding:.4em 1em .1em'>"
-        "<div style='display:flex;justify-content:space-between;font-size:.75em;opacity:.8;margin-bottom:.2em'>"
-        f"<span>{top}</span><span><b>{now}</b></span><span>{legend}</span></div>"
+        f"<div style='padding:.2em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.75em'>"
+        f"<div style='position:absolute;left:12px;top:1.9em;width:{_LEFT - 20}px;line-height:1.35'>{title}"
+        f"<br><span style='opacity:.7'>{top}</span></div>"
+        f"<div style='position:absolute;right:4px;top:1.9em;width:{_RIGHT - 10}px'><b>{now}</b></div>"
+        f"<div style='height:1.5em;text-align:right;opacity:.85'>{legend}</div>"
         f"<svg viewBox='0 0 {_WIDTH} {_CURVE + _BAR + 6}' preserveAspectRatio='none' "
         f"style='width:100%;height:64px;display:block'>{''.join(parts)}</svg></div>"
     )
 
 
 def _has(strip: StripSnapshot, code: int) -> bool:
-    return bool(strip.by_hand) if code == 3 else bool((strip.status == code).any())
+    return (code == 3 and bool(strip.by_hand)) or bool((strip.status == code).any())
 
 
 def _number(value: float) -> str:

@@ -107,8 +107,8 @@ class TrackingPanel:
             self.pause.label = "Resume" if paused else "Pause"
             self.pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
         for button in self.starters:
-            if button.disabled != busy:
-                button.disabled = busy
+            if button.visible == busy:
+                button.visible = not busy
 
 
 def progress_card(progress: ProgressSnapshot) -> str:

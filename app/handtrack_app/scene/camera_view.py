@@ -12,7 +12,8 @@ from handtrack.arrays import Bytes, Floats
 from handtrack_app.messages import CameraCard, SessionSnapshot
 from handtrack_app.state import Display
 
-_FRUSTUM = 0.06  # [m] height of a drawn frustum's image: it does not hide the hand
+_FRUSTUM = 0.05  # [m] height of a drawn frustum's image: it does not hide the hand
+_WIDER, _RAISED = 1.4, 0.27  # of a view through a camera: field of view, and half heights the image is moved up
 _SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 
 
@@ -108,10 +109,16 @@ def update_screen(view: CameraRigView, image: Bytes) -> None:
 
 
 def look_through(client: viser.ClientHandle, card: CameraCard) -> None:
-    """Move a client's view into a camera."""
+    """Move a client's view into a camera.
+
+    It stands in the camera's centre, so hand and image match whatever way it looks: it sees somewhat more than
+    the camera and looks somewhat lower, which moves the image up and clear of the timeline.
+    """
+    half = _WIDER * card.size[1] / 2 / card.matrix[1, 1]
+    lower = vtf.SO3.from_x_radians(float(-np.arctan(_RAISED * half)))
     with client.atomic():
-        client.camera.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
-        client.camera.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+        client.camera.fov = float(2 * np.arctan(half))
+        client.camera.wxyz = (vtf.SO3.from_matrix(card.rotation) @ lower).wxyz
         client.camera.position = card.centre
 
 
@@ -122,11 +129,11 @@ class Viewpoint:
     position: Floats
     look_at: Floats
     up: Floats
-    fov: float = 0.7
+    fov: float = 0.65
 
 
-def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
-    """Return a view of the hand from the first camera's side, a little beside and above it.
+def first_view(session: SessionSnapshot, hand: Floats, everything: bool = False) -> Viewpoint:
+    """Return a view of the hand, or of hand and cameras, from the first camera's side, beside and above it.
 
     hand: (3,) its middle [m]. Up is the mean of the cameras' upward axes: worlds differ.
     """
@@ -140,8 +147,15 @@ def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     back /= max(float(np.linalg.norm(back)), 1e-6)
     side = np.cross(up, back)
     side /= max(float(np.linalg.norm(side)), 1e-6)
-    away = back + 0.35 * side + 0.25 * up
-    return Viewpoint(hand + 0.5 * away / np.linalg.norm(away), hand, up)
+    away = back + 0.75 * side + (0.9 if everything else 0.45) * up
+    away /= np.linalg.norm(away)
+    if everything:
+        points = np.array([hand, *(card.centre for card in session.cameras)])
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        radius = float(np.linalg.norm(points - middle, axis=1).max()) + 0.1
+        return Viewpoint(middle - 0.25 * radius * up + 3.4 * radius * away, middle - 0.25 * radius * up, up)
+    aim = hand - 0.06 * up  # the hand stands in the upper part: below is the timeline
+    return Viewpoint(aim + 0.8 * away, aim, up)
 
 
 def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:

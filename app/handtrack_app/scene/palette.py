@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from handtrack.arrays import Bytes, Ints
 import numpy as np
 
+from handtrack.arrays import Bytes, Ints
+
 FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
-    "palm": (214, 205, 196),
+    "palm": (168, 158, 150),
     "thumb": (230, 159, 0),
     "index": (86, 180, 233),
     "middle": (0, 158, 115),

@@ -1,0 +1,55 @@
+"""Open a session for the workbench, with or without a first pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack_app.document import Document
+
+
+def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
+    """Return the document of a session folder. Raises HandtrackError."""
+    session = Session.open(folder)
+    run = TrackingRun.open(session, overrides)
+    if session.init is None:
+        return Document(run, 0, placed_in_view(run))
+    frame, params = run.initial()
+    return Document(run, frame, params)
+
+
+def reopen(run: TrackingRun, name: str, value: Any) -> TrackingRun:
+    """Return the run with one setting changed."""
+    return run.with_values({name: value})
+
+
+def placed_in_view(run: TrackingRun) -> Floats:
+    """Return solver parameters (P,) of the relaxed hand where the cameras look, its back to the first one."""
+    cameras = list(run.session.rig.cameras)
+    centre = nearest_to_axes(cameras)
+    first = cameras[0]
+    up, forward = -first.rotation[1], first.rotation[2]
+    turn = np.stack([np.cross(up, -forward), up, -forward], axis=1)  # +y up, back of the hand to the camera
+    joint = run.model.rest.copy()
+    joint[3:6] = rotation_vector(turn)
+    joint[:3] = centre - 0.09 * up  # the wrist, half a hand below
+    return run.model.clipped(run.model.transform.solver_params(joint))
+
+
+def nearest_to_axes(cameras: list[Any]) -> Floats:
+    """Return the point (3,) closest to all optical axes [m]; for one camera, half a metre before it."""
+    system, right = 1e-3 * np.eye(3), np.zeros(3)
+    for camera in cameras:
+        axis = camera.rotation[2]
+        across = np.eye(3) - np.outer(axis, axis)
+        guess = camera.centre + 0.5 * axis
+        system += across
+        right += across @ camera.centre + 1e-3 * guess / len(cameras)
+    return np.linalg.solve(system, right)

@@ -1,0 +1,147 @@
+"""The stage: all that stands in the scene, and how it follows snapshots and display options."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Floats
+from handtrack_app.messages import PictureSnapshot, PoseSnapshot, SessionSnapshot, SetPose, WantPictures
+from handtrack_app.panels.page import Page
+from handtrack_app.scene.camera_view import (
+    CameraRigView,
+    Viewpoint,
+    add_cameras,
+    first_view,
+    look_from,
+    look_through,
+    place_screen,
+    show_cameras,
+    update_screen,
+    update_thumbnails,
+)
+from handtrack_app.scene.handles import RootHandle, add_root_handle
+from handtrack_app.scene.model_view import HandView, add_hand, remove_hand, show_hand, update_hand, update_truth
+from handtrack_app.state import Display
+
+
+class Stage:
+    """Owns the scene's handles."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.session: SessionSnapshot | None = None
+        self.hand: HandView | None = None
+        self.cameras: CameraRigView | None = None
+        self.root: RootHandle | None = None
+        self.view: Viewpoint | None = None
+        self.pose: PoseSnapshot | None = None
+        scene = page.server.scene
+        scene.world_axes.visible = False
+        scene.configure_default_lights(cast_shadow=False)
+        scene.configure_environment_map("studio", environment_intensity=0.25)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the scene of a session; only the hand is rebuilt when its model changes."""
+        before = self.session
+        self.session = session
+        if self.cameras is None:
+            self.cameras = add_cameras(self.page.server, "/cameras", session)
+            self.root = add_root_handle(self.page.server, "/root", self._root_moved)
+        if before is None or before.bone_names != session.bone_names or before.model != session.model:
+            if self.hand is not None:
+                remove_hand(self.hand)
+            self.hand = add_hand(self.page.server, "/hand", session)
+
+    def _root_moved(self, edit: dict[str, float]) -> None:
+        step = self.page.state.edit(edit, "root handle")
+        if step is not None:
+            self.page.send(SetPose(step.frame, step.values, self.page.state.version))
+
+    # ---- options
+
+    def apply(self, display: Display) -> None:
+        """Show and hide as the display options say."""
+        if self.hand is None or self.cameras is None or self.root is None:
+            return
+        with self.page.server.atomic():
+            show_hand(self.hand, display)
+            show_cameras(self.cameras, display)
+            self.root.control.visible = display.handle and self.pose is not None
+            if self.pose is not None:
+                update_truth(self.hand, self.pose, display)
+                place_screen(self.cameras, self.screen_camera(display), middle_of(self.pose))
+
+    def screen_camera(self, display: Display) -> str | None:
+        """Return the camera whose picture stands behind the hand: the one looked through, or for fields the first."""
+        if display.through is not None:
+            return display.through
+        if display.field and self.session is not None and self.session.cameras:
+            return display.screen or self.session.cameras[0].name
+        return None
+
+    def wanted_pictures(self, display: Display) -> WantPictures:
+        """Return which pictures these display options need."""
+        paint = "field" if display.field else display.paint
+        return WantPictures(display.cameras and display.images, self.screen_camera(display), paint)
+
+    # ---- snapshots
+
+    def show_pose(self, pose: PoseSnapshot, display: Display, move_handle: bool) -> None:
+        """Move the hand."""
+        if self.hand is None or self.cameras is None or self.root is None:
+            return
+        first, self.pose = self.pose is None, pose
+        with self.page.server.atomic():
+            update_hand(self.hand, pose)
+            update_truth(self.hand, pose, display)
+            if move_handle:
+                self.root.show_at(pose.values[:6])
+        if first and self.session is not None:
+            self._set_first_view(self.session, pose)
+            self.apply(display)
+        else:
+            place_screen(self.cameras, self.screen_camera(display), middle_of(pose))
+
+    def show_pictures(self, pictures: PictureSnapshot) -> None:
+        """Show the cameras' pictures."""
+        if self.cameras is None:
+            return
+        update_thumbnails(self.cameras, pictures.thumbnails)
+        if pictures.screen_image is not None and pictures.screen == self.cameras.screen_camera:
+            update_screen(self.cameras, pictures.screen_image)
+
+    # ---- views
+
+    def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
+        self.view = first_view(session, middle_of(pose))
+        server = self.page.server
+        server.scene.set_up_direction(self.view.up)
+        start = server.initial_camera
+        start.up, start.position, start.look_at = self.view.up, self.view.position, self.view.look_at
+        start.fov, start.near, start.far = self.view.fov, 0.005, 50.0
+        for client in server.get_clients().values():
+            look_from(client, self.view)
+
+    def welcome(self, client: viser.ClientHandle) -> None:
+        """Give a new client the view that holds."""
+        through = self.page.state.display.through
+        if through is not None:
+            self.look(through, client)
+
+    def look(self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False) -> None:
+        """Look through a camera, or freely (None) at the hand or at everything."""
+        display = self.page.state.display
+        display.through = camera
+        clients = [client] if client is not None else list(self.page.server.get_clients().values())
+        for target in clients:
+            if camera is not None and self.cameras is not None and camera in self.cameras.cards:
+                look_through(target, self.cameras.cards[camera])
+            elif self.session is not None and self.pose is not None:
+                look_from(target, first_view(self.session, middle_of(self.pose), everything))
+        self.page.redraw()
+
+
+def middle_of(pose: PoseSnapshot) -> Floats:
+    """Return the middle of the hand (3,) [m]: of its ellipsoids near the palm and fingers."""
+    return np.median(pose.centre, axis=0)

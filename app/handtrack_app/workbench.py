@@ -1,0 +1,174 @@
+"""The workbench: wires state, worker, panels and scene; no logic of its own."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from handtrack_app import messages as m
+from handtrack_app.mailbox import Mailbox
+from handtrack_app.panels.page import Page
+from handtrack_app.player import Player
+from handtrack_app.screen_layout import PageLayout
+from handtrack_app.scene.stage import Stage
+from handtrack_app.state import UserState
+from handtrack_app.worker import Worker
+
+log = logging.getLogger(__name__)
+
+
+class Workbench:
+    """A session in the browser. `start` returns at once; the page fills while the session opens."""
+
+    def __init__(self, session_folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
+        self.folder, self.host, self.wanted_port = Path(session_folder), host, port
+        self.state = UserState()
+        self._snapshots: Mailbox[m.Snapshot] = Mailbox(
+            lambda s: None if isinstance(s, (m.Notice, m.Download)) else type(s)
+        )
+        self.worker = Worker(self.folder, self._snapshots.put)
+        self._ready, self._stopping = threading.Event(), threading.Event()
+        self.server: viser.ViserServer
+
+    @property
+    def port(self) -> int:
+        return self.server.get_port()
+
+    @property
+    def url(self) -> str:
+        return f"http://{self.host}:{self.port}"
+
+    # ---- life
+
+    def start(self) -> Workbench:
+        """Serve the page and begin to open the session."""
+        self.server = viser.ViserServer(host=self.host, port=self.wanted_port, label="handtrack", verbose=False)
+        self.server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign] # no tunnels
+        self.page = Page(self.server, self.state, self.send, self.redraw, self.go_to)
+        self.stage = Stage(self.page)
+        self.layout = PageLayout(self.page, self.stage)
+        self.player = Player(self.state, self.go_to)
+        self.server.on_client_connect(self._welcome)
+        self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
+        self._thread.start()
+        self.player.start()
+        self.worker.start()
+        return self
+
+    def stop(self) -> None:
+        """End everything."""
+        self._stopping.set()
+        self.player.stop()
+        self.worker.stop()
+        self._thread.join(5.0)
+        self.server.stop()
+
+    def wait_ready(self, timeout: float = 120.0) -> bool:
+        """Return whether the session is shown, waiting for it."""
+        return self._ready.wait(timeout)
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        self.stage.welcome(client)
+
+    # ---- from the page
+
+    def send(self, command: m.Command) -> None:
+        """Hand a command to the worker."""
+        self.worker.send(command)
+
+    def go_to(self, frame: float) -> None:
+        """Show a frame, from whatever number came."""
+        state = self.state
+        with state.lock:
+            target = state.clamp_frame(frame)
+            if target is None or target == state.frame:
+                return
+            state.frame, state.follow = target, False
+        self.layout.timeline.show_frame(target)
+        self.send(m.ShowFrame(target))
+
+    def redraw(self) -> None:
+        """Apply changed display options."""
+        self.stage.apply(self.state.display)
+        self.layout.session.show_display()
+        self.send(self.stage.wanted_pictures(self.state.display))
+
+    # ---- from the worker
+
+    def _show_snapshots(self) -> None:
+        while not self._stopping.is_set():
+            snapshot = self._snapshots.take(0.2)
+            if snapshot is None:
+                continue
+            try:
+                self._show(snapshot)
+            except Exception:  # one snapshot that cannot be shown must not end the page
+                log.exception("could not show %s", type(snapshot).__name__)
+
+    def _show(self, snapshot: m.Snapshot) -> None:
+        match snapshot:
+            case m.SessionSnapshot():
+                with self.state.lock:
+                    known = self.state.names == snapshot.parameter_names
+                    self.state.names = snapshot.parameter_names
+                    self.state.start, self.state.stop = snapshot.start, snapshot.stop
+                    if not known:
+                        self.state.values = ()
+                        self.state.undo.past.clear()
+                        self.state.undo.future.clear()
+                self.stage.fit(snapshot)
+                self.layout.fit(snapshot)
+                self.redraw()
+            case m.PoseSnapshot():
+                self._show_pose(snapshot)
+            case m.PictureSnapshot():
+                self.stage.show_pictures(snapshot)
+            case m.StripSnapshot():
+                self.layout.timeline.show_strip(snapshot)
+            case m.ProgressSnapshot():
+                self.layout.show_progress(snapshot)
+            case m.Notice():
+                self.page.tell(snapshot.level, snapshot.title, snapshot.text)
+                self.layout.show_notice(snapshot)
+            case m.Download():
+                self.layout.export.deliver(snapshot)
+
+    def _show_pose(self, pose: m.PoseSnapshot) -> None:
+        with self.state.lock:
+            newest = pose.version >= self.state.version
+            if newest:
+                self.state.frame, self.state.values = pose.frame, tuple(pose.values.tolist())
+        self.stage.show_pose(pose, self.state.display, move_handle=newest)
+        self.server.flush()
+        if newest:
+            self.layout.show_pose(pose)
+        self._ready.set()
+
+
+def run_workbench(
+    session_folder: Path,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    open_browser: bool = True,
+    rerun: bool = False,
+    demo: bool = False,
+) -> None:
+    """Serve the workbench until Ctrl-C."""
+    bench = Workbench(session_folder, host, port).start()
+    print(f"handtrack: {Path(session_folder).name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+    if open_browser:
+        webbrowser.open(bench.url)
+    try:
+        while True:
+            time.sleep(3600)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bench.stop()

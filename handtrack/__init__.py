@@ -1,0 +1,84 @@
+"""handtrack: the full 3D pose of a hand, by fitting an articulated model to what calibrated cameras saw.
+
+The names below are loaded when first used, so that `import handtrack` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from handtrack.diagnostics.metrics import evaluate
+    from handtrack.errors import HandtrackError
+    from handtrack.geometry.camera import Camera, CameraRig
+    from handtrack.model.articulated import ArticulatedModel, HandScale
+    from handtrack.model.model_file import load_model
+    from handtrack.observation.observation import Keypoints, Observation, Silhouette
+    from handtrack.session.bundled import bundled_session
+    from handtrack.session.run import TrackingRun
+    from handtrack.session.session import Session
+    from handtrack.session.tables import read_npz, write_csv, write_npz
+    from handtrack.tracker.result import FrameResult, Status, TrackResult
+    from handtrack.tracker.settings import TrackerSettings
+    from handtrack.tracker.tracker import Tracker
+
+_MODULES = {
+    "ArticulatedModel": "model.articulated",
+    "Camera": "geometry.camera",
+    "CameraRig": "geometry.camera",
+    "FrameResult": "tracker.result",
+    "HandScale": "model.articulated",
+    "HandtrackError": "errors",
+    "Keypoints": "observation.observation",
+    "Observation": "observation.observation",
+    "Session": "session.session",
+    "Silhouette": "observation.observation",
+    "Status": "tracker.result",
+    "TrackResult": "tracker.result",
+    "Tracker": "tracker.tracker",
+    "TrackerSettings": "tracker.settings",
+    "TrackingRun": "session.run",
+    "bundled_session": "session.bundled",
+    "evaluate": "diagnostics.metrics",
+    "load_model": "model.model_file",
+    "read_npz": "session.tables",
+    "write_csv": "session.tables",
+    "write_npz": "session.tables",
+}
+
+__all__ = [
+    "ArticulatedModel",
+    "Camera",
+    "CameraRig",
+    "FrameResult",
+    "HandScale",
+    "HandtrackError",
+    "Keypoints",
+    "Observation",
+    "Session",
+    "Silhouette",
+    "Status",
+    "TrackResult",
+    "Tracker",
+    "TrackerSettings",
+    "TrackingRun",
+    "bundled_session",
+    "evaluate",
+    "load_model",
+    "read_npz",
+    "write_csv",
+    "write_npz",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'handtrack' has no attribute '{name}'")
+    value = getattr(import_module(f"handtrack.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

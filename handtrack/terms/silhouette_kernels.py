@@ -1,0 +1,251 @@
+"""Compiled loops of the silhouette terms: row by row, run by run. The plain form: tests/terms/conic_field_reference.py.
+
+A field of an ellipse is a quadratic q(u, v), −1 at its centre, 0 on its outline; the term sees s·(q − t). Three ideas:
+
+1. Every ellipse has its own origin, the whole pixel next to its centre. Sums of powers up to the fourth are then sums
+   of small integers: exact, and without cancellation for ellipses of any size anywhere in the image.
+2. A row keeps, per pixel, −value of the lowest field with the ellipse's number in the last bits of the float: one
+   maximum finds value and winner.
+3. Where the winner does not change from pixel to pixel, powers and observation are summed by two look-ups.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from handtrack.terms.conic_kernels import (
+    CENTRE_U,
+    CENTRE_V,
+    ELLIPSE,
+    ORIGIN_U,
+    ORIGIN_V,
+    S11,
+    S12,
+    S22,
+    SCALE,
+    conic_by_twist,
+    conic_of,
+    pose,
+    project,
+)
+from handtrack.terms.row_kernels import BLOCK, MOMENTS, add_run, clear, find_runs, number_at, paint
+
+WIDEST = 1 << 20  # beyond this a row's span is clipped before it becomes an integer
+
+
+@numba.njit(cache=True, nogil=True)
+def camera_system(
+    rotation, position, reference, bone, centre, turn, radii, projection, valid, sums, window, powers, heights,
+    levels, limit, depth_scaled, weight, want_system, gradient, hessian,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns (cost, area, overlap).
+
+    The returned cost leaves out ½ weight ΣZ², which does not depend on the pose. area: pixels that the model covers,
+    overlap: −ΣZ over them. window: (width, x0, y0, origin) of `sums`; levels: (E, 2) outer level t and factor s.
+    """
+    count, height, width = bone.shape[0], valid.shape[0], window[0]
+    centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
+    pose(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
+    ellipses = np.zeros((count + 2, ELLIPSE))
+    project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
+    moments = np.zeros((count + 2, MOMENTS))
+    _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, moments)
+    area, overlap = 0.0, 0.0
+    for k in range(1, count + 2):
+        area += moments[k, 0]
+        overlap -= moments[k, 16]
+    core = count + 1
+    cost = 0.5 * moments[core, 0] + moments[core, 16]
+    m, z = np.zeros((6, 6)), np.zeros(6)
+    c, mc = np.empty(6), np.empty(6)
+    a, work, ma = np.zeros((6, 8)), np.zeros((9, 8)), np.zeros((6, 8))
+    for e in range(count):
+        if moments[e + 1, 0] == 0.0:
+            continue
+        _unpack(moments[e + 1], ellipses[e, ORIGIN_U] - window[3], m, z)
+        conic_of(ellipses[e], levels[e, 0], c)
+        for i in range(6):
+            mc[i] = 0.0
+            for j in range(6):
+                mc[i] += m[i, j] * c[j]
+            cost += c[i] * (0.5 * mc[i] - z[i])
+        if want_system:
+            conic_by_twist(
+                projection, centre_world[e], shape_world[e], reference, ellipses[e], levels[e, 0], depth_scaled, a, work
+            )
+            _add_block(a, m, mc, z, weight, 6 * bone[e], gradient, hessian, ma)
+    return weight * cost, area, overlap
+
+
+@numba.njit(cache=True, nogil=True)
+def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, moments):  # pragma: no cover - compiled
+    """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
+    count, height, width = levels.shape[0], valid.shape[0], window[0]
+    first, last = np.empty(count, np.int64), np.empty(count, np.int64)
+    start = np.zeros(height + 1, np.int64)
+    for e in range(count):  # rows that each ellipse reaches
+        first[e], last[e] = 0, 0
+        if ellipses[e, SCALE] == 0.0:
+            continue
+        reach = np.sqrt((1.0 + levels[e, 0]) * ellipses[e, S22])
+        middle = ellipses[e, ORIGIN_V] + ellipses[e, CENTRE_V]
+        first[e] = np.int64(min(max(np.ceil(middle - reach), 0.0), float(height)))
+        last[e] = np.int64(min(max(np.floor(middle + reach) + 1.0, 0.0), float(height)))
+        for v in range(first[e], last[e]):
+            start[v + 1] += 1
+    for v in range(height):
+        start[v + 1] += start[v]
+    items, filled = np.empty(start[height], np.int64), start.copy()
+    for e in range(count):
+        for v in range(first[e], last[e]):
+            items[filled[v]] = e
+            filled[v] += 1
+    buffer = np.zeros((width // BLOCK + 2) * BLOCK)
+    starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
+    rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
+    for v in range(height):
+        if start[v] == start[v + 1]:
+            continue
+        low, high = _paint_row(
+            v, items[start[v] : start[v + 1]], ellipses, levels, limit, valid[v, 0], valid[v, 1], buffer
+        )
+        if low >= high:
+            continue
+        runs = find_runs(buffer, low, high, starts)
+        row = v - window[2] + 1
+        if row < 0 or row > rows:
+            row = 0
+        left = starts[0]
+        for n in range(runs):
+            right = starts[n + 1]
+            k = number_at(buffer, left)
+            e = max(k - 1, 0)
+            u0 = np.int64(ellipses[e, ORIGIN_U]) - width
+            y = v - np.int64(ellipses[e, ORIGIN_V]) + height
+            za, zb = min(max(left - window[1], 0), columns), min(max(right - window[1], 0), columns)
+            add_run(moments, k, powers, left - u0, right - u0, heights, y, sums, row, za, zb)
+            left = right
+        clear(buffer, low, high)
+
+
+@numba.njit(cache=True, nogil=True)
+def _paint_row(v, items, ellipses, levels, limit, begin, end, buffer):  # pragma: no cover - compiled
+    """Paint all ellipses of row v; returns the columns [low, high), inside [begin, end), that they reach."""
+    low, high = end, begin
+    core = levels.shape[0] + 1
+    for e in items:
+        outer, s, s22 = levels[e, 0], ellipses[e, SCALE], ellipses[e, S22]
+        dy = v - ellipses[e, ORIGIN_V] - ellipses[e, CENTRE_V]
+        room = 1.0 + outer - dy * dy / s22
+        if room <= 0.0:
+            continue
+        bend = s22 / (ellipses[e, S11] * s22 - ellipses[e, S12] * ellipses[e, S12])
+        half = np.sqrt(room / bend)
+        middle = ellipses[e, ORIGIN_U] + ellipses[e, CENTRE_U] + ellipses[e, S12] / s22 * dy
+        a = max(np.int64(np.ceil(max(middle - half, -WIDEST))), begin)
+        b = min(np.int64(np.floor(min(middle + half, WIDEST))) + 1, end)
+        if a >= b:
+            continue
+        low, high = min(low, a), max(high, b)
+        paint(buffer, a, b, middle, s * room, s * bend, limit, e + 1, core)
+    return low, high
+
+
+@numba.njit(cache=True, nogil=True)
+def _unpack(n, shift, m, z):  # pragma: no cover - compiled
+    """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums; Z's are `shift` columns off in x."""
+    m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = n[4], 2 * n[8], n[11], 2 * n[3], 2 * n[7], n[2]
+    m[1, 1], m[1, 2], m[1, 3], m[1, 4], m[1, 5] = 4 * n[11], 2 * n[13], 4 * n[7], 4 * n[10], 2 * n[6]
+    m[2, 2], m[2, 3], m[2, 4], m[2, 5] = n[14], 2 * n[10], 2 * n[12], n[9]
+    m[3, 3], m[3, 4], m[3, 5] = 4 * n[2], 4 * n[6], 2 * n[1]
+    m[4, 4], m[4, 5] = 4 * n[9], 2 * n[5]
+    m[5, 5] = n[0]
+    for i in range(1, 6):
+        for j in range(i):
+            m[i, j] = m[j, i]
+    z[0] = n[18] - 2.0 * shift * n[17] + shift * shift * n[16]
+    z[1] = 2.0 * (n[20] - shift * n[19])
+    z[2] = n[21]
+    z[3] = 2.0 * (n[17] - shift * n[16])
+    z[4] = 2.0 * n[19]
+    z[5] = n[16]
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_block(a, m, mc, z, weight, at, gradient, hessian, ma):  # pragma: no cover - compiled
+    """Add Aᵀ(M c − z) and Aᵀ M A at row `at`."""
+    for i in range(6):
+        for t in range(8):
+            ma[i, t] = 0.0
+        for j in range(6):
+            f = weight * m[i, j]
+            for t in range(8):
+                ma[i, t] += f * a[j, t]
+        r = weight * (mc[i] - z[i])
+        for t in range(6):
+            gradient[at + t] += r * a[i, t]
+    for s in range(6):
+        for i in range(6):
+            f = a[i, s]
+            for t in range(6):
+                hessian[at + s, at + t] += f * ma[i, t]
+
+
+@numba.njit(cache=True, nogil=True)
+def window_of(image, valid):  # pragma: no cover - compiled
+    """Return (x0, x1, y0, y1), half open, around the pixels that are not 0, in rows that are observed."""
+    height, width = image.shape
+    x0, x1, y0, y1 = width, 0, height, 0
+    for v in range(height):
+        if valid[v, 1] <= valid[v, 0]:
+            continue
+        filled = 0
+        for u in range(width):
+            filled += image[v, u] != 0
+        if filled == 0:
+            continue
+        y0, y1 = min(y0, v), v + 1
+        u = 0
+        while u < x0 and image[v, u] == 0:
+            u += 1
+        x0 = min(x0, u)
+        u = width
+        while u > x1 and image[v, u - 1] == 0:
+            u -= 1
+        x1 = max(x1, u)
+    if y0 >= y1:
+        return 0, 0, 0, 0
+    return x0, x1, y0, y1
+
+
+@numba.njit(cache=True, nogil=True)
+def prefix_sums(image, sign, valid, x0, y0, origin, sums):  # pragma: no cover - compiled
+    """Fill sums (rows + 1, columns + 1, 4) with Σ Z (1, x, x², 0), x = u − origin, of the pixels left of each one.
+
+    Z = sign · image; the window starts at column x0 and row y0; row 0 and column 0 are 0. Returns ΣZ² and −ΣZ of
+    the observed pixels.
+    """
+    energy, area = 0.0, 0.0
+    columns = sums.shape[1] - 1
+    sums[0] = 0.0
+    for row in range(1, sums.shape[0]):
+        v = y0 + row - 1
+        a, b, c = 0.0, 0.0, 0.0
+        sums[row, 0] = 0.0
+        for k in range(columns):
+            z = sign * image[v, x0 + k]
+            x = float(x0 + k - origin)
+            a += z
+            b += z * x
+            c += z * x * x
+            sums[row, k + 1, 0] = a
+            sums[row, k + 1, 1] = b
+            sums[row, k + 1, 2] = c
+            sums[row, k + 1, 3] = 0.0
+        begin, end = max(valid[v, 0] - x0, 0), min(valid[v, 1] - x0, columns)
+        if begin < end:
+            area += sums[row, begin, 0] - sums[row, end, 0]
+            for k in range(begin, end):
+                energy += np.float64(image[v, x0 + k]) ** 2
+    return energy, area

@@ -1,0 +1,105 @@
+"""How far a track of desk_two_view is from marks set by eye: pixels per landmark, overlap of the hand.
+
+Run: python -m tests.benchmarks.desk_two_view POSES.npz (the session is found through HANDTRACK_DATA).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.diagnostics.render import pixel_rays, render_mask
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.session.session import Session
+from handtrack.session.tables import read_npz
+from handtrack.tracker.result import TrackResult
+
+MARKS = Path(__file__).with_name("desk_two_view_marks.json")
+
+
+def read_marks() -> dict[int, dict[str, dict]]:
+    """Return marks by frame and camera: landmark → (x, y, confidence), and `wrist_cut` → two points."""
+    frames = json.loads(MARKS.read_text())["frames"]
+    return {int(frame): views for frame, views in frames.items()}
+
+
+def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
+    """Return the part of a mask on that side of the wrist cut where the point `inside` lies."""
+    a, b = np.asarray(cut, dtype=float)
+    v, u = np.mgrid[: mask.shape[0], : mask.shape[1]]
+    normal = np.array([-(b - a)[1], (b - a)[0]])
+    side = (u - a[0]) * normal[0] + (v - a[1]) * normal[1]
+    return mask & (side * float((inside - a) @ normal) > 0)
+
+
+def compare(track: TrackResult, session: Session) -> dict[str, object]:
+    """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, by frame and together."""
+    size = json.loads(str(track.scale))
+    forearm = "forearm" in list(track.bone_names)
+    model = load_model(
+        scale=HandScale(size["overall"], size["fingers"]), side=str(track.side), forearm=forearm
+    )
+    hand = model.flesh["fine"]
+    if forearm:
+        hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
+    rows = {int(frame): i for i, frame in enumerate(track.frame)}
+    rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
+    errors, overlaps, per_frame = [], [], {}
+    names = [str(name) for name in track.joint_names]
+    for frame, views in read_marks().items():
+        if frame not in rows:
+            continue
+        i = rows[frame]
+        bones = model.bones(model.transform.solver_params(track.parameters[i]))
+        here, shares = {}, []
+        for camera in session.rig.cameras:
+            marks = dict(views.get(camera.name, {}))
+            cut = marks.pop("wrist_cut", None)
+            for name, (x, y, *_) in marks.items():
+                seen = camera.project(track.joint_positions[i, names.index(name)])
+                here[f"{camera.name} {name}"] = float(np.hypot(*(seen - (x, y))))
+            mask = session.mask(camera.name, frame)
+            if cut is None or mask is None or not marks:
+                continue
+            middle = np.median([m[:2] for m in marks.values()], axis=0)
+            observed = hand_side(mask > 0, cut, middle)
+            predicted = hand_side(
+                render_mask(camera, hand.posed(bones), rays[camera.name]) > 0, cut, middle
+            )
+            shares.append((observed & predicted).sum() / max((observed | predicted).sum(), 1))
+        per_frame[frame] = (here, shares)
+        errors += here.values()
+        overlaps += shares
+    return {
+        "landmarks": len(errors),
+        "median_px": float(np.median(errors)),
+        "p90_px": float(np.percentile(errors, 90)),
+        "within_20_px": float(np.mean(np.array(errors) <= 20)),
+        "iou_mean": float(np.mean(overlaps)),
+        "iou_median": float(np.median(overlaps)),
+        "iou_least": float(np.min(overlaps)),
+        "frames": per_frame,
+    }
+
+
+def main() -> None:
+    data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
+    figures = compare(read_npz(Path(sys.argv[1])), Session.open(data / "sessions" / "desk_two_view"))
+    for frame, (marks, shares) in figures.pop("frames").items():  # type: ignore[union-attr]
+        values = np.array(list(marks.values()))
+        worst = sorted(marks, key=lambda k: -marks[k])[:3]
+        print(
+            f"{frame:4d}  median {np.median(values):5.1f}  p90 {np.percentile(values, 90):5.1f}  "
+            f"IoU {' '.join(f'{s:.2f}' for s in shares)}  worst: "
+            + ", ".join(f"{k} {marks[k]:.0f}" for k in worst)
+        )
+    print(figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Calibration files: read, written, refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.calibration import read_rig, write_rig
+from handtrack.errors import HandtrackError
+
+GOOD = """
+[cam_0]
+name = "cam0"
+size = [640, 480]
+matrix = [[600.0, 0.0, 320.0], [0.0, 601.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [0.1, -0.2, 0.001, 0.002, 0.0]
+rotation = [0.1, 0.2, 0.3]
+translation = [10.0, 20.0, 700.0]
+fisheye = false
+
+[metadata]
+adjusted = true
+error = 0.3
+"""
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_reads_aniposes_form_in_metres(tmp_path: Path) -> None:
+    rig = read_rig(write(tmp_path / "c.toml", GOOD), world_unit_m=0.001)
+    camera = rig["cam0"]
+    assert rig.names == ("cam0",) and camera.size == (640, 480)
+    np.testing.assert_allclose(camera.translation, [0.01, 0.02, 0.7])
+    np.testing.assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
+    np.testing.assert_allclose(camera.distortions, [0.1, -0.2, 0.001, 0.002, 0.0])
+
+
+def test_what_is_written_reads_back(tmp_path: Path) -> None:
+    rig = read_rig(write(tmp_path / "c.toml", GOOD), 0.001)
+    write_rig(tmp_path / "again.toml", rig, 0.001)
+    again = read_rig(tmp_path / "again.toml", 0.001)
+    for one, other in zip(rig, again, strict=True):
+        assert (one.name, one.size) == (other.name, other.size)
+        for key in ("matrix", "distortions", "rotation", "translation"):
+            np.testing.assert_allclose(getattr(one, key), getattr(other, key), atol=1e-15)
+
+
+def test_shared_recordings_read(data_dir: Path) -> None:
+    rig = read_rig(data_dir / "sessions/desk_two_view/calibration.toml", 0.043)
+    apart = np.linalg.norm(rig["cam0"].centre - rig["cam1"].centre)
+    assert apart == pytest.approx(0.54, abs=0.005)
+
+
+NO_RIGHT = "rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
+BAD = {
+    "fisheye": ("fisheye = false", "fisheye = true", r"\[cam_0\]: fisheye = true; .*not supported"),
+    "skew": ("[[600.0, 0.0,", "[[600.0, 2.0,", r"\[cam_0\]: camera 'cam0': .*skew of 2; expected 0"),
+    "coefficients": ("0.002, 0.0]", "0.002]", None),
+    "six coefficients": ("0.002, 0.0]", "0.002, 0.0, 0.0]", "6 distortion coeff.*4, 5, 8, 12 or 14"),
+    "missing": ("size = [640, 480]", "", r"\[cam_0\]: the key 'size' is missing; a camera needs name"),
+    "NaN": ("[10.0, 20.0", "[nan, 20.0", r"translation = \[nan, 20.0, 700.0\]; expected finite"),
+    "infinite": ("[0.1, 0.2, 0.3]", "[inf, 0, 0]", r"rotation = \[inf, 0, 0\]; expected finite num"),
+    "a matrix": ("rotation = [0.1, 0.2, 0.3]", NO_RIGHT, "rotation has 3 x 3 numbers; expected 3. Write the"),
+    "text": ("[0.1, 0.2, 0.3]", '["a", 0, 0]', r"rotation = \['a', 0, 0\]; expected 3 numbers"),
+    "size": ("[640, 480]", "[640.5, 480]", r"size = \[640.5, 480\]; expected .width, height. in whole"),
+    "name": ('"cam0"', "7", "name = 7; expected a text"),
+    "syntax": ("size = [640", "size = 640", r"c.toml: not valid TOML: .*\(at line 4"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_calibrations_are_refused(case: str, tmp_path: Path) -> None:
+    old, new, message = BAD[case]
+    assert old in GOOD
+    path = write(tmp_path / "c.toml", GOOD.replace(old, new))
+    if message is None:
+        assert len(read_rig(path)["cam0"].distortions) == 4
+        return
+    with pytest.raises(HandtrackError, match=message) as caught:
+        read_rig(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_calibration_without_cameras_or_without_file(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match="no camera found; expected one table per camera"):
+        read_rig(write(tmp_path / "c.toml", "[metadata]\nerror = 1.0\n"))
+    with pytest.raises(HandtrackError, match="no such file; expected the camera calibration there"):
+        read_rig(tmp_path / "none.toml")
+    twice = GOOD + GOOD[: GOOD.index("[metadata]")].replace("cam_0", "cam_1")
+    with pytest.raises(HandtrackError, match="c.toml: the name 'cam0' is given to two cameras"):
+        read_rig(write(tmp_path / "c.toml", twice))

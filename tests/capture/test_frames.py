@@ -1,0 +1,86 @@
+"""Numbered image files: numbers, gaps, kinds, damage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.frames import DEPTH, MASK, ImageFiles, frame_number
+from handtrack.errors import HandtrackError
+
+
+def picture(value: int, dtype: type = np.uint8) -> np.ndarray:
+    return np.full((48, 64), value, dtype)
+
+
+def folder_of(folder: Path, names: list[str]) -> list[Path]:
+    paths = [folder / name for name in names]
+    for path in paths:
+        cv2.imwrite(str(path), picture(frame_number(path.name)))
+    return paths
+
+
+@pytest.mark.parametrize(
+    ("name", "frame"),
+    [("000018.png", 18), ("cam1_frame_7.png", 7), ("2024-03-01_12.png", 12), ("a9b10c.jp2", 10)],
+)
+def test_the_frame_is_the_last_group_of_digits(name: str, frame: int) -> None:
+    assert frame_number(name) == frame
+
+
+def test_gaps_are_misses_and_shift_nothing(tmp_path: Path) -> None:
+    source = ImageFiles(folder_of(tmp_path, ["f2.png", "f10.png", "f3.png"]), MASK)
+    assert source.frames == range(11)
+    assert [frame for frame in source.frames if source.has(frame)] == [2, 3, 10]
+    assert source.size == (64, 48)
+    image = source.read(10)
+    assert image is not None and (image == 10).all()
+    assert source.read(4) is None and source.read(99) is None
+    assert source.warnings == ()
+
+
+def test_kinds_have_their_shapes(tmp_path: Path) -> None:
+    paths = folder_of(tmp_path, ["5.png"])
+    colour, mask = ImageFiles(paths).read(5), ImageFiles(paths, MASK).read(5)
+    assert colour is not None and colour.shape == (48, 64, 3)
+    assert mask is not None and mask.shape == (48, 64)
+    cv2.imwrite(str(tmp_path / "d1.png"), picture(40000, np.uint16))
+    depth = ImageFiles([tmp_path / "d1.png"], DEPTH).read(1)
+    assert depth is not None and depth.dtype == np.uint16 and (depth == 40000).all()
+    with pytest.raises(HandtrackError, match="depth must be one channel of 16 bits; found uint8"):
+        ImageFiles(paths, DEPTH).read(5)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "text"])
+def test_unreadable_files_are_misses_with_a_warning(
+    suffix: str, damage: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    path = tmp_path / f"3{suffix}"
+    cv2.imwrite(str(path), rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    whole = path.read_bytes()
+    path.write_bytes({"cut": whole[: len(whole) * 2 // 3], "empty": b"", "text": b"hello"}[damage])
+    source = ImageFiles([path])
+    assert source.read(3) is None
+    assert source.read(3) is None
+    assert len(source.warnings) == 1
+    assert str(path) in source.warnings[0] and "frame 3 counts as missing" in source.warnings[0]
+
+
+def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match=r"'007.png' and '7.png' are both frame 7; expected one"):
+        ImageFiles(folder_of(tmp_path, ["7.png", "007.png"]))
+
+
+def test_names_without_digits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match=r"^first.png: no digits in the file name; expected the"):
+        ImageFiles([tmp_path / "first.png"])
+
+
+def test_another_size_than_the_calibrations_is_refused(tmp_path: Path) -> None:
+    source = ImageFiles(folder_of(tmp_path, ["1.png"]), expected_size=(640, 480))
+    with pytest.raises(HandtrackError, match="frame 1: the image is 64 x 48, .* calibrated for 640 x 480"):
+        source.read(1)
