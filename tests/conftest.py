@@ -1,4 +1,4 @@
-"""What every test may ask for: the shared recordings, and random numbers that are the same each time."""
+"""Fixtures for all tests."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-
-@pytest.fixture
-def data_dir() -> Path:
-    """The folder of shared data: HANDTRACK_DATA, or ../shared/data beside the checkout."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("HANDTRACK_DATA", beside))
-    if not folder.is_dir():
-        pytest.skip(f"no shared data at {folder}; set HANDTRACK_DATA")
-    return folder
+REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """A fixed source of random numbers."""
-    return np.random.default_rng(20070219)
+    """Random numbers that are the same in every run."""
+    return np.random.default_rng(7)
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The shared recordings (contracts §6); tests that need them skip where they are absent."""
+    chosen = os.environ.get("HANDTRACK_DATA")
+    folder = Path(chosen) if chosen else REPOSITORY.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"no shared test data at {folder}; HANDTRACK_DATA can name another folder")
+    return folder

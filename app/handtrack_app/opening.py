@@ -25,11 +25,6 @@ def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
     return Document(run, frame, params)
 
 
-def reopen(run: TrackingRun, name: str, value: Any) -> TrackingRun:
-    """Return the run with one setting changed."""
-    return run.with_values({name: value})
-
-
 def placed_in_view(run: TrackingRun) -> Floats:
     """Return solver parameters (P,) of the relaxed hand where the cameras look, its back to the first one."""
     cameras = list(run.session.rig.cameras)

@@ -105,6 +105,11 @@ class UserState:
     undo: UndoStack = field(default_factory=UndoStack)
     lock: threading.RLock = field(default_factory=threading.RLock)
 
+    def value_of(self, name: str) -> float:
+        """Return a joint parameter as the user last set or saw it [m, rad]."""
+        with self.lock:
+            return self.values[self.names.index(name)] if self.values and name in self.names else 0.0
+
     def step(self) -> PoseStep:
         """Return the pose as it is now."""
         return PoseStep(self.frame, self.values)

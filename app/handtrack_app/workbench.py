@@ -8,17 +8,17 @@ import time
 import webbrowser
 from pathlib import Path
 
-import numpy as np
 import viser
 
 from handtrack_app import messages as m
 from handtrack_app.mailbox import Mailbox
+from handtrack_app.opening import open_document
 from handtrack_app.panels.page import Page
 from handtrack_app.player import Player
 from handtrack_app.screen_layout import PageLayout
 from handtrack_app.scene.stage import Stage
 from handtrack_app.state import UserState
-from handtrack_app.worker import Worker
+from handtrack_app.worker import Opener, Worker
 
 log = logging.getLogger(__name__)
 
@@ -26,13 +26,15 @@ log = logging.getLogger(__name__)
 class Workbench:
     """A session in the browser. `start` returns at once; the page fills while the session opens."""
 
-    def __init__(self, session_folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, session_folder: Path, host: str = "127.0.0.1", port: int = 8080, opener: Opener = open_document
+    ) -> None:
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
         self._snapshots: Mailbox[m.Snapshot] = Mailbox(
             lambda s: None if isinstance(s, (m.Notice, m.Download)) else type(s)
         )
-        self.worker = Worker(self.folder, self._snapshots.put)
+        self.worker = Worker(self.folder, self._snapshots.put, opener)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self.server: viser.ViserServer
 
@@ -88,8 +90,12 @@ class Workbench:
         with state.lock:
             target = state.clamp_frame(frame)
             if target is None or target == state.frame:
-                return
-            state.frame, state.follow = target, False
+                target = None
+            else:
+                state.frame, state.follow = target, False
+        if target is None:
+            self.layout.timeline.show_frame(state.frame)
+            return
         self.layout.timeline.show_frame(target)
         self.send(m.ShowFrame(target))
 

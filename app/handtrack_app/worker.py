@@ -14,7 +14,7 @@ from handtrack.errors import HandtrackError
 from handtrack_app import keeping, messages as m
 from handtrack_app.document import Document, params_of
 from handtrack_app.mailbox import Mailbox
-from handtrack_app.opening import open_document, reopen
+from handtrack_app.opening import open_document
 from handtrack_app.pictures import PictureMaker
 from handtrack_app.tracking_job import Ended, Tracked, TrackingJob
 
@@ -25,6 +25,7 @@ _STRIP_EVERY_S = 0.25  # the timeline redrawn at most this often
 
 Request = m.Command | Tracked | Ended
 Publish = Callable[[m.Snapshot], None]
+Opener = Callable[[Path, dict[str, Any]], Document]
 
 
 def _kind(request: Request) -> Hashable | None:
@@ -43,7 +44,7 @@ class Worker:
         self,
         folder: Path,
         publish: Publish,
-        opener: Callable[[Path, dict[str, Any]], Document] = open_document,
+        opener: Opener = open_document,
     ) -> None:
         self.folder = folder
         self._publish, self._opener = publish, opener
@@ -299,7 +300,7 @@ class Worker:
             if isinstance(change, m.SetLimits):
                 document.set_limits(change.name, change.interval)
             else:
-                document.replace_run(reopen(document.run, change.name, change.value))
+                document.replace_run(document.run.with_values({change.name: change.value}))
                 keeping.note(document, {"kind": "setting", "name": change.name, "value": change.value})
         finally:
             self._publish(document.session_snapshot())

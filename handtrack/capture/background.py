@@ -142,8 +142,7 @@ def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
     if found < _LEAST_FRAMES:
         raise HandtrackError(
             f"{source.where}: a background needs at least {_LEAST_FRAMES} readable images among "
-            f"{len(wanted)} sampled "
-            f"frames; found {found}."
+            f"{len(wanted)} sampled frames; found {found}."
         )
 
 

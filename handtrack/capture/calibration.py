@@ -75,8 +75,7 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
     if table.get("fisheye"):
         raise HandtrackError(
             f"{where}: fisheye = true; fisheye lenses are not supported. Calibrate with the "
-            "standard model "
-            "(8 coefficients for wide lenses), or undistort the images first."
+            "standard model (8 coefficients for wide lenses), or undistort the images first."
         )
     if not isinstance(table["name"], str) or not table["name"]:
         raise HandtrackError(f"{where}: name = {table['name']!r}; expected a text.")

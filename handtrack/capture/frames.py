@@ -83,8 +83,8 @@ def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
         if frame in by_frame:
             raise HandtrackError(
                 f"{path.parent}: '{by_frame[frame].name}' and '{path.name}' are both frame "
-                f"{frame}; "
-                "expected one file a frame. The frame is the last group of digits in the name."
+                f"{frame}; expected one file a frame. The frame is the last group of digits in "
+                "the name."
             )
         by_frame[frame] = path
     return dict(sorted(by_frame.items()))

@@ -50,8 +50,7 @@ class SkinAdaptive:
         mean, inverse = self._fit(source)
 
         def segment(image: Array) -> Bytes:
-            off = _chromaticity(image) - mean
-            distance2 = np.einsum("...i,ij,...j->...", off, inverse, off)
+            distance2 = _squared_distance(_chromaticity(image), mean, inverse)
             bright = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)[..., 0] >= self.y_min
             skin = np.where((distance2 <= self.size**2) & bright, 255, 0).astype(np.uint8)
             return clean(skin, self.open_px, self.largest, roi)
@@ -63,20 +62,17 @@ class SkinAdaptive:
         if image is None:
             raise HandtrackError(
                 f"{source.where}: mask method skin_adaptive takes its sample from frame "
-                f"{self.reference}, which is "
-                "missing; set `reference` to a frame that exists."
+                f"{self.reference}, which is missing; set `reference` to a frame that exists."
             )
         x, y, width, height = self.sample
         if x < 0 or y < 0 or x + width > image.shape[1] or y + height > image.shape[0]:
             raise HandtrackError(
                 f"{source.where}: mask method skin_adaptive: sample = {list(self.sample)} leaves "
-                "the image of "
-                f"{image.shape[1]} x {image.shape[0]}."
+                f"the image of {image.shape[1]} x {image.shape[0]}."
             )
         colours = _chromaticity(image[y : y + height, x : x + width]).reshape(-1, 2)
         mean, inverse = _ellipse(colours)
-        off = colours - mean
-        near = np.einsum("ni,ij,nj->n", off, inverse, off) <= _TRIM**2
+        near = _squared_distance(colours, mean, inverse) <= _TRIM**2
         return _ellipse(colours[near])
 
     @classmethod
@@ -102,6 +98,12 @@ def _chromaticity(image: Array) -> Array:
     bgr = image.astype(np.float32)
     total = np.maximum(bgr.sum(axis=-1, keepdims=True), 1.0)
     return bgr[..., [2, 1]] / total
+
+
+def _squared_distance(colours: Array, mean: Floats, inverse: Floats) -> Array:
+    """Return the squared Mahalanobis distance (...) of colours (..., 2)."""
+    r, g = colours[..., 0] - mean[0], colours[..., 1] - mean[1]
+    return inverse[0, 0] * r * r + 2 * inverse[0, 1] * r * g + inverse[1, 1] * g * g
 
 
 def _ellipse(colours: Array) -> tuple[Floats, Floats]:

@@ -114,9 +114,8 @@ class VideoFile:
         if not capture.isOpened():
             raise HandtrackError(
                 f"{self._where}: cannot be opened as a video. It is no video, its codec is "
-                "unknown, or it was cut off "
-                "before its index was written; re-encode it (for instance with ffmpeg) or record "
-                "again."
+                "unknown, or it was cut off before its index was written; re-encode it (for "
+                "instance with ffmpeg) or record again."
             )
         return capture
 
@@ -217,9 +216,8 @@ def _oddities(where: str, claimed: int, times_ms: Array) -> list[str]:
     count = len(times_ms)
     if claimed > count:
         found.append(
-            f"{where}: announces {claimed} frames, but only {count} can be decoded; it is cut "
-            "off or damaged. "
-            f"Frames from {count} on count as missing."
+            f"{where}: announces {claimed} frames, but only {count} can be decoded; it is cut off "
+            f"or damaged. Frames from {count} on count as missing."
         )
     steps = np.diff(times_ms)
     if len(steps) > 2 and (usual := float(np.median(steps))) > 0:
@@ -228,9 +226,7 @@ def _oddities(where: str, claimed: int, times_ms: Array) -> list[str]:
             worst = int(uneven[np.argmax(steps[uneven])])
             found.append(
                 f"{where}: {len(uneven)} steps between frames are longer than the usual "
-                f"{usual:.1f} ms (the longest "
-                f"{steps[worst]:.0f} ms after frame {worst}); frames were dropped, or the rate "
-                "varies. "
-                "Give timestamps if cameras must agree."
+                f"{usual:.1f} ms (the longest {steps[worst]:.0f} ms after frame {worst}); frames "
+                "were dropped, or the rate varies. Give timestamps if cameras must agree."
             )
     return found

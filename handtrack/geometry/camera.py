@@ -159,8 +159,7 @@ def _check(camera: Camera) -> None:
     if camera.distortions.shape not in [(n,) for n in COEFFICIENT_COUNTS]:
         raise HandtrackError(
             f"{who}: {camera.distortions.size} distortion coefficients; OpenCV's model has 4, 5, "
-            "8, 12 or 14 "
-            "(k1 k2 p1 p2 k3 ...). Fill up with zeros."
+            "8, 12 or 14 (k1 k2 p1 p2 k3 ...). Fill up with zeros."
         )
     for name in (*shapes, "distortions"):
         if not np.isfinite(getattr(camera, name)).all():
@@ -177,8 +176,7 @@ def _check_matrix(matrix: Floats, who: str) -> None:
     if abs(matrix[0, 1]) > 1e-9 * abs(matrix[0, 0]):
         raise HandtrackError(
             f"{who}: the matrix has a skew of {matrix[0, 1]:g}; expected 0. OpenCV would ignore "
-            "it silently, so it is "
-            "refused: calibrate without skew."
+            "it silently, so it is refused: calibrate without skew."
         )
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise HandtrackError(
@@ -188,8 +186,7 @@ def _check_matrix(matrix: Floats, who: str) -> None:
     if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1], rtol=0, atol=1e-12):
         raise HandtrackError(
             f"{who}: the matrix must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; found "
-            f"{matrix.tolist()}. "
-            "Is it transposed?"
+            f"{matrix.tolist()}. Is it transposed?"
         )
 
 
@@ -198,12 +195,12 @@ def _check_rotation(rotation: Floats, who: str) -> None:
     off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if off < 1e-6 and determinant < 0:
         raise HandtrackError(
-            f"{who}: the rotation is mirrored (determinant {determinant:.3g}, expected 1). "
-            "One axis has the wrong sign, or two are exchanged."
+            f"{who}: the rotation is mirrored (determinant {determinant:.3g}, expected 1). One "
+            "axis has the wrong sign, or two are exchanged."
         )
     if off >= 1e-6:
         raise HandtrackError(
             f"{who}: the rotation matrix is no rotation: R Rᵀ differs from the identity by "
-            f"{off:.2g} (determinant "
-            f"{determinant:.3g}). It may be singular or scaled; expected orthonormal rows."
+            f"{off:.2g} (determinant {determinant:.3g}). It may be singular or scaled; expected "
+            "orthonormal rows."
         )

@@ -24,8 +24,7 @@ def distort(directions: Floats, coefficients: Floats) -> Floats:
     if not np.any(coefficients):
         return directions.copy()
     full = _all_fourteen(coefficients)
-    bent, _ = _bend(directions, full)
-    bent = _apply_homography(_tilt(full), bent)
+    bent = _apply_homography(_tilt(full), _bend(directions, full))
     radius = np.linalg.norm(directions, axis=-1)
     return np.where((radius <= field_radius(coefficients))[..., None], bent, np.nan)
 
@@ -42,13 +41,11 @@ def undistort(bent: Floats, coefficients: Floats) -> Floats:
     straight = target.copy()
     for _ in range(_NEWTON_STEPS):
         straight = _pulled_inside(straight, limit)
-        found, jacobian = _bend(straight, full)
-        error = target - found
+        error = target - _bend(straight, full)
         if not np.any(np.abs(error) > 1e-15):
             break
-        straight = straight + _solve_2x2(jacobian, error)
-    found, _ = _bend(straight, full)
-    error = np.linalg.norm(target - found, axis=-1)
+        straight = straight + _solve_2x2(_bend_jacobian(straight, full), error)
+    error = np.linalg.norm(target - _bend(straight, full), axis=-1)
     good = (error < _CONVERGED) & (np.linalg.norm(straight, axis=-1) <= limit)
     return np.where(good[..., None], straight, np.nan)
 
@@ -85,27 +82,44 @@ def _all_fourteen(coefficients: Floats) -> Floats:
     return full
 
 
-def _bend(directions: Floats, full: Floats) -> tuple[Floats, Floats]:
-    """Return directions bent by all but the tilt, and the Jacobian (..., 2, 2)."""
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = full[:12]
+def _bend(directions: Floats, full: Floats) -> Floats:
+    """Return directions bent by all but the tilt."""
+    p1, p2 = full[2:4]
+    s1, s2, s3, s4 = full[8:12]
     x, y = directions[..., 0], directions[..., 1]
     s = x * x + y * y
+    radial, _ = _radial(s, full)
+    bent_x = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x) + s * (s1 + s * s2)
+    bent_y = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y + s * (s3 + s * s4)
+    return np.stack([bent_x, bent_y], axis=-1)
+
+
+def _bend_jacobian(directions: Floats, full: Floats) -> Floats:
+    """Return the derivative (..., 2, 2) of `_bend`."""
+    p1, p2 = full[2:4]
+    s1, s2, s3, s4 = full[8:12]
+    x, y = directions[..., 0], directions[..., 1]
+    s = x * x + y * y
+    radial, slope = _radial(s, full)
+    prism_x, prism_y = s1 + 2 * s * s2, s3 + 2 * s * s4
+    both = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+    xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + 2 * x * prism_x
+    yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + 2 * y * prism_y
+    rows = [xx, both + 2 * y * prism_x, both + 2 * x * prism_y, yy]
+    return np.stack(rows, axis=-1).reshape(*s.shape, 2, 2)
+
+
+def _radial(s: Floats, full: Floats) -> tuple[Floats, Floats]:
+    """Return the radial factor at s = r² and its derivative by s."""
+    k1, k2 = full[:2]
+    k3, k4, k5, k6 = full[4:8]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         above = 1 + s * (k1 + s * (k2 + s * k3))
         below = 1 + s * (k4 + s * (k5 + s * k6))
-        radial = above / below
-        d_above = k1 + s * (2 * k2 + s * 3 * k3)
-        d_below = k4 + s * (2 * k5 + s * 3 * k6)
-        d_radial = (d_above - radial * d_below) / below  # with respect to s
-        bent_x = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x) + s * (s1 + s * s2)
-        bent_y = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y + s * (s3 + s * s4)
-        prism_x, prism_y = s1 + 2 * s * s2, s3 + 2 * s * s4
-        xx = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x + 2 * x * prism_x
-        xy = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * y * prism_x
-        yx = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * x * prism_y
-        yy = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x + 2 * y * prism_y
-    jacobian = np.stack([np.stack([xx, xy], -1), np.stack([yx, yy], -1)], -2)
-    return np.stack([bent_x, bent_y], -1), jacobian
+        factor = above / below
+        slope_above = k1 + s * (2 * k2 + s * 3 * k3)
+        slope_below = k4 + s * (2 * k5 + s * 3 * k6)
+        return factor, (slope_above - factor * slope_below) / below
 
 
 def _tilt(full: Floats) -> Floats:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError, unknown_name
 
 
@@ -42,14 +43,21 @@ class ParameterTransform:
         A solver parameter that leads several joints gets the intersection of their intervals, each
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.
         """
-        reduced = np.empty((len(self.names), 2))
-        for p in range(len(self.names)):
-            column = self.matrix[:, p]
-            led = np.flatnonzero(column)
-            ends = (bounds[led] - self.offset[led, None]) / column[led, None]
-            low, high = ends.min(axis=1).max(), ends.max(axis=1).min()
-            reduced[p] = (low, high) if low <= high else (0.5 * (low + high),) * 2
-        return reduced
+        joint, leader = self._led
+        ends = (bounds[joint] - self.offset[joint, None]) / self.matrix[joint, leader][:, None]
+        low, high = np.full(len(self.names), -np.inf), np.full(len(self.names), np.inf)
+        np.maximum.at(low, leader, ends.min(axis=1))
+        np.minimum.at(high, leader, ends.max(axis=1))
+        empty = low > high
+        middle = 0.5 * (low[empty] + high[empty])
+        low[empty], high[empty] = middle, middle
+        return np.stack([low, high], axis=1)
+
+    @cached_property
+    def _led(self) -> tuple[Ints, Ints]:
+        """Return which joint parameters (K,) follow which solver parameters (K,)."""
+        joint, leader = np.nonzero(self.matrix)
+        return joint, leader
 
 
 def build_transform(

@@ -48,8 +48,7 @@ def _check_distances(session: Session) -> Iterator[Finding]:
         yield Finding(
             "warning",
             f"cameras '{a.name}' and '{b.name}' are only {apart.min() * 1000:.2g} mm apart, with "
-            f"world_unit_m = {unit:g}. "
-            "Was one camera's pose copied, or is the unit wrong?",
+            f"world_unit_m = {unit:g}. Was one camera's pose copied, or is the unit wrong?",
         )
     else:
         yield Finding("ok", f"{span}.")
@@ -62,16 +61,15 @@ def _check_lens(camera: Camera) -> Iterator[Finding]:
         yield Finding(
             "warning",
             f"camera '{camera.name}': a focal length of {camera.matrix[0, 0]:.4g} px is unusual "
-            f"for an image {width} px "
-            "wide. Does the matrix belong to another image size?",
+            f"for an image {width} px wide. Does the matrix belong to another image size?",
         )
     cx, cy = camera.matrix[:2, 2]
     if not (0.2 * width < cx < 0.8 * width and 0.2 * height < cy < 0.8 * height):
         yield Finding(
             "warning",
             f"camera '{camera.name}': the principal point ({cx:.0f}, {cy:.0f}) is far from the "
-            f"middle of {width} x "
-            f"{height}. Is the image cropped or scaled, or are cx and cy exchanged?",
+            f"middle of {width} x {height}. Is the image cropped or scaled, or are cx and cy "
+            "exchanged?",
         )
     corners = np.array(
         [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=float
@@ -80,6 +78,6 @@ def _check_lens(camera: Camera) -> Iterator[Finding]:
         yield Finding(
             "note",
             f"camera '{camera.name}': the distortion folds back before the image's corners; what "
-            "lies there is not "
-            "used. Too many coefficients for the calibration's images? Calibrate with fewer.",
+            "lies there is not used. Too many coefficients for the calibration's images? "
+            "Calibrate with fewer.",
         )

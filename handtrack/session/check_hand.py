@@ -93,8 +93,8 @@ def _check_truth_times(session: Session) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "truth.npz: its times run differently from the session's, by "
-            f"{off[worst] - np.median(off):+.3g} s at frame "
-            f"{int(truth.frame[worst])}. Is fps = {session.fps:g} right?",
+            f"{off[worst] - np.median(off):+.3g} s at frame {int(truth.frame[worst])}. Is fps = "
+            f"{session.fps:g} right?",
         )
 
 
@@ -104,9 +104,8 @@ def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
         yield Finding(
             "warning",
             f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; "
-            "expected "
-            f"{_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m right, and "
-            "are the points in order?",
+            f"expected {_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
+            "right, and are the points in order?",
         )
 
 
@@ -136,7 +135,6 @@ def _misses(view: View, frame: int, xyz: Floats) -> str:
     if share < _LEAST_INSIDE:
         return (
             f"only {share:.0%} of the keypoints lie on the mask of camera '{view.name}'. Do "
-            "calibration, side, unit and "
-            "frame numbers belong together?"
+            "calibration, side, unit and frame numbers belong together?"
         )
     return ""

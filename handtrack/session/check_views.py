@@ -121,8 +121,7 @@ def _check_masks(view: View) -> Iterator[Finding]:
         yield Finding(
             "error",
             f"{who}: the largest value in the masks is {max(look.largest for look in looks)}; "
-            "expected 0 for "
-            "background and 255 for hand. Multiply them.",
+            "expected 0 for background and 255 for hand. Multiply them.",
         )
     empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
     inverted = [look.frame for look in looks if look.share > _INVERTED_SHARE]
@@ -133,22 +132,20 @@ def _check_masks(view: View) -> Iterator[Finding]:
         yield Finding(
             "warning",
             f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An "
-            "empty mask says "
-            "that the hand is not there; delete the file if it was not seen.",
+            "empty mask says that the hand is not there; delete the file if it was not seen.",
         )
     if inverted:
         yield Finding(
             "warning",
             f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is "
-            "hand, frames "
-            f"{listed(inverted)}. Are they inverted? Expected 0 background, 255 hand.",
+            f"hand, frames {listed(inverted)}. Are they inverted? Expected 0 background, 255 hand.",
         )
     if touching:
         yield Finding(
             "note",
             f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's "
-            "border, frames "
-            f"{listed(touching)}: the arm is part of the mask, or the hand is cut off.",
+            f"border, frames {listed(touching)}: the arm is part of the mask, or the hand is cut "
+            "off.",
         )
     if not (empty or inverted or touching):
         yield Finding(

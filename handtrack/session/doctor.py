@@ -38,7 +38,7 @@ def examine(session: Session) -> list[Finding]:
         found += _all_of(check(session))
     # last, since looking at the files is what brings these to light
     found += [Finding("warning", text) for text in session.warnings]
-    return found
+    return list(dict.fromkeys(found))  # two checks may meet the same damaged file
 
 
 def _all_of(check: Iterator[Finding]) -> Iterator[Finding]:

@@ -16,8 +16,8 @@ from handtrack.errors import HandtrackError, unknown_name
 
 CONVENTIONS = ("openpose21",)
 _FORMS = (
-    'expected {"frame": 0, "parameters": {"root_tx": 0.1, ...}} or '
-    '{"frame": 0, "convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
+    'expected {"frame": 0, "parameters": {"root_tx": 0.1, ...}} or {"frame": 0, '
+    '"convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
 )
 _IN_IMAGE = ("uv", "xy", "pixels", "px", "image", "camera", "views")
 _LARGEST_HAND_M = 0.6
@@ -59,8 +59,8 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
     frame = data.get("frame")
     if isinstance(frame, bool) or not isinstance(frame, int) or frame < 0:
         raise HandtrackError(
-            f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, "
-            "from 0."
+            f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, from "
+            "0."
         )
     if "parameters" in data and "xyz" in data:
         raise HandtrackError(f"{path}: both parameters and xyz; expected one of them.")
@@ -130,8 +130,8 @@ def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     if extent > _LARGEST_HAND_M:
         raise HandtrackError(
             f"{path}: the keypoints span {extent:g} m, too much for a hand. Are they in "
-            "millimetres? Expected metres, in "
-            "the world frame of the calibration after world_unit_m."
+            "millimetres? Expected metres, in the world frame of the calibration after "
+            "world_unit_m."
         )
     if len(known) == 21 and extent < _SMALLEST_HAND_M:
         raise HandtrackError(
@@ -156,8 +156,7 @@ def _row(row: Any, index: int, path: Path) -> list[float]:
 def _two_dimensional(path: Path, what: str) -> HandtrackError:
     return HandtrackError(
         f"{path}: {what} looks like points in an image; a first pose needs points in space. "
-        "Triangulate them from two "
-        f"cameras: {_FORMS}."
+        f"Triangulate them from two cameras: {_FORMS}."
     )
 
 

@@ -27,9 +27,8 @@ def inside(folder: Path, setting: str, where: str) -> Path:
 
     where: the setting's file, table and key, for the error.
     """
-    absolute = PurePosixPath(setting).is_absolute() or PureWindowsPath(setting).drive
     path = folder / setting
-    if absolute or not path.resolve().is_relative_to(folder.resolve()):
+    if _is_absolute(setting) or not _is_within(path, folder):
         raise _leaves(folder, setting, where, path)
     return path
 
@@ -49,24 +48,31 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
         if not path.is_file():
             raise HandtrackError(f'{where}: no file "{pattern}" in {folder}.')
         return [path]
-    if ".." in PurePosixPath(pattern).parts:
-        raise _leaves(folder, pattern, where, folder / pattern)
-    inside(folder, str(_fixed_part(pattern)), where)
-    root = folder.resolve()
+    fixed = folder / _fixed_part(pattern)
+    climbs = ".." in PurePosixPath(pattern).parts
+    if _is_absolute(pattern) or climbs or not _is_within(fixed, folder):
+        raise _leaves(folder, pattern, where, fixed)
     files = []
     for path in sorted(folder.glob(pattern)):
         if path.name.startswith(".") or not path.is_file():
             continue
-        if not path.resolve().is_relative_to(root):
+        if not _is_within(path, folder):
             raise _leaves(folder, str(path.relative_to(folder)), where, path)
         files.append(path)
     if not files:
         raise HandtrackError(
             f'{where}: nothing matches "{pattern}" in {folder}. Check the pattern, or leave the '
-            "setting away if this "
-            "camera has no such files."
+            "setting away if this camera has no such files."
         )
     return files
+
+
+def _is_absolute(setting: str) -> bool:
+    return PurePosixPath(setting).is_absolute() or bool(PureWindowsPath(setting).anchor)
+
+
+def _is_within(path: Path, folder: Path) -> bool:
+    return path.resolve().is_relative_to(folder.resolve())
 
 
 def _fixed_part(pattern: str) -> PurePosixPath:
@@ -78,6 +84,6 @@ def _fixed_part(pattern: str) -> PurePosixPath:
 def _leaves(folder: Path, setting: str, where: str, path: Path) -> HandtrackError:
     return HandtrackError(
         f'{where}: the path "{setting}" leaves the session folder {folder} (it leads to '
-        f"{path.resolve()}). "
-        "Paths are relative to that folder and must stay in it: copy the files there."
+        f"{path.resolve()}). Paths are relative to that folder and must stay in it: copy the "
+        "files there."
     )

@@ -73,8 +73,7 @@ class Session:
         if not (folder / SESSION_FILE).is_file():
             raise HandtrackError(
                 f"{folder}: no {SESSION_FILE} in this folder, so it is no session. `handtrack "
-                "new` makes one from videos "
-                "and a calibration."
+                "new` makes one from videos and a calibration."
             )
         file = read_session_file(folder / SESSION_FILE)
         everything = read_rig(
@@ -84,8 +83,7 @@ class Session:
             if camera.name not in everything:
                 raise HandtrackError(
                     f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
-                    f"{CALIBRATION_FILE}; "
-                    f"cameras there: {', '.join(everything.names)}."
+                    f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
                 )
         return cls(folder, file, CameraRig(tuple(everything[c.name] for c in file.cameras)))
 

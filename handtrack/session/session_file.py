@@ -162,8 +162,7 @@ def _recording(table: TableReader, path: Path) -> RecordingSettings:
     if version > FORMAT:
         raise HandtrackError(
             f"{path}: format = {version}, but this handtrack reads format {FORMAT}. The session "
-            "was written by a "
-            "newer handtrack: update handtrack."
+            "was written by a newer handtrack: update handtrack."
         )
     has_fps = table.raw("fps") is not None
     timestamps = table.text("timestamps") if table.raw("timestamps") is not None else None
@@ -182,13 +181,15 @@ def _recording(table: TableReader, path: Path) -> RecordingSettings:
 
 
 def _hand(table: TableReader) -> HandSettings:
+    model = table.text("model", HandSettings.model)
+    side = table.choice("side", ("right", "left"), HandSettings.side)
     scale = table.raw("scale")
     forearm = table.raw("forearm")
     if forearm not in (None, "auto", True, False):
         raise table.error("forearm", forearm, 'true, false or "auto"')
     hand = HandSettings(
-        model=table.text("model", HandSettings.model),
-        side=table.choice("side", ("right", "left"), HandSettings.side),
+        model=model,
+        side=side,
         scale=scale if isinstance(scale, str) and scale else table.number("scale", 1.0, above=0.0),
         forearm=HandSettings.forearm if forearm is None else forearm,
     )
@@ -294,8 +295,8 @@ def _names(
     for name in value:
         if name not in known:
             raise HandtrackError(
-                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; "
-                f"known: {', '.join(known)}."
+                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; known: "
+                f"{', '.join(known)}."
             )
         if getattr(known[name], needs) is None:
             raise HandtrackError(

@@ -56,11 +56,14 @@ def read_truth(path: Path) -> Truth:
 
 def _load(path: Path) -> dict[str, Array]:
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file:
+            data = np.load(file, allow_pickle=False)
+            if isinstance(data, np.ndarray):
+                raise ValueError("it is a single array")
             return {name: data[name] for name in data.files}
     except FileNotFoundError:
         raise HandtrackError(f"{path}: no such file.") from None
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise HandtrackError(f"{path}: not a readable .npz of plain arrays ({error}).") from None
 
 
@@ -76,9 +79,8 @@ def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None
     if not np.isfinite(array).all():
         row = int(np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))[0])
         raise HandtrackError(
-            f"{path}: {name} has NaN or infinite values, first in row {row}; leave frames "
-            "without truth out and list "
-            "the others in `frame`."
+            f"{path}: {name} has NaN or infinite values, first in row {row}; leave frames without "
+            "truth out and list the others in `frame`."
         )
     return array.astype(float)
 

@@ -99,7 +99,9 @@ class View:
     @cached_property
     def _learned(self) -> Segmenter:
         method, source = self.settings.masks, self._segmented_source
-        assert method is not None and not isinstance(method, str) and source is not None
+        assert method is not None
+        assert not isinstance(method, str)
+        assert source is not None
         try:
             return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)
         except HandtrackError as error:

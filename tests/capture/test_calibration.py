@@ -35,7 +35,8 @@ def write(path: Path, text: str) -> Path:
 def test_reads_aniposes_form_in_metres(tmp_path: Path) -> None:
     rig = read_rig(write(tmp_path / "c.toml", GOOD), world_unit_m=0.001)
     camera = rig["cam0"]
-    assert rig.names == ("cam0",) and camera.size == (640, 480)
+    assert rig.names == ("cam0",)
+    assert camera.size == (640, 480)
     np.testing.assert_allclose(camera.translation, [0.01, 0.02, 0.7])
     np.testing.assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
     np.testing.assert_allclose(camera.distortions, [0.1, -0.2, 0.001, 0.002, 0.0])
@@ -60,15 +61,39 @@ def test_shared_recordings_read(data_dir: Path) -> None:
 NO_RIGHT = "rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
 BAD = {
     "fisheye": ("fisheye = false", "fisheye = true", r"\[cam_0\]: fisheye = true; .*not supported"),
-    "skew": ("[[600.0, 0.0,", "[[600.0, 2.0,", r"\[cam_0\]: camera 'cam0': .*skew of 2; expected 0"),
+    "skew": (
+        "[[600.0, 0.0,",
+        "[[600.0, 2.0,",
+        r"\[cam_0\]: camera 'cam0': .*skew of 2; expected 0",
+    ),
     "coefficients": ("0.002, 0.0]", "0.002]", None),
-    "six coefficients": ("0.002, 0.0]", "0.002, 0.0, 0.0]", "6 distortion coeff.*4, 5, 8, 12 or 14"),
-    "missing": ("size = [640, 480]", "", r"\[cam_0\]: the key 'size' is missing; a camera needs name"),
+    "six coefficients": (
+        "0.002, 0.0]",
+        "0.002, 0.0, 0.0]",
+        "6 distortion coeff.*4, 5, 8, 12 or 14",
+    ),
+    "missing": (
+        "size = [640, 480]",
+        "",
+        r"\[cam_0\]: the key 'size' is missing; a camera needs name",
+    ),
     "NaN": ("[10.0, 20.0", "[nan, 20.0", r"translation = \[nan, 20.0, 700.0\]; expected finite"),
-    "infinite": ("[0.1, 0.2, 0.3]", "[inf, 0, 0]", r"rotation = \[inf, 0, 0\]; expected finite num"),
-    "a matrix": ("rotation = [0.1, 0.2, 0.3]", NO_RIGHT, "rotation has 3 x 3 numbers; expected 3. Write the"),
+    "infinite": (
+        "[0.1, 0.2, 0.3]",
+        "[inf, 0, 0]",
+        r"rotation = \[inf, 0, 0\]; expected finite num",
+    ),
+    "a matrix": (
+        "rotation = [0.1, 0.2, 0.3]",
+        NO_RIGHT,
+        "rotation has 3 x 3 numbers; expected 3. Write the",
+    ),
     "text": ("[0.1, 0.2, 0.3]", '["a", 0, 0]', r"rotation = \['a', 0, 0\]; expected 3 numbers"),
-    "size": ("[640, 480]", "[640.5, 480]", r"size = \[640.5, 480\]; expected .width, height. in whole"),
+    "size": (
+        "[640, 480]",
+        "[640.5, 480]",
+        r"size = \[640.5, 480\]; expected .width, height. in whole",
+    ),
     "name": ('"cam0"', "7", "name = 7; expected a text"),
     "syntax": ("size = [640", "size = 640", r"c.toml: not valid TOML: .*\(at line 4"),
 }
@@ -88,10 +113,12 @@ def test_bad_calibrations_are_refused(case: str, tmp_path: Path) -> None:
 
 
 def test_a_calibration_without_cameras_or_without_file(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match="no camera found; expected one table per camera"):
+    with pytest.raises(HandtrackError, match=r"no camera found; expected one table per camera"):
         read_rig(write(tmp_path / "c.toml", "[metadata]\nerror = 1.0\n"))
-    with pytest.raises(HandtrackError, match="no such file; expected the camera calibration there"):
+    with pytest.raises(
+        HandtrackError, match=r"no such file; expected the camera calibration there"
+    ):
         read_rig(tmp_path / "none.toml")
     twice = GOOD + GOOD[: GOOD.index("[metadata]")].replace("cam_0", "cam_1")
-    with pytest.raises(HandtrackError, match="c.toml: the name 'cam0' is given to two cameras"):
+    with pytest.raises(HandtrackError, match=r"c.toml: the name 'cam0' is given to two cameras"):
         read_rig(write(tmp_path / "c.toml", twice))

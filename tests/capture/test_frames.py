@@ -37,20 +37,26 @@ def test_gaps_are_misses_and_shift_nothing(tmp_path: Path) -> None:
     assert [frame for frame in source.frames if source.has(frame)] == [2, 3, 10]
     assert source.size == (64, 48)
     image = source.read(10)
-    assert image is not None and (image == 10).all()
-    assert source.read(4) is None and source.read(99) is None
+    assert image is not None
+    assert (image == 10).all()
+    assert source.read(4) is None
+    assert source.read(99) is None
     assert source.warnings == ()
 
 
 def test_kinds_have_their_shapes(tmp_path: Path) -> None:
     paths = folder_of(tmp_path, ["5.png"])
     colour, mask = ImageFiles(paths).read(5), ImageFiles(paths, MASK).read(5)
-    assert colour is not None and colour.shape == (48, 64, 3)
-    assert mask is not None and mask.shape == (48, 64)
+    assert colour is not None
+    assert colour.shape == (48, 64, 3)
+    assert mask is not None
+    assert mask.shape == (48, 64)
     cv2.imwrite(str(tmp_path / "d1.png"), picture(40000, np.uint16))
     depth = ImageFiles([tmp_path / "d1.png"], DEPTH).read(1)
-    assert depth is not None and depth.dtype == np.uint16 and (depth == 40000).all()
-    with pytest.raises(HandtrackError, match="depth must be one channel of 16 bits; found uint8"):
+    assert depth is not None
+    assert depth.dtype == np.uint16
+    assert (depth == 40000).all()
+    with pytest.raises(HandtrackError, match=r"depth must be one channel of 16 bits; found uint8"):
         ImageFiles(paths, DEPTH).read(5)
 
 
@@ -67,20 +73,27 @@ def test_unreadable_files_are_misses_with_a_warning(
     assert source.read(3) is None
     assert source.read(3) is None
     assert len(source.warnings) == 1
-    assert str(path) in source.warnings[0] and "frame 3 counts as missing" in source.warnings[0]
+    assert str(path) in source.warnings[0]
+    assert "frame 3 counts as missing" in source.warnings[0]
 
 
 def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match=r"'007.png' and '7.png' are both frame 7; expected one"):
+    with pytest.raises(
+        HandtrackError, match=r"'007.png' and '7.png' are both frame 7; expected one"
+    ):
         ImageFiles(folder_of(tmp_path, ["7.png", "007.png"]))
 
 
 def test_names_without_digits_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match=r"^first.png: no digits in the file name; expected the"):
+    with pytest.raises(
+        HandtrackError, match=r"^first.png: no digits in the file name; expected the"
+    ):
         ImageFiles([tmp_path / "first.png"])
 
 
 def test_another_size_than_the_calibrations_is_refused(tmp_path: Path) -> None:
     source = ImageFiles(folder_of(tmp_path, ["1.png"]), expected_size=(640, 480))
-    with pytest.raises(HandtrackError, match="frame 1: the image is 64 x 48, .* calibrated for 640 x 480"):
+    with pytest.raises(
+        HandtrackError, match=r"frame 1: the image is 64 x 48, .* calibrated for 640 x 480"
+    ):
         source.read(1)

@@ -33,14 +33,14 @@ def test_numpy_numbers_and_keys() -> None:
     assert toml_value(np.float64(0.5)) == "0.5"
     assert toml_key("crop_m") == "crop_m"
     assert tomllib.loads(f"{toml_key('a b')} = 1") == {"a b": 1}
-    with pytest.raises(TypeError, match="no TOML for set"):
+    with pytest.raises(TypeError, match=r"no TOML for set"):
         toml_value({1})
 
 
 def test_files_that_are_no_text(tmp_path: Path) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(HandtrackError, match="x.toml: not UTF-8 text"):
+    with pytest.raises(HandtrackError, match=r"x.toml: not UTF-8 text"):
         read_toml(path, "settings")
-    with pytest.raises(HandtrackError, match="cannot read settings: Is a directory"):
+    with pytest.raises(HandtrackError, match=r"cannot read settings: Is a directory"):
         read_toml(tmp_path, "settings")

@@ -63,7 +63,9 @@ def test_a_seek_that_arrives_elsewhere_is_noticed(
     monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
     source = VideoFile(clip)
     assert source.frames == range(FRAMES)
-    lying = {at: mark._replace(checksum=mark.checksum ^ 1) for at, mark in source._checkpoints.items()}
+    lying = {
+        at: mark._replace(checksum=mark.checksum ^ 1) for at, mark in source._checkpoints.items()
+    }
     source._checkpoints = lying
     assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
 
@@ -111,7 +113,9 @@ def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
     assert source.read(count) is None
     assert shown(source, count - 1) == count - 1
     assert len(source.warnings) == 1
-    expected = f"announces {FRAMES} frames, but only {count} can be decoded; it is cut off or damaged"
+    expected = (
+        f"announces {FRAMES} frames, but only {count} can be decoded; it is cut off or damaged"
+    )
     assert expected in source.warnings[0]
 
 
@@ -119,12 +123,16 @@ def test_files_that_are_no_videos_are_refused(tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match=r"none.mp4: no such file; expected a video"):
         VideoFile(tmp_path / "none.mp4")
     (tmp_path / "text.mp4").write_text("hello")
-    with pytest.raises(HandtrackError, match=r"text.mp4: cannot be opened as a video.*re-encode it"):
+    with pytest.raises(
+        HandtrackError, match=r"text.mp4: cannot be opened as a video.*re-encode it"
+    ):
         VideoFile(tmp_path / "text.mp4")
 
 
 def test_another_size_than_the_calibrations_is_refused(clip: Path) -> None:
-    with pytest.raises(HandtrackError, match="the image is 64 x 48, but .* calibrated for 720 x 720"):
+    with pytest.raises(
+        HandtrackError, match=r"the image is 64 x 48, but .* calibrated for 720 x 720"
+    ):
         VideoFile(clip, (720, 720))
 
 
@@ -149,5 +157,6 @@ def test_two_readers_at_once_get_their_own_frames(clip: Path) -> None:
 def test_uneven_times_are_reported() -> None:
     times = np.array([0, 33, 67, 100, 200, 233, 267], dtype=float)
     (text,) = video_module._oddities("v.mp4", 7, times)
-    assert "1 steps between frames are longer than the usual 33" in text and "after frame 3" in text
+    assert "1 steps between frames are longer than the usual 33" in text
+    assert "after frame 3" in text
     assert video_module._oddities("v.mp4", 7, np.arange(7) * 33.3) == []

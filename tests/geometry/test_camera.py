@@ -108,10 +108,12 @@ def test_a_rig_names_its_cameras() -> None:
     rig = CameraRig((make(name="left"), make(name="right")))
     assert rig.names == ("left", "right")
     assert rig["right"].name == "right"
-    assert "left" in rig and "top" not in rig and len(rig) == 2
+    assert "left" in rig
+    assert "top" not in rig
+    assert len(rig) == 2
     with pytest.raises(HandtrackError, match=r"^no camera 'top'; known: left, right$"):
         rig["top"]
-    with pytest.raises(HandtrackError, match="'left' is given to two cameras"):
+    with pytest.raises(HandtrackError, match=r"'left' is given to two cameras"):
         CameraRig((make(name="left"), make(name="left")))
 
 
@@ -120,7 +122,7 @@ def test_arrays_cannot_be_changed_behind_the_cameras_back() -> None:
     camera = make(matrix=matrix)
     matrix[0, 0] = 1.0
     assert camera.matrix[0, 0] == 800.0
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError, match=r"read-only"):
         camera.matrix[0, 0] = 2.0
 
 

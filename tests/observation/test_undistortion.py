@@ -32,7 +32,8 @@ def test_without_distortion_the_mask_passes_unchanged(rng: np.random.Generator) 
 def test_a_region_of_interest_limits_what_is_valid() -> None:
     valid = undistort_silhouette(make(), np.zeros((120, 160), np.uint8), (30, 20, 50, 40)).valid
     assert (valid[20:60] == (30, 80)).all()
-    assert (valid[:20] == 0).all() and (valid[60:] == 0).all()
+    assert (valid[:20] == 0).all()
+    assert (valid[60:] == 0).all()
 
 
 @pytest.mark.parametrize("distortions", [BARREL, PINCUSHION], ids=["barrel", "pincushion"])
@@ -46,7 +47,8 @@ def test_a_disc_lands_where_its_points_project(distortions: Array) -> None:
     assert (silhouette.mask[distance < 13] == 1).all()
     assert (silhouette.mask[distance > 17] == 0).all()
     assert silhouette.mask.sum() == pytest.approx(np.pi * 15**2, rel=0.01)
-    assert not silhouette.camera.is_distorted and silhouette.camera.size == camera.size
+    assert not silhouette.camera.is_distorted
+    assert silhouette.camera.size == camera.size
 
 
 def test_valid_spans_are_what_the_real_image_shows() -> None:
@@ -59,7 +61,8 @@ def test_valid_spans_are_what_the_real_image_shows() -> None:
         expected = np.zeros(160, bool)
         expected[valid[row, 0] : valid[row, 1]] = True
         np.testing.assert_array_equal(expected, inside)
-    assert valid[60, 0] > 0 and valid[0, 0] == valid[0, 1]
+    assert valid[60, 0] > 0
+    assert valid[0, 0] == valid[0, 1]
 
 
 def test_barrel_images_are_valid_everywhere_when_straight() -> None:
@@ -70,7 +73,8 @@ def test_barrel_images_are_valid_everywhere_when_straight() -> None:
 def test_the_straight_camera_is_the_same_object_each_time() -> None:
     camera, mask = make(BARREL), np.zeros((120, 160), np.uint8)
     one, other = undistort_silhouette(camera, mask), undistort_silhouette(camera, mask)
-    assert one.camera is other.camera and one.valid is other.valid
+    assert one.camera is other.camera
+    assert one.valid is other.valid
 
 
 def test_longest_runs_of_rows() -> None:
@@ -81,5 +85,7 @@ def test_longest_runs_of_rows() -> None:
 
 
 def test_a_mask_of_another_size_is_refused() -> None:
-    with pytest.raises(HandtrackError, match=r"mask of camera 'cam0': .*\(120, 160\), found \(5, 5\)"):
+    with pytest.raises(
+        HandtrackError, match=r"mask of camera 'cam0': .*\(120, 160\), found \(5, 5\)"
+    ):
         undistort_silhouette(make(), np.zeros((5, 5), np.uint8))

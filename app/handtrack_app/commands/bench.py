@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import os
 import sys
 
 from handtrack.errors import unknown_name
@@ -13,8 +12,6 @@ from handtrack.errors import unknown_name
 
 def run(args: argparse.Namespace) -> int:
     """Print a table, or JSON as contracts §3."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy starts its threads
-    os.environ.setdefault("MKL_NUM_THREADS", "1")
     from handtrack.bench.registry import BENCHMARKS
 
     if args.name is not None and args.name not in BENCHMARKS:

@@ -123,6 +123,7 @@ class PosePanel:
         slider = event.target
         value = number(slider.value, slider.min, slider.max)
         if value is None:
+            slider.value = round(self.page.state.value_of(name) / unit_of(name), 1)
             return
         edit = self.page.state.edit({name: value * unit_of(name)}, f"slider {name}")
         if edit is not None:

@@ -1,0 +1,196 @@
+"""How close a tracked sequence is to the truth: the standard measures of `handtrack evaluate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import keypoint_names
+from handtrack.tracker.result import Status, TrackResult
+
+_CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
+_LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick
+_PCK_MM = np.linspace(0.0, 50.0, 101)
+
+
+class TruthLike(Protocol):
+    """What is needed of ground truth; session.truth.Truth is one."""
+
+    @property
+    def frame(self) -> Ints: ...
+
+    @property
+    def keypoints21(self) -> Floats | None: ...
+
+    @property
+    def joint_names(self) -> Sequence[str]: ...
+
+    @property
+    def joint_positions(self) -> Floats | None: ...
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Points (T, N, 3) of the T truth frames [mm], and what the track says of them."""
+
+    frame: Ints
+    names: tuple[str, ...]
+    truth: Floats
+    """NaN where unknown"""
+    found: Floats
+    """a missing or lost frame holds the last estimate"""
+    covariance: Floats | None
+    """(T, N, 3, 3) [mm²]"""
+    seen: Array
+    """(T,) whether the frame was tracked, neither missing nor lost"""
+
+
+def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | None]:
+    """Return the measures of contracts §3, in mm; None where there is nothing to measure.
+
+    Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
+    frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
+    Unknown (NaN) truth points do not count. Raises HandtrackError when nothing can be compared.
+
+    `jitter_mm` and `coverage90` are about tracked frames alone: a held estimate neither moves nor says anew
+    how sure it is.
+    """
+    points = _compared(track, truth)
+    error = np.linalg.norm(points.found - points.truth, axis=2)
+    known = np.isfinite(error)
+    tips = np.array([name.endswith("_tip") for name in points.names])
+    every, tracked = error[known], error[known & points.seen[:, None]]
+    return {
+        "mpjpe_mm": _mean(every),
+        "mpjpe_median_mm": float(np.median(every)),
+        "p95_mm": float(np.percentile(every, 95)),
+        "max_mm": float(every.max()),
+        "mpjpe_tracked_mm": _mean(tracked),
+        "pa_mpjpe_mm": _aligned_error(points),
+        "fingertip_mm": _mean(error[known & tips]),
+        "pck_auc_50mm": _pck_auc(every),
+        "jitter_mm": _jitter(points),
+        "lost_frames": int((~points.seen).sum()),
+        "coverage90": _coverage(points),
+    }
+
+
+def similarity(points: Floats, target: Floats) -> Floats:
+    """Return points (N, 3) moved, turned and scaled to fit target (N, 3) best (Umeyama 1991)."""
+    centre, goal = points.mean(axis=0), target.mean(axis=0)
+    a, b = points - centre, target - goal
+    u, s, vt = np.linalg.svd(a.T @ b)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
+    spread = (a**2).sum()
+    scale = (s * sign).sum() / spread if spread > 0 else 1.0
+    return scale * a @ ((u * sign) @ vt) + goal
+
+
+# ---- what is compared ------------------------------------------------------------------------------
+
+
+def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
+    names, found, true = _points(track, truth)
+    known = np.isfinite(true).all(axis=2)
+    rows = np.flatnonzero(known.any(axis=1))
+    if not len(rows):
+        raise HandtrackError("the truth has no finite point, so there is nothing to compare.")
+    frames = np.asarray(truth.frame)[rows]
+    if not np.isin(frames, track.frame).any():
+        raise HandtrackError(
+            f"no frame in common: the truth has frames {frames.min()} to {frames.max()}, the result "
+            f"{track.frame[0]} to {track.frame[-1]}."
+        )
+    order = np.argsort(frames)
+    frames, true = frames[order], np.where(known[:, :, None], true, np.nan)[rows[order]]
+    usable = np.flatnonzero(np.isfinite(found).all(axis=(1, 2)))
+    if not len(usable):
+        raise HandtrackError("the result has no frame with finite joint positions.")
+    last = np.searchsorted(track.frame[usable], frames, side="right") - 1
+    source = usable[np.maximum(last, 0)]
+    here = track.frame[source] == frames
+    seen = here & (track.status[source] != Status.LOST)
+    spread = _covariance(track, names)
+    chosen = None if spread is None else 1e6 * spread[source]
+    return _Compared(frames, names, 1e3 * true, 1e3 * found[source], chosen, seen)
+
+
+def _points(track: TrackResult, truth: TruthLike) -> tuple[tuple[str, ...], Floats, Floats]:
+    if truth.keypoints21 is not None and track.keypoints21 is not None:
+        return keypoint_names(), track.keypoints21, np.asarray(truth.keypoints21)
+    positions = truth.joint_positions
+    theirs = [str(name) for name in truth.joint_names] if positions is not None else []
+    common = [name for name in track.joint_names if name in theirs]
+    if positions is None or not common:
+        keypoints = "21 hand keypoints alone" if truth.keypoints21 is not None else "none"
+        raise HandtrackError(
+            "nothing to compare: no joint has the same name in result and truth. Joints of the result: "
+            f"{', '.join(track.joint_names)}. Of the truth: {', '.join(theirs) or keypoints}."
+        )
+    ours = [track.joint_names.index(name) for name in common]
+    return tuple(common), track.joint_positions[:, ours], positions[:, [theirs.index(n) for n in common]]
+
+
+def _covariance(track: TrackResult, names: Sequence[str]) -> Floats | None:
+    """Return (F, N, 3, 3) [m²], None when the track does not state it for all these points."""
+    if any(name not in track.joint_names for name in names):
+        return None
+    return track.joint_covariance[:, [track.joint_names.index(name) for name in names]]
+
+
+# ---- measures --------------------------------------------------------------------------------------
+
+
+def _mean(values: Floats) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _aligned_error(points: _Compared) -> float | None:
+    """Return the mean error after a similarity fit per frame; frames with under 3 known points do not count."""
+    errors = []
+    for found, true in zip(points.found, points.truth, strict=True):
+        known = np.isfinite(true).all(axis=1)
+        if known.sum() >= 3:
+            fitted = similarity(found[known], true[known])
+            errors.append(np.linalg.norm(fitted - true[known], axis=1))
+    return _mean(np.concatenate(errors)) if errors else None
+
+
+def _pck_auc(errors: Floats) -> float:
+    share = np.array([(errors <= threshold).mean() for threshold in _PCK_MM])
+    area = ((share[1:] + share[:-1]) / 2 * np.diff(_PCK_MM)).sum()
+    return float(area / (_PCK_MM[-1] - _PCK_MM[0]))
+
+
+def _jitter(points: _Compared) -> float | None:
+    """Return the median norm of second differences over three tracked frames in a row."""
+    one = np.diff(points.frame) == 1
+    middle = 1 + np.flatnonzero(
+        one[1:] & one[:-1] & points.seen[2:] & points.seen[1:-1] & points.seen[:-2]
+    )
+    if not len(middle):
+        return None
+    bend = points.found[middle + 1] - 2 * points.found[middle] + points.found[middle - 1]
+    return float(np.median(np.linalg.norm(bend, axis=2)))
+
+
+def _coverage(points: _Compared) -> float | None:
+    """Return the share of tracked points inside their stated 90 % ellipsoid."""
+    if points.covariance is None:
+        return None
+    asked = np.isfinite(points.truth).all(axis=2) & points.seen[:, None]
+    if not asked.any():
+        return None
+    error = (points.found - points.truth)[asked]
+    stated = points.covariance[asked]
+    sound = np.isfinite(stated).all(axis=(1, 2))  # an estimate that states nothing covers nothing
+    values, vectors = np.linalg.eigh(stated[sound])
+    along = np.einsum("nij,ni->nj", vectors, error[sound])
+    least = (1e3 * _LEAST_STD_M) ** 2
+    inside = (along**2 / np.maximum(values, least)).sum(axis=1) <= _CHI2_90
+    return float(inside.sum() / len(error))

@@ -1,0 +1,73 @@
+"""The recordings that come with the program."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.atomic import replacing
+from handtrack.session.layout import SESSION_FILE
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_INSTALLED = _PACKAGE / "bundled_sessions"
+_CHECKOUT = _PACKAGE.parent / "sessions"
+
+
+def bundled_names() -> tuple[str, ...]:
+    """Return the names of the bundled sessions."""
+    return tuple(sorted(file.parent.name for file in _shelf().glob(f"*/{SESSION_FILE}")))
+
+
+def bundled_session(name: str = "open_fist_open") -> Path:
+    """Return the folder of a bundled session; HandtrackError naming the known ones.
+
+    In a checkout this is sessions/<name> itself. An installed program keeps its own copy untouched and
+    gives out a working copy in the user's data folder, so that poses and tracks made there outlive an
+    update.
+    """
+    if name not in bundled_names():
+        raise unknown_name("bundled session", name, bundled_names())
+    source = _shelf() / name
+    if _shelf() == _CHECKOUT:
+        return source
+    target = user_data_folder() / "sessions" / name
+    try:
+        _copy_missing(source, target)
+    except OSError as error:
+        raise HandtrackError(
+            f"the bundled session cannot be copied to {target}: {error.strerror}. Free some space, or "
+            "name another folder in the environment variable HANDTRACK_HOME."
+        ) from None
+    return target
+
+
+def user_data_folder() -> Path:
+    """Return where handtrack keeps a user's own copies: HANDTRACK_HOME, else the system's place."""
+    chosen = os.environ.get("HANDTRACK_HOME")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", "~/AppData/Local")).expanduser() / "handtrack"
+    if sys.platform == "darwin":
+        return Path("~/Library/Application Support/handtrack").expanduser()
+    return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "handtrack"
+
+
+def _shelf() -> Path:
+    return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
+
+
+def _copy_missing(source: Path, target: Path) -> None:
+    """Copy what the working copy lacks, session.toml last: a copy cut short is completed next time."""
+    files = [file for file in sorted(source.rglob("*")) if file.is_file()]
+    files.sort(key=lambda file: file.name == SESSION_FILE)
+    for file in files:
+        copy = target / file.relative_to(source)
+        if copy.exists():
+            continue
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(copy) as part:
+            shutil.copyfile(file, part)

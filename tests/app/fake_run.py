@@ -1,0 +1,127 @@
+"""A tracking run without images: a hand before two cameras, tracked by closing it a little each frame."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Observation
+from handtrack.session.truth import Truth
+from handtrack.tracker.result import FrameResult, Status, TrackResult
+from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.document import Document
+
+FRAMES = 12
+
+
+def _camera(name: str, rotation: Floats, size: tuple[int, int] = (96, 72)) -> Camera:
+    matrix = np.array([[90.0, 0.0, 48.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]])
+    hand = np.array([0.0, 0.09, 0.0])
+    return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, 0.45]) - rotation @ hand)
+
+
+@dataclass(frozen=True, eq=False)
+class FakeSession:
+    """Two cameras, twelve frames, truth, no files."""
+
+    folder: Path
+    name: str = "fake"
+    fps: float = 25.0
+    rig: CameraRig = field(default_factory=lambda: CameraRig((
+        _camera("front", np.diag([1.0, -1.0, -1.0])),
+        _camera("side", np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])),
+    )))  # fmt: skip
+    truth: Truth | None = None
+    init: Any = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def frame_range(self) -> range:
+        return range(FRAMES)
+
+    def observation(self, frame: int) -> Observation:
+        return Observation(frame, frame / self.fps)
+
+    def image(self, camera: str, frame: int) -> Array | None:
+        return np.full((72, 96, 3), 10 * frame, np.uint8) if camera == "front" else None
+
+
+@dataclass(frozen=True, eq=False)
+class FakeRun:
+    """Like TrackingRun as far as the workbench knows it. A frame takes `step_s`, in ten solver steps."""
+
+    session: FakeSession
+    model: ArticulatedModel
+    settings: TrackerSettings = field(default_factory=TrackerSettings)
+    step_s: float = 0.02
+    broken: bool = False
+
+    def with_values(self, values: Mapping[str, Any]) -> FakeRun:
+        settings = self.settings.with_values(values)
+        model = load_model("hand26", coupling=settings.model.coupling)
+        return replace(self, settings=settings, model=model)
+
+    def track(
+        self, frames: range, start_frame: int, start_params: Floats, should_stop: Callable[[], bool] | None = None
+    ) -> Iterator[FrameResult]:
+        path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
+        for frame in path:
+            for _ in range(10):
+                busy_for(self.step_s / 10)
+                if should_stop is not None and should_stop():
+                    return
+            if self.broken and frame > start_frame:
+                raise ValueError("a mistake of ours")
+            yield self._result(frame, start_params, start_frame)
+
+    def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
+        joint = self.model.joint_params(params)
+        joint[6:] = np.clip(joint[6:] + 0.02 * (frame - first), *self.model.limits.interval[6:].T)
+        bones = self.model.bones(self.model.transform.solver_params(joint))
+        count = len(self.model.joint_names)
+        status = Status.DOUBTFUL if frame == 7 else Status.TRACKED
+        return FrameResult(
+            frame=frame, time_s=frame / self.session.fps, parameters=joint, status=status, energy=float(frame),
+            iterations=5, parameter_std=np.full(len(joint), 0.02), joint_covariance=np.tile(np.eye(3), (count, 1, 1)),
+            T_world_bone=bones.T_world_bone, joint_positions=self.model.joint_positions(bones),
+            keypoints21=self.model.keypoints21(bones),
+        )  # fmt: skip
+
+    def result(self, frames: Any) -> TrackResult:
+        return TrackResult.from_frames(
+            sorted(frames, key=lambda r: r.frame),
+            parameter_names=self.model.parameter_names,
+            bone_names=self.model.skeleton.bone_names,
+            joint_names=self.model.joint_names,
+            model=self.model.name, side="right", scale=json.dumps({"overall": 1.0, "fingers": {}}),
+            session=self.session.name, settings="{}", version="0",
+        )  # fmt: skip
+
+
+def busy_for(seconds: float) -> None:
+    """Work like a solver: numbers, mostly in compiled code, some of it in Python."""
+    until = time.perf_counter() + seconds
+    matrix = np.ones((64, 64))
+    while time.perf_counter() < until:
+        for _ in range(20):
+            np.linalg.solve(matrix + np.eye(64), matrix)
+
+
+def fake_document(folder: Path, overrides: Mapping[str, Any] | None = None, **options: Any) -> Document:
+    """Return a document of the fake session; the truth is the relaxed hand."""
+    model = load_model("hand26", coupling=str((overrides or {}).get("model.coupling", "26")))
+    params = model.rest_params()
+    points = np.tile(model.keypoints21(model.bones(params)), (FRAMES, 1, 1))
+    truth = Truth(np.arange(FRAMES), None, points, (), None)
+    session = FakeSession(folder, truth=truth)
+    return Document(FakeRun(session, model, **options), 3, params)

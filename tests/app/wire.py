@@ -1,0 +1,77 @@
+"""A bare client on the wire, as viser's page speaks: for latency, and for input that no page would send."""
+
+from __future__ import annotations
+
+import threading
+import time
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import viser
+import zstandard
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+
+class WireClient:
+    """Connects, collects every message with the time it came, and sends GUI updates."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None
+        )
+        self.messages: list[tuple[float, dict[str, Any]]] = []
+        self._came = threading.Condition()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+        self.send({  # only a client that told its camera counts
+            "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
+            "near": 0.01, "far": 100.0, "image_height": 600, "image_width": 800, "look_at": [0.0, 0.0, 0.0],
+            "up_direction": [0.0, -1.0, 0.0],
+        })  # fmt: skip
+
+    def __enter__(self) -> WireClient:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._socket.close()
+        self._thread.join(5.0)
+
+    def _read(self) -> None:
+        unpack = zstandard.ZstdDecompressor()
+        try:
+            for raw in self._socket:
+                now = time.perf_counter()
+                assert isinstance(raw, bytes)
+                size, packed = int.from_bytes(raw[:8], "little"), int.from_bytes(raw[8:16], "little")
+                inner = unpack.decompress(raw[16 : 16 + packed], max_output_size=size)
+                with self._came:
+                    self.messages += [(now, message) for message in msgspec.msgpack.decode(inner)["messages"]]
+                    self._came.notify_all()
+        except Exception:  # the server went away: the test that minds will see no message
+            return
+
+    def send(self, message: dict[str, Any]) -> float:
+        """Send one message; return when."""
+        self._socket.send(msgspec.msgpack.encode(message))
+        return time.perf_counter()
+
+    def set_value(self, handle: Any, value: Any) -> float:
+        """Send a GUI value as the page would; return when."""
+        return self.send({"type": "GuiUpdateMessage", "uuid": handle._impl.uuid, "updates": {"value": value}})
+
+    def wait_for(self, after: float, name: str, prop: str, timeout: float = 5.0) -> float | None:
+        """Return when the first update of a scene node's property came after a time; None if none did."""
+
+        def found() -> float | None:
+            for came, message in reversed(self.messages):
+                if came < after:
+                    return None
+                if message.get("name") == name and prop in message.get("updates", {}):
+                    return came
+            return None
+
+        with self._came:
+            self._came.wait_for(lambda: found() is not None, timeout)
+            return found()

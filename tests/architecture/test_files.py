@@ -1,0 +1,67 @@
+"""Every file is short, and nothing that is committed names a machine or a registry."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+
+MOST_LINES = 400
+# Put together here, so that this file does not hold what it looks for.
+REGISTRIES = re.compile("|".join([r"pypi" + r"\.org", "files" + r"\.pythonhosted", "registry" + r"\.npmjs"]))
+INDEX_URL = re.compile(r"https?://[^ \"'\s]*/(?:simple|packages)/")
+LOCK_FILES = ("uv.lock", "poetry.lock", "package-lock.json", "Pipfile.lock", "pdm.lock")
+MACHINE_PATH = re.compile("|".join(["/work" + r"/(?:main|venv|shared|notes|scratch)", "/ro" + "ot/"]))
+BINARY = {".png", ".jpg", ".mp4", ".npz", ".ply", ".gif", ".ico", ".glb", ".webp", ".avi", ".mkv"}
+
+
+def committed() -> list[Path]:
+    """Return the files git knows or would add; without git, those of the source folders."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, check=True).stdout
+        paths = [REPOSITORY / name for name in listed.decode().split("\0") if name]
+    except (OSError, subprocess.CalledProcessError):
+        folders = ("handtrack", "app", "tests", "sessions", "docs")
+        paths = [path for folder in folders for path in (REPOSITORY / folder).rglob("*")]
+        paths = [path for path in paths if "__pycache__" not in path.parts]
+    return [path for path in paths if path.is_file()]
+
+
+def test_python_files_are_short():
+    long = []
+    for path in committed():
+        if path.suffix == ".py":
+            count = len(path.read_text(encoding="utf-8").splitlines())
+            if count >= MOST_LINES:
+                long.append(f"{path.relative_to(REPOSITORY)}: {count} lines, {MOST_LINES} are too many")
+    assert not long, "\n".join(long)
+
+
+@pytest.mark.parametrize("pattern", [REGISTRIES, INDEX_URL, MACHINE_PATH])
+def test_no_file_names_a_registry_or_this_machine(pattern):
+    named = []
+    for path in committed():
+        if path.suffix.lower() in BINARY:
+            continue
+        text = path.read_text(encoding="utf-8", errors="replace")
+        named += [
+            f"{path.relative_to(REPOSITORY)}:{number}: {line.strip()[:100]}"
+            for number, line in enumerate(text.splitlines(), 1)
+            if pattern.search(line)
+        ]
+    assert not named, "\n".join(named)
+
+
+def test_no_lock_file_is_committed():
+    assert [path.name for path in committed() if path.name in LOCK_FILES] == []
+
+
+def test_no_file_is_called_a_drawer():
+    """A file is named after the thing in it."""
+    drawers = {"utils.py", "util.py", "common.py", "helpers.py", "misc.py"}
+    assert [path for path in committed() if path.name in drawers] == []

@@ -1,0 +1,60 @@
+"""The public names exist and load late; the command line starts quickly."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import subprocess
+import sys
+
+import pytest
+
+import handtrack
+from tests.conftest import REPOSITORY
+
+HEAVY = ("cv2", "numba", "scipy", "viser", "rerun", "skimage", "trimesh", "numpy")
+
+
+def loaded_by(statements: str) -> set[str]:
+    """Return which heavy packages a fresh Python has loaded after some statements."""
+    code = f"{statements}\nimport json, sys\nprint(json.dumps([m for m in {HEAVY} if m in sys.modules]))"
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("name", handtrack.__all__)
+def test_every_public_name_exists(name):
+    value = getattr(handtrack, name)
+    assert value is getattr(importlib.import_module(f"handtrack.{handtrack._MODULES[name]}"), name)
+
+
+def test_the_lists_of_public_names_agree():
+    assert sorted(handtrack.__all__) == sorted(handtrack._MODULES)
+    tree = ast.parse((REPOSITORY / "handtrack" / "__init__.py").read_text(encoding="utf-8"))
+    typed = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("handtrack.")
+        for alias in node.names
+    }
+    assert typed == {f"handtrack.{module}.{name}" for name, module in handtrack._MODULES.items()}
+    assert set(handtrack.__all__) <= set(dir(handtrack))
+
+
+def test_a_wrong_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'handtrack' has no attribute 'track_everything'"):
+        _ = handtrack.track_everything
+
+
+def test_importing_handtrack_loads_nothing_heavy():
+    assert loaded_by("import handtrack") == set()
+
+
+def test_help_loads_nothing_heavy():
+    help_ = (
+        "import handtrack_app.cli as cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit as end:\n"
+        "    assert not end.code"
+    )
+    assert loaded_by(help_) == set()

@@ -1,0 +1,32 @@
+"""A term cannot be added without its derivatives being checked."""
+
+from __future__ import annotations
+
+import ast
+
+from tests.conftest import REPOSITORY
+
+CHECKS = ("check_observation_term", "check_parameter_term")
+
+
+def terms() -> list[str]:
+    """Return the classes of handtrack/terms that have a cost and its linearization."""
+    found = []
+    for path in sorted((REPOSITORY / "handtrack" / "terms").glob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and path.name != "term.py":
+                methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
+                if {"cost", "linearize"} <= methods:
+                    found.append(node.name)
+    return found
+
+
+def test_every_term_goes_through_the_finite_difference_check():
+    tests = [path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").rglob("test_*.py")]
+    checking = [text for text in tests if any(f"{check}(" in text for check in CHECKS)]
+    missing = [name for name in terms() if not any(f"{name}(" in text for text in checking)]
+    assert not missing, f"no test in tests/ hands these to one of {CHECKS}: {missing}"
+
+
+def test_the_terms_are_found():
+    assert "KeypointTerm" in terms()

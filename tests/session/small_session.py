@@ -1,0 +1,105 @@
+"""A tiny session folder for tests to damage: two cameras, square masks, truth, first pose."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Floats
+
+FRAMES = 4
+SETTINGS = """
+[session]
+format = 1
+name = "small"
+fps = 10.0
+
+[hand]
+model = "hand26"
+side = "right"
+scale = "fit"
+
+[[camera]]
+name = "cam0"
+images = "cam0/*.png"
+masks = "masks/cam0/*.png"
+
+[[camera]]
+name = "cam1"
+masks = "masks/cam1/*.png"
+"""
+CALIBRATION = """
+[cam_0]
+name = "cam0"
+size = [64, 48]
+matrix = [[80.0, 0.0, 31.5], [0.0, 80.0, 23.5], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0, 0.0]
+rotation = [0.0, 0.0, 0.0]
+translation = [0.0, 0.0, 0.5]
+
+[cam_1]
+name = "cam1"
+size = [64, 48]
+matrix = [[80.0, 0.0, 31.5], [0.0, 80.0, 23.5], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0, 0.0]
+rotation = [0.0, 0.7, 0.0]
+translation = [0.0, 0.0, 0.5]
+"""
+
+
+def keypoints() -> Floats:
+    """(21, 3) [m]: a stylised open hand around the origin, 90 mm from wrist to middle knuckle."""
+    points = [[0.0, 0.07, 0.0]]
+    for finger in range(5):
+        x = 0.018 * (finger - 2)
+        points += [[x, y, 0.0] for y in (-0.02, -0.04, -0.06, -0.08)]
+    return np.array(points)
+
+
+def make_session(folder: Path) -> Path:
+    """Write the session into a folder and return it."""
+    (folder / "session.toml").write_text(SETTINGS)
+    (folder / "calibration.toml").write_text(CALIBRATION)
+    mask = np.zeros((48, 64), np.uint8)
+    mask[5:43, 17:47] = 255
+    for camera in ("cam0", "cam1"):
+        (folder / "masks" / camera).mkdir(parents=True)
+        for frame in range(FRAMES):
+            cv2.imwrite(str(folder / "masks" / camera / f"{frame:03d}.png"), mask)
+    (folder / "cam0").mkdir()
+    for frame in range(FRAMES):
+        image = np.full((48, 64, 3), 40 * frame, np.uint8)
+        cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), image)
+    write_init(folder)
+    write_truth(folder)
+    return folder
+
+
+def write_init(folder: Path, **changes: Any) -> None:
+    """Write init.json with some keys changed; None leaves a key away."""
+    data = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": keypoints().tolist()}
+    data = {key: value for key, value in {**data, **changes}.items() if value is not None}
+    (folder / "init.json").write_text(json.dumps(data))
+
+
+def write_truth(folder: Path, **changes: Any) -> None:
+    """Write truth.npz with some arrays changed; None leaves an array away."""
+    data: dict[str, Any] = {
+        "keypoints21": np.repeat(keypoints()[None], FRAMES, axis=0),
+        "joint_names": np.array(["wrist", "palm"]),
+        "joint_positions": np.zeros((FRAMES, 2, 3)),
+        "time_s": np.arange(FRAMES) / 10,
+    }
+    kept = {key: value for key, value in {**data, **changes}.items() if value is not None}
+    np.savez(folder / "truth.npz", **kept)
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    """Replace a text that must be there."""
+    text = path.read_text()
+    assert old in text, f"{old!r} is not in {path.name}"
+    path.write_text(text.replace(old, new, 1))

@@ -1,0 +1,329 @@
+"""Sessions that cannot be used: each says what, where, what was expected and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.session import Session
+from tests.session.small_session import edit, make_session, write_init
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    inner = tmp_path / "recording"
+    inner.mkdir()
+    return make_session(inner)
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(HandtrackError) as caught:
+        Session.open(folder)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "Traceback" not in message
+    return message
+
+
+def contains(message: str, *words: str) -> None:
+    for word in words:
+        assert word in message, f"{word!r} is not in: {message}"
+
+
+SETTINGS: dict[str, tuple[str, str, list[str]]] = {
+    "unknown table": (
+        "[hand]",
+        "[hands]",
+        [
+            "session.toml: unknown key 'hands'",
+            "known tables: session, hand, camera, clouds, tracking",
+        ],
+    ),
+    "unknown key in session": (
+        "fps = 10.0",
+        "fsp = 10.0\nfps = 10.0",
+        [
+            "[session]: unknown key 'fsp'",
+            "known keys: format,",
+            "fps",
+            "timestamps",
+            "world_unit_m",
+        ],
+    ),
+    "unknown key in hand": (
+        'side = "right"',
+        'sid = "right"',
+        ["[hand]: unknown key 'sid'", "model, side, scale", "forearm"],
+    ),
+    "unknown key in camera": (
+        'name = "cam1"',
+        'name = "cam1"\nmask = "x"',
+        ["camera 'cam1': unknown key 'mask'", "images", "masks", "roi", "depth", "depth_scale_m"],
+    ),
+    "newer format": (
+        "format = 1",
+        "format = 2",
+        ["format = 2", "reads format 1", "update handtrack"],
+    ),
+    "no format": ("format = 1\n", "", ["[session]: the key 'format' is missing"]),
+    "negative fps": ("fps = 10.0", "fps = -10.0", ["[session]: fps = -10.0", "above 0 [1/s]"]),
+    "fps is text": ("fps = 10.0", 'fps = "10"', ['[session]: fps = "10"', "expected a number"]),
+    "fps is NaN": ("fps = 10.0", "fps = nan", ["[session]: fps = nan", "expected a number"]),
+    "neither fps nor times": ("fps = 10.0", "", ["give `fps`", "or `timestamps`"]),
+    "zero unit": (
+        "fps = 10.0",
+        "fps = 10.0\nworld_unit_m = 0.0",
+        ["world_unit_m = 0.0", "above 0 [m]"],
+    ),
+    "side": ('side = "right"', 'side = "both"', ['side = "both"', 'one of "right", "left"']),
+    "scale": ('scale = "fit"', "scale = -1.0", ["[hand]: scale = -1.0", "above 0"]),
+    "forearm": (
+        'side = "right"',
+        'forearm = "maybe"',
+        ['forearm = "maybe"', 'true, false or "auto"'],
+    ),
+    "TOML": ('name = "small"', "name = small", ["session.toml: not valid TOML", "line 4"]),
+    "camera without calibration": (
+        'name = "cam1"',
+        'name = "cam7"',
+        ["camera 'cam7' has no calibration", "calibration.toml", "cameras there: cam0, cam1"],
+    ),
+    "camera twice": ('name = "cam1"', 'name = "cam0"', ["two tables [[camera]]", "'cam0'"]),
+    "camera as table": ("[[camera]]", "[camera]", ["not valid TOML"]),
+    "unknown method": (
+        '"masks/cam0/*.png"',
+        '{ method = "green" }',
+        ["camera 'cam0', masks: unknown mask method 'green'", "skin_ycrcb", "depth_range"],
+    ),
+    "unknown method key": (
+        '"masks/cam0/*.png"',
+        '{ method = "skin_ycrcb", red = 3 }',
+        ["camera 'cam0', masks, method \"skin_ycrcb\"", "unknown key 'red'", "y_min, cr, cb"],
+    ),
+    "method without its images": (
+        '"masks/cam1/*.png"',
+        '{ method = "background_mog2" }',
+        ["camera 'cam1'", '"background_mog2" need', "`images`", "missing"],
+    ),
+    "roi outside": (
+        'name = "cam0"',
+        'name = "cam0"\nroi = [40, 0, 30, 20]',
+        ["camera 'cam0': roi = [40, 0, 30, 20]", "outside the image of 64 x 48"],
+    ),
+    "roi negative": (
+        'name = "cam0"',
+        'name = "cam0"\nroi = [-1, 0, 30, 20]',
+        ["camera 'cam0': roi = [-1, 0, 30, 20]", "[x, y, w, h]", "inside the image"],
+    ),
+    "roi form": (
+        'name = "cam0"',
+        'name = "cam0"\nroi = [0, 0, 30]',
+        ["roi = [0, 0, 30]", "expected 4 whole numbers [x, y, w, h]"],
+    ),
+    "nothing matches": (
+        '"masks/cam0/*.png"',
+        '"masks/cam0/*.jpg"',
+        ["camera 'cam0', masks", 'nothing matches "masks/cam0/*.jpg"', "Check the pattern"],
+    ),
+    "a folder as pattern": (
+        '"cam0/*.png"',
+        '"cam0"',
+        ["camera 'cam0', images", '"cam0" is a folder', '"cam0/*.png"'],
+    ),
+    "a video as masks": (
+        '"masks/cam0/*.png"',
+        '"calibration.toml"',
+        ["camera 'cam0', masks", "is no image file", '"masks/*.png"'],
+    ),
+    "no video there": (
+        '"cam0/*.png"',
+        '"cam0.mp4"',
+        ["camera 'cam0', images", "cam0.mp4", "no such"],
+    ),
+    "no video inside": (
+        '"cam0/*.png"',
+        '"calibration.toml"',
+        ["camera 'cam0', images", "cannot be opened as a video"],
+    ),
+    "upwards": (
+        '"cam0/*.png"',
+        '"../other/*.png"',
+        ["camera 'cam0', images", '"../other/*.png" leaves the session folder', "must stay in it"],
+    ),
+    "up and down": (
+        '"cam0/*.png"',
+        '"cam*/../../*.png"',
+        ["camera 'cam0', images", "leaves the session folder"],
+    ),
+    "absolute": (
+        '"cam0/*.png"',
+        '"/tmp/*.png"',
+        ["camera 'cam0', images", '"/tmp/*.png" leaves the session folder'],
+    ),
+    "absolute on Windows": (
+        '"cam0/*.png"',
+        "'C:\\data\\*.png'",
+        ["camera 'cam0', images", "leaves the session folder"],
+    ),
+    "no times file": (
+        "fps = 10.0",
+        'timestamps = "none.csv"',
+        ["[session], timestamps", 'no file "none.csv"'],
+    ),
+    "depth without scale": (
+        'name = "cam1"',
+        'name = "cam1"\ndepth = "masks/cam1/*.png"',
+        ["camera 'cam1': depth needs `depth_scale_m`"],
+    ),
+    "depth of 8 bits": (
+        'name = "cam1"',
+        'name = "cam1"\ndepth = "masks/cam1/*.png"\ndepth_scale_m = 0.001',
+        ["000.png", "depth must be one channel of 16 bits", "found uint8"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_settings_that_cannot_be_used(case: str, folder: Path) -> None:
+    old, new, words = SETTINGS[case]
+    edit(folder / "session.toml", old, new)
+    contains(refusal(folder), *words)
+
+
+CLOUDS: dict[str, tuple[str, list[str]]] = {
+    "two sources": (
+        'files = "c/*.ply"\ndepth = ["cam0"]',
+        ["[clouds]: expected exactly one of files, stereo, depth; found files, depth"],
+    ),
+    "no source": ("crop_m = 0.1", ["exactly one of files, stereo, depth; found none"]),
+    "unknown key": (
+        'stereo = [["cam0", "cam1"]]\ncrop = 0.1',
+        ["the camera 'cam1', which has no `images`"],
+    ),
+    "unknown camera": ('depth = ["cam9"]', ["depth names the camera 'cam9'", "known: cam0, cam1"]),
+    "no depth": ('depth = ["cam0"]', ["depth uses the camera 'cam0', which has no `depth`"]),
+    "pairs": ('stereo = ["cam0", "cam1"]', ["[clouds]: stereo = ", "pairs of camera names"]),
+    "nothing matches": ('files = "c/*.ply"', ["[clouds], files", 'nothing matches "c/*.ply"']),
+    "kind of file": (
+        'files = "cam0/*.png"',
+        ["[clouds], files: '000.png' is neither .ply nor .npz"],
+    ),
+    "filter": (
+        'files = "c/*.ply"\ncrop_m = -1.0',
+        ["[clouds]: crop_m = -1.0", "expected a number above 0 [m]"],
+    ),
+    "unknown filter": (
+        'files = "c/*.ply"\ncrop = 1.0',
+        ["[clouds]: unknown key 'crop'", "crop_m", "voxel_m", "max_points", "outlier_neighbours"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CLOUDS)
+def test_cloud_settings_that_cannot_be_used(case: str, folder: Path) -> None:
+    lines, words = CLOUDS[case]
+    settings = folder / "session.toml"
+    settings.write_text(f"{settings.read_text()}\n[clouds]\n{lines}\n")
+    contains(refusal(folder), *words)
+
+
+def test_no_such_folder_and_no_session_in_it(tmp_path: Path) -> None:
+    contains(refusal(tmp_path / "none"), "none does not exist", "expected a session folder")
+    contains(refusal(tmp_path), str(tmp_path), "no session.toml", "`handtrack new` makes one")
+    (tmp_path / "file").write_text("")
+    contains(refusal(tmp_path / "file"), "file is a file", "expected a session folder")
+
+
+def test_no_calibration(folder: Path) -> None:
+    (folder / "calibration.toml").unlink()
+    contains(refusal(folder), "calibration.toml", "no such file", "expected the camera calibration")
+
+
+def test_the_cameras_error_names_file_and_table(folder: Path) -> None:
+    edit(folder / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, nan, 0.0]")
+    contains(refusal(folder), "calibration.toml, [cam_1]: rotation", "expected finite numbers")
+
+
+def test_images_of_another_size_than_calibrated(folder: Path) -> None:
+    edit(folder / "calibration.toml", "size = [64, 48]", "size = [640, 480]")
+    contains(refusal(folder), "cam0/000.png", "frame 0", "64 x 48", "calibrated for 640 x 480")
+
+
+def test_one_later_mask_of_another_size(folder: Path) -> None:
+    cv2.imwrite(str(folder / "masks/cam1/002.png"), np.zeros((48, 65), np.uint8))
+    session = Session.open(folder)
+    with pytest.raises(HandtrackError, match=r"cam1/002.png, frame 2: the image is 65 x 48"):
+        session.observation(2)
+    errors = [text for severity, text in session.doctor() if severity == "error"]
+    assert len(errors) == 1
+    assert "cam1/002.png, frame 2: the image is 65 x 48" in errors[0]
+
+
+def test_links_out_of_the_folder(folder: Path) -> None:
+    outside = folder.parent / "outside"
+    (folder / "cam0").rename(outside)
+    (folder / "cam0").symlink_to(outside)
+    contains(refusal(folder), '"cam0/*.png" leaves the session folder', str(outside))
+    (folder / "cam0").unlink()
+    (folder / "cam0").mkdir()
+    (folder / "cam0/000.png").symlink_to(outside / "000.png")
+    contains(refusal(folder), '"cam0/000.png" leaves the session folder', "copy the files there")
+
+
+def test_links_within_the_folder_are_fine(folder: Path) -> None:
+    (folder / "cam0").rename(folder / "elsewhere")
+    (folder / "cam0").symlink_to(folder / "elsewhere")
+    assert Session.open(folder).image("cam0", 1) is not None
+
+
+def test_numbers_in_file_names(folder: Path) -> None:
+    (folder / "cam0/001.png").rename(folder / "cam0/first.png")
+    contains(refusal(folder), "first.png: no digits in the file name")
+    (folder / "cam0/first.png").rename(folder / "cam0/0002.png")
+    contains(refusal(folder), "'0002.png' and '002.png' are both frame 2")
+
+
+def test_hidden_files_are_not_frames(folder: Path) -> None:
+    (folder / "cam0/._001.png").write_bytes(b"resource fork")
+    assert Session.open(folder).warnings == []
+
+
+TIMES: dict[str, tuple[str, list[str]]] = {
+    "columns": ("cam,frame,t\ncam0,0,0.0", ["the columns are cam,frame,t", "camera,frame,time_s"]),
+    "empty": ("", ["the columns are missing", "expected camera,frame,time_s"]),
+    "text": ("camera,frame,time_s\ncam0,one,0.0", ["line 2: 'cam0,one,0.0'", "whole frame number"]),
+    "short": ("camera,frame,time_s\ncam0,1", ["line 2: 'cam0,1,None'", "and seconds"]),
+    "NaN": ("camera,frame,time_s\ncam0,1,nan", ["line 2: frame 1, time nan", "finite seconds"]),
+    "camera": ("camera,frame,time_s\ncam9,1,0.1", ["line 2: unknown camera 'cam9'", "cam0, cam1"]),
+    "twice": ("camera,frame,time_s\ncam0,1,0.1\ncam0,1,0.2", ["line 3: a second time", "frame 1"]),
+    "backwards": ("camera,frame,time_s\ncam0,0,0.2\ncam0,1,0.1", ["time of frame 1 is not later"]),
+    "one": ("camera,frame,time_s\ncam0,0,0.2", ["times of 1 frames; expected at least two"]),
+}
+
+
+@pytest.mark.parametrize("case", TIMES)
+def test_timestamps_that_cannot_be_used(case: str, folder: Path) -> None:
+    text, words = TIMES[case]
+    (folder / "t.csv").write_text(text)
+    edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
+    contains(refusal(folder), "t.csv", *words)
+
+
+def test_a_first_pose_must_belong_to_the_session(folder: Path) -> None:
+    write_init(folder, frame=4)
+    contains(refusal(folder), "init.json: frame = 4", "the session has the frames 0 to 3")
+    write_init(folder, xyz=None, parameters={"index_dip": 0.1})
+    contains(refusal(folder), "no parameter 'index_dip'", "init.json", "index_dip_flex")
+    write_init(folder, xyz=None, parameters={"index_dip_flex": 0.1, "wrist_flex": 0.1})
+    assert Session.open(folder).init is not None
+
+
+def test_a_session_file_that_is_no_text(folder: Path) -> None:
+    (folder / "session.toml").write_bytes(b"\xff\xfe")
+    contains(refusal(folder), "session.toml: not UTF-8 text")
+    (folder / "session.toml").write_text("tracking = 3")
+    contains(refusal(folder), "the table [session] is missing")

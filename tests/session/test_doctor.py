@@ -1,0 +1,195 @@
+"""The doctor says what is odd without refusing it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.session.finding import SEVERITIES, listed
+from handtrack.session.session import Session
+from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_session(tmp_path)
+
+
+def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4)) -> None:
+    for frame in frames:
+        cv2.imwrite(str(folder / f"masks/{camera}/{frame:03d}.png"), mask)
+
+
+def test_a_sound_session_is_all_ok(folder: Path) -> None:
+    findings = Session.open(folder).doctor()
+    assert {finding.severity for finding in findings} == {"ok"}, findings
+    assert findings[0].text == "4 frames, 0.4 s at 10 fps."
+
+
+EMPTY, FULL = np.zeros((48, 64), np.uint8), np.full((48, 64), 255, np.uint8)
+EDGE = EMPTY.copy()
+EDGE[5:43, :30] = 255
+ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
+    "all masks empty": (
+        lambda f: masks(f, "cam1", EMPTY),
+        "error",
+        "camera 'cam1': all masks looked at (4) are empty.",
+    ),
+    "one mask empty": (
+        lambda f: masks(f, "cam1", EMPTY, range(2, 3)),
+        "warning",
+        "camera 'cam1': 1 of 4 masks are empty, frames 2. An empty mask says that the hand is "
+        "not there",
+    ),
+    "inverted": (
+        lambda f: masks(f, "cam1", FULL, range(1, 3)),
+        "warning",
+        "in 2 of 4 masks more than half of the image is hand, frames 1-2. Are they inverted?",
+    ),
+    "ones instead of 255": (
+        lambda f: masks(f, "cam1", (EDGE > 0).astype(np.uint8)),
+        "error",
+        "camera 'cam1': the largest value in the masks is 1; expected 0 for background and 255",
+    ),
+    "touching": (
+        lambda f: masks(f, "cam1", EDGE),
+        "note",
+        "camera 'cam1': in 4 of 4 masks the hand reaches the image's border, frames 0-3",
+    ),
+    "gap": (
+        lambda f: (f / "masks/cam1/001.png").unlink(),
+        "warning",
+        "camera 'cam1': 3 masks of 64 x 48; 1 frames are missing: 1.",
+    ),
+    "lengths": (
+        lambda f: (f / "masks/cam1/003.png").unlink(),
+        "warning",
+        "Lengths differ: camera 'cam0' 4, camera 'cam1' 3 frames.",
+    ),
+    "unreadable": (
+        lambda f: (f / "masks/cam1/002.png").write_bytes(b"x"),
+        "warning",
+        "frame 2 counts as missing",
+    ),
+    "calibration in mm": (
+        lambda f: edit(f / "calibration.toml", "[0.0, 0.0, 0.5]", "[0.0, 0.0, 500.0]"),
+        "warning",
+        "with world_unit_m = 1. Is calibration.toml in millimetres? Then world_unit_m = 0.001.",
+    ),
+    "same pose twice": (
+        lambda f: edit(f / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]"),
+        "warning",
+        "cameras 'cam0' and 'cam1' are only 0 mm apart",
+    ),
+    "matrix of another size": (
+        lambda f: edit(f / "calibration.toml", "0.0, 31.5]", "0.0, 310.0]"),
+        "warning",
+        "camera 'cam0': the principal point (310, 24) is far from the middle of 64 x 48.",
+    ),
+    "focal length": (
+        lambda f: edit(f / "calibration.toml", "[80.0, 0.0", "[8000.0, 0.0"),
+        "warning",
+        "camera 'cam0': a focal length of 8000 px is unusual for an image 64 px wide",
+    ),
+    "folding lens": (
+        lambda f: edit(
+            f / "calibration.toml", "[0.0, 0.0, 0.0, 0.0, 0.0]", "[-1.5, 0.0, 0.0, 0.0, 0.0]"
+        ),
+        "note",
+        "camera 'cam0': the distortion folds back before the image's corners",
+    ),
+    "no first pose": (lambda f: (f / "init.json").unlink(), "note", "no init.json: tracking needs"),
+    "small hand": (
+        lambda f: write_init(f, xyz=(0.5 * keypoints()).tolist()),
+        "warning",
+        "init.json: from the wrist to the middle finger's knuckle it is 45 mm; expected 50 to "
+        "130 mm.",
+    ),
+    "behind a camera": (
+        lambda f: write_init(f, xyz=(keypoints() - (0, 0, 2)).tolist()),
+        "warning",
+        "init.json, frame 0: 21 of 21 keypoints lie behind camera 'cam0'.",
+    ),
+    "outside the image": (
+        lambda f: write_init(f, xyz=(keypoints() + (1, 0, 0)).tolist()),
+        "warning",
+        "init.json, frame 0: 21 of 21 keypoints lie outside the image of camera 'cam0'.",
+    ),
+    "beside the mask": (
+        lambda f: write_truth(
+            f, keypoints21=np.repeat(keypoints()[None] + (0.15, 0, 0), 4, axis=0)
+        ),
+        "warning",
+        "of the keypoints lie on the mask of camera 'cam0'. Do calibration, side, unit and",
+    ),
+    "truth too long": (
+        lambda f: write_truth(f, frame=np.array([2, 3, 4, 5]), time_s=None),
+        "warning",
+        "truth.npz: the session has no frames 4-5.",
+    ),
+    "truth at another rate": (
+        lambda f: write_truth(f, time_s=np.arange(4) / 5),
+        "warning",
+        "truth.npz: its times run differently from the session's",
+    ),
+    "no truth": (
+        lambda f: (f / "truth.npz").unlink(),
+        "note",
+        "no truth.npz: the tracking's error",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_things_are_found(case: str, folder: Path) -> None:
+    damage, severity, text = ODD[case]
+    damage(folder)
+    findings = Session.open(folder).doctor()
+    assert any(f.severity == severity and text in f.text for f in findings), findings
+    assert all(f.severity in SEVERITIES for f in findings)
+
+
+def depth_session(folder: Path, value: int) -> Session:
+    (folder / "depth").mkdir()
+    for frame in range(4):
+        cv2.imwrite(str(folder / f"depth/{frame}.png"), np.full((48, 64), value, np.uint16))
+    setting = 'name = "cam1"\ndepth = "depth/*.png"\ndepth_scale_m = 0.001'
+    edit(folder / "session.toml", 'name = "cam1"', setting)
+    return Session.open(folder)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "camera 'cam1': no depth is measured in the frames looked at; all is 0."),
+        (50, "camera 'cam1': the median depth is 0.05 m, with depth_scale_m = 0.001. Is the scale"),
+    ],
+)
+def test_odd_depth_is_found(value: int, text: str, folder: Path) -> None:
+    assert any(text in finding.text for finding in depth_session(folder, value).doctor())
+
+
+def test_depth_is_in_metres(folder: Path) -> None:
+    depth = depth_session(folder, 500).view("cam1").depth_m(2)
+    assert depth is not None
+    assert math.isclose(depth[3, 4], 0.5)
+
+
+def test_a_session_without_any_frames(folder: Path) -> None:
+    text = (folder / "session.toml").read_text()
+    text = "\n".join(line for line in text.splitlines() if not line.startswith(("images", "masks")))
+    (folder / "session.toml").write_text(text)
+    (folder / "init.json").unlink()
+    (finding,) = Session.open(folder).doctor()
+    assert finding.severity == "error"
+    assert "no frames at all" in finding.text
+
+
+def test_frames_are_listed_as_runs() -> None:
+    assert listed([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"
+    assert listed(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10 and 14 more runs"

@@ -1,0 +1,76 @@
+"""Random bones with ellipsoids, cameras around them and masks with spans: for the silhouette terms' tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Silhouette
+
+BONES = 5
+
+
+def bones_of(rng, spread=0.03):
+    """Return BONES bones near the origin."""
+    position = rng.normal(scale=spread, size=(BONES, 3))
+    rotation = Rotation.random(BONES, rng=rng).as_matrix()
+    return BonePoses(position[0].copy(), rotation, position)
+
+
+def ellipsoids_of(rng, count=14, radii=(0.006, 0.025)):
+    """Return overlapping ellipsoids of finger size."""
+    return Ellipsoids(
+        tuple(f"e{i}" for i in range(count)),
+        rng.integers(0, BONES, count),
+        rng.normal(scale=0.015, size=(count, 3)),
+        Rotation.random(count, rng=rng).as_matrix(),
+        rng.uniform(*radii, size=(count, 3)),
+    )
+
+
+def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
+    """Return a camera that looks at the origin from anywhere."""
+    rotation = Rotation.random(rng=rng).as_matrix()
+    matrix = np.array([[focal, 0, size[0] / 2 - 3.3], [0, 1.1 * focal, size[1] / 2 + 2.1], [0, 0, 1.0]])
+    return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, distance]))
+
+
+def silhouette_of(rng, camera, full=False):
+    """Return a mask, smooth blobs of 0 … 1, with random spans (some rows not seen at all) unless `full`."""
+    width, height = camera.size
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    mask = np.zeros((height, width))
+    for _ in range(4):
+        cu, cv, r = rng.uniform(0.3, 0.7) * width, rng.uniform(0.3, 0.7) * height, rng.uniform(4, 14)
+        mask = np.maximum(mask, np.clip(r - np.hypot(u - cu, v - cv), 0, 1))
+    begin, end = rng.integers(0, width // 4, height), rng.integers(3 * width // 4, width + 1, height)
+    end[rng.random(height) < 0.1] = 0
+    valid = np.stack([np.minimum(begin, end), end], axis=1)
+    if full:
+        valid[:] = 0, width
+    return Silhouette(camera, mask.astype(np.float32), valid.astype(np.int32))
+
+
+def silhouettes_of(rng, count=3, full=False, **camera):
+    """Return silhouettes of several cameras."""
+    return [silhouette_of(rng, camera_of(rng, name=f"cam{i}", **camera), full) for i in range(count)]
+
+
+def assert_same_system(ours, other, tolerance=1e-9):
+    """Fail unless cost, gradient and Hessian agree, relative to their largest numbers."""
+    assert abs(ours.cost - other.cost) <= tolerance * max(other.cost, 1e-12)
+    for a, b in ((ours.gradient, other.gradient), (ours.hessian, other.hessian)):
+        assert np.isfinite(a).all()
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(np.abs(b).max(), 1e-12))
+
+
+def moved_along(bones, step):
+    """Return bones moved by twists (6B,) about the reference, to first order exactly (rotations stay rotations)."""
+    v, w = step.reshape(-1, 2, 3).swapaxes(0, 1)
+    turn = Rotation.from_rotvec(w).as_matrix()
+    arm = bones.position - bones.reference
+    position = bones.reference + v + np.einsum("bij,bj->bi", turn, arm)
+    return BonePoses(bones.reference, turn @ bones.rotation, position)

@@ -1,0 +1,91 @@
+"""The finite-difference check itself: it passes what is right and names what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.rows import Rows, point_row
+from tests.derivatives import (
+    check_jacobian,
+    check_observation_term,
+    check_parameter_term,
+    twisted,
+)
+
+
+@dataclass(frozen=True)
+class PointTerm:
+    """½|X − target|² of one point on the second bone."""
+
+    target: np.ndarray
+    slip: float = 0.0
+    name: str = "point"
+
+    def rows(self, bones):
+        x = bones.to_world(np.array([1, 1, 1]), np.tile([0.1, 0.2, 0.3], (3, 1)))
+        residual = x[0] - self.target
+        twist = point_row(x, np.eye(3), bones.reference)
+        twist[0, 3] += self.slip
+        cost = 0.5 * float(residual @ residual)
+        return Rows(residual, np.arange(3), np.ones(3, int), twist, cost, np.ones(3))
+
+    def cost(self, bones) -> float:
+        return self.rows(bones).cost
+
+    def linearize(self, bones) -> BoneSystem:
+        return self.rows(bones).bone_system(2)
+
+
+@dataclass(frozen=True)
+class RestTerm:
+    factor: float
+    name: str = "rest"
+
+    def cost(self, joint_params) -> float:
+        return 0.5 * float(joint_params @ joint_params)
+
+    def linearize(self, joint_params) -> JointSystem:
+        count = len(joint_params)
+        return JointSystem(self.cost(joint_params), self.factor * joint_params, np.eye(count))
+
+
+@pytest.fixture
+def bones(rng) -> BonePoses:
+    still = BonePoses(rng.normal(size=3), np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 3)))
+    return twisted(still, rng.normal(size=(2, 6)))
+
+
+def test_a_right_term_passes(bones, rng):
+    check_observation_term(PointTerm(rng.normal(size=3)), bones)
+
+
+def test_a_wrong_term_is_named_with_both_numbers(bones, rng):
+    term = PointTerm(rng.normal(size=3), slip=0.5)
+    with pytest.raises(AssertionError, match=r"cost by index wx: derivative .*, differences "):
+        check_observation_term(term, bones, ("palm", "index"))
+
+
+def test_a_wrong_prior_is_named(rng):
+    check_parameter_term(RestTerm(1.0), rng.normal(size=3))
+    with pytest.raises(AssertionError, match="index_mcp_flex"):
+        check_parameter_term(RestTerm(1.01), np.ones(1), ("index_mcp_flex",))
+
+
+def test_a_derivative_that_is_not_a_number_fails(rng):
+    with pytest.raises(AssertionError, match="1 of 4 derivatives"):
+        check_jacobian(lambda x: x, np.array([[1.0, 0.0], [np.nan, 1.0]]), rng.normal(size=2))
+
+
+def test_twisted_bones_move_as_the_convention_says(bones, rng):
+    """A point X of a bone moves by v + ω × (X − o)."""
+    twists = 1e-7 * rng.normal(size=(2, 6))
+    local = rng.normal(size=(2, 3))
+    every = np.arange(2)
+    before, after = bones.to_world(every, local), twisted(bones, twists).to_world(every, local)
+    told = twists[:, :3] + np.cross(twists[:, 3:], before - bones.reference)
+    np.testing.assert_allclose(after - before, told, atol=1e-12)
