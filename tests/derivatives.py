@@ -52,9 +52,7 @@ def check_gradient(
     atol: float = 0.0,
 ) -> None:
     """Compare a gradient (C,) at x (C,) with central differences of `cost`."""
-    check_jacobian(
-        lambda y: np.array([cost(y)]), gradient, x, ("cost",), names, step, rtol, atol
-    )
+    check_jacobian(lambda y: np.array([cost(y)]), gradient, x, ("cost",), names, step, rtol, atol)
 
 
 def check_observation_term(
@@ -131,7 +129,9 @@ def _check_hessian(hessian: Floats, size: int) -> None:
     largest = max(float(np.abs(hessian).max()), 1e-300)
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-10 * largest, err_msg="not symmetric")
     least = float(np.linalg.eigvalsh(hessian)[0])
-    assert least > -1e-8 * largest, f"the Hessian has a negative direction: {least:g} of {largest:g}"
+    assert least > -1e-8 * largest, (
+        f"the Hessian has a negative direction: {least:g} of {largest:g}"
+    )
 
 
 def _compare(

@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.result import FrameResult
 from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
 
@@ -106,6 +107,11 @@ class Document:
         """Drop what was set by hand at a frame."""
         self.by_hand.pop(frame, None)
         self.show(frame)
+
+    def start_from(self, first: FirstPose) -> None:
+        """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""
+        self.first_frame, self.start = self.frame, self.shown.copy()
+        self.run = replace(self.run, first=first)
 
     def accept(self, result: FrameResult) -> None:
         """Keep a tracked frame. It replaces a pose set by hand there, which it started from."""

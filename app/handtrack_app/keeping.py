@@ -1,64 +1,267 @@
-"""What outlives the page: the journal, the first-frame pose, saved tracks, exports."""
+"""What outlives the page: the journal, the work in progress, the first-frame pose, saved tracks."""
 
 from __future__ import annotations
 
 import logging
-import tempfile
-from dataclasses import dataclass
+import re
+import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import write_scale
+from handtrack.session.atomic import replace_text
+from handtrack.session.first_pose import FirstPose, write_first_pose
+from handtrack.session.journal import Event, Journal
+from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
+from handtrack.session.tables import read_npz, write_npz, write_result
+from handtrack.session.versions import keep_version
+from handtrack.tracker.result import FrameResult, Status
 from handtrack_app.document import Document
 
 log = logging.getLogger(__name__)
-LOG_FILE = Path(tempfile.gettempdir()) / "handtrack.log"
+WORK_FILE = f"{TRACKS_FOLDER}/workbench.npz"
+HAND_FILE = "hand.json"
+_FLUSH_S = 1.0  # tracked frames reach the disk at most this late
 
 
-@dataclass(frozen=True)
-class Restored:
-    """What was found from the last time."""
+@dataclass
+class Keeper:
+    """Writes what is accepted, at once, and brings it back on reopening."""
 
-    frame: int | None = None
-    text: str = ""
+    document: Document
+    journal: Journal | None
+    warning: str = ""
+    _waiting: list[FrameResult] = field(default_factory=list)
+    _flushed: float = 0.0
+
+    @classmethod
+    def open(cls, document: Document) -> Keeper:
+        """Return the keeper of a session; one that cannot be written to works, with a warning."""
+        try:
+            return cls(document, Journal.open(document.run.session.folder))
+        except HandtrackError as error:
+            return cls(document, None, str(error))
+
+    @property
+    def folder(self) -> Path:
+        return self.document.run.session.folder
+
+    # ---- writing
+
+    def note(self, kind: str, data: dict[str, Any]) -> None:
+        """Write one accepted change."""
+        if self.journal is not None:
+            self.journal.append(kind, data)
+
+    def note_pose(self, frame: int) -> None:
+        """Write the pose set by hand at a frame."""
+        values = self.document.by_hand.get(frame)
+        if values is not None:
+            names = self.document.model.parameter_names
+            self.note("pose", {"frame": frame, "parameters": dict(zip(names, values.tolist(), strict=True))})
+
+    def note_result(self, result: FrameResult) -> None:
+        """Write a tracked frame, a second late at most."""
+        self._waiting.append(result)
+        if time.monotonic() - self._flushed > _FLUSH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        waiting, self._waiting = self._waiting, []
+        self._flushed = time.monotonic()
+        if self.journal is not None and waiting:
+            self.journal.append_all([("tracked", _row(result)) for result in waiting])
+
+    def settle(self) -> None:
+        """Write the work in progress to one file, and shorten the journal by what is in it."""
+        self.flush()
+        if self.journal is None or not self.document.results:
+            return
+        ordered = sorted(self.document.results.values(), key=lambda result: result.frame)
+        write_npz(self.folder / WORK_FILE, self.document.run.result(ordered))
+        # a pose set by hand that tracking replaced is not to come back over it
+        kept = [e for e in self.journal.events() if e.kind != "tracked" and not self._replaced(e)]
+        self.journal.replace(kept)
+
+    def _replaced(self, event: Event) -> bool:
+        frame = event.data.get("frame")
+        return event.kind in ("pose", "forget") and frame not in self.document.by_hand
+
+    def close(self) -> None:
+        """Write what waits and close the journal."""
+        self.flush()
+        if self.journal is not None:
+            self.journal.close()
+
+    # ---- bringing back
+
+    def restore(self) -> str:
+        """Bring back poses, settings and tracked frames of the last time; say what, in a sentence."""
+        events = self.journal.events() if self.journal is not None else []
+        changed = self._restore_settings(events)
+        self._restore_work()
+        for event in events:
+            try:
+                self._replay(event)
+            except (KeyError, TypeError, ValueError, HandtrackError) as error:
+                log.warning("journal entry %s passed over: %s", event.kind, error)
+        document = self.document
+        parts = [
+            f"{count} {words}"
+            for count, words in (
+                (len(document.results), "tracked frames"),
+                (len(document.by_hand), "poses set by hand"),
+                (changed, "changed settings"),
+            )
+            if count
+        ]
+        return f"Brought back from last time: {', '.join(parts)}." if parts else ""
+
+    def _restore_settings(self, events: list[Event]) -> int:
+        document, names = self.document, set()
+        for event in events:
+            try:
+                if event.kind == "setting":
+                    document.replace_run(document.run.with_values({event.data["name"]: event.data["value"]}))
+                elif event.kind == "limits":
+                    interval = event.data["interval"]
+                    document.set_limits(event.data["name"], tuple(interval) if interval else None)
+                else:
+                    continue
+                names.add(event.data["name"])
+            except (KeyError, TypeError, ValueError, HandtrackError) as error:
+                log.warning("setting of last time passed over: %s", error)
+        return len(names)
+
+    def _restore_work(self) -> None:
+        path = self.folder / WORK_FILE
+        if not path.is_file():
+            return
+        try:
+            track = read_npz(path)
+        except HandtrackError as error:
+            self.warning = f"The work in progress of last time cannot be read: {error}"
+            return
+        if track.parameter_names == self.document.model.parameter_names:
+            self.document.results.update({result.frame: result for result in track.frames()})
+
+    def _replay(self, event: Event) -> None:
+        document, data = self.document, event.data
+        if event.kind == "pose":
+            names = document.model.parameter_names
+            document.set_pose(int(data["frame"]), [float(data["parameters"].get(n, 0.0)) for n in names])
+        elif event.kind == "forget":
+            document.forget_pose(int(data["frame"]))
+        elif event.kind == "tracked":
+            document.accept(_result(data, document))
+
+    # ---- on request
+
+    def save_first_pose(self) -> str:
+        """Write the pose shown to init.json; return a sentence about it."""
+        document = self.document
+        names = document.model.parameter_names
+        values = dict(zip(names, [round(float(v), 6) for v in document.shown], strict=True))
+        path = self.folder / INIT_FILE
+        try:
+            said = self._keep_hand_size()
+            keep_version(path)
+            pose = FirstPose(document.frame, values)
+            write_first_pose(path, pose)
+        except OSError as error:
+            raise HandtrackError(f"{path}: cannot be written ({error.strerror}). Is the folder read-only?") from None
+        document.start_from(pose)
+        return f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
+
+    def _keep_hand_size(self) -> str:
+        """A size that was fitted to the keypoints of init.json would be lost with them: it gets its own file."""
+        run, path = self.document.run, self.folder / SESSION_FILE
+        if run.first is None or run.first.xyz is None or not path.is_file():
+            return ""
+        text, count = re.subn(
+            r'^(\s*scale\s*=\s*)"fit"', rf'\1"{HAND_FILE}"', path.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE
+        )
+        if not count:
+            return ""
+        write_scale(self.folder / HAND_FILE, run.scale)
+        keep_version(path)
+        replace_text(path, text)
+        return f" The hand's fitted size is kept in {HAND_FILE}."
+
+    def save_track(self) -> str:
+        """Write tracks/poses.npz; return a sentence about it."""
+        path = self.folder / POSES_FILE
+        track = whole_track(self.document)
+        try:
+            path.parent.mkdir(exist_ok=True)
+            previous = write_result(path, track)
+        except OSError as error:
+            raise HandtrackError(f"{path}: cannot be written ({error.strerror}). Is the folder read-only?") from None
+        kept = f" The one before is kept as {previous.name}." if previous is not None else ""
+        return f"{len(track)} frames are in {path}.{kept}"
 
 
-def restore(document: Document) -> Restored:
-    return Restored()
+def whole_track(document: Document) -> Any:
+    """Return all frames as one TrackResult; poses set by hand are keyframes."""
+    frames = dict(document.results)
+    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
+    if not frames:
+        raise HandtrackError("There is nothing to save yet: track some frames, or pose the hand, first.")
+    return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
 
 
-def note(document: Document, entry: dict[str, Any]) -> None:
-    pass
+def _keyframe(document: Document, frame: int) -> FrameResult:
+    model, values = document.model, document.by_hand[frame]
+    joints = len(model.joint_names)
+    return _complete(
+        document, frame, values, Status.KEYFRAME, float("nan"), 0,
+        np.full(len(values), np.inf), np.tile(np.eye(3), (joints, 1, 1)),
+    )  # fmt: skip
 
 
-def note_results(document: Document, frames: range) -> None:
-    pass
+def _complete(
+    document: Document, frame: int, values: Any, status: Status, energy: float, iterations: int, std: Any, spread: Any
+) -> FrameResult:
+    model = document.model
+    values = np.asarray(values, dtype=float)
+    bones = model.bones(model.transform.solver_params(values))
+    return FrameResult(
+        frame=frame,
+        time_s=float(document.run.session.time_s(frame)),
+        parameters=values,
+        status=status,
+        energy=energy,
+        iterations=iterations,
+        parameter_std=np.asarray(std, dtype=float),
+        joint_covariance=np.asarray(spread, dtype=float),
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.name.startswith("hand") else None,
+    )
 
 
-def save_first_pose(document: Document) -> str:
-    return ""
+def _row(result: FrameResult) -> dict[str, Any]:
+    return {
+        "frame": result.frame,
+        "status": int(result.status),
+        "energy": float(result.energy),
+        "iterations": int(result.iterations),
+        "parameters": result.parameters,
+        "std": result.parameter_std,
+        "spread": np.round(result.joint_covariance, 12),
+    }
 
 
-def save_track(document: Document) -> str:
-    return ""
-
-
-def export(document: Document, kind: str) -> tuple[str, bytes]:
-    raise HandtrackError("not yet")
-
-
-def summary(document: Document, frames: range, done: int, seconds: float) -> str:
-    """Return how a run of tracking went, in one sentence or two."""
-    counts = np.bincount([int(document.results[f].status) for f in frames if f in document.results], minlength=5)
-    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
-    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
-    quality = ", ".join(odd) if odd else "none doubtful"
-    return f"{done} of {len(frames)} frames in {seconds:.1f} s ({speed}); {quality}."
-
-
-def internal_error_text(error: object) -> str:
-    """Return what the user is told of a mistake of ours."""
-    what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
-    return f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."
+def _result(row: dict[str, Any], document: Document) -> FrameResult:
+    values = np.asarray(row["parameters"], dtype=float)
+    if values.shape != (len(document.model.parameter_names),):
+        raise ValueError("another model's pose")
+    return _complete(
+        document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
+        row["std"], row["spread"],
+    )  # fmt: skip

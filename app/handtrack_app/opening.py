@@ -19,7 +19,7 @@ def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
     """Return the document of a session folder. Raises HandtrackError."""
     session = Session.open(folder)
     run = TrackingRun.open(session, overrides)
-    if session.init is None:
+    if run.first is None:
         return Document(run, 0, placed_in_view(run))
     frame, params = run.initial()
     return Document(run, frame, params)

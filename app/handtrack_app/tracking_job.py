@@ -48,6 +48,7 @@ class TrackingJob:
     ) -> None:
         self.number, self.frames, self.first = number, frames, first
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
+        self._first_done = self.began
         self._run, self._params, self._post = run, params, post
         self._stop, self._hold = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="tracking", daemon=True)
@@ -71,11 +72,11 @@ class TrackingJob:
         self._thread.join(timeout)
 
     def eta_s(self) -> float:
-        """Return the expected seconds left; 0 while unknown."""
-        if not self.done:
+        """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
+        if self.done < 2:
             return 0.0
-        spent = time.monotonic() - self.began - self.waited
-        return spent / self.done * (len(self.frames) - self.done)
+        spent = time.monotonic() - self._first_done - self.waited
+        return spent / (self.done - 1) * (len(self.frames) - self.done)
 
     def _should_stop(self) -> bool:
         if self._hold.is_set():
@@ -90,6 +91,8 @@ class TrackingJob:
         try:
             for result in self._run.track(self.frames, self.first, self._params, self._should_stop):
                 self.done += 1
+                if self.done == 1:
+                    self._first_done, self.waited = time.monotonic(), 0.0
                 self._post(Tracked(self.number, result))
                 if self._should_stop():
                     break

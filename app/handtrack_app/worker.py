@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
@@ -11,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack_app import keeping, messages as m
+from handtrack_app import exporting
+from handtrack_app import messages as m
 from handtrack_app.document import Document, params_of
+from handtrack_app.keeping import Keeper
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
 from handtrack_app.pictures import PictureMaker
@@ -52,6 +53,7 @@ class Worker:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self._document: Document | None = None
+        self._keeper: Keeper | None = None
         self._pictures: PictureMaker | None = None
         self._wanted = m.WantPictures(True, None, "plain")
         self._job: TrackingJob | None = None
@@ -100,6 +102,15 @@ class Worker:
             if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
                 self._guarded(self._accept_edit)
         self._guarded(self._accept_edit)
+        if self._keeper is not None:
+            self._guarded(self._keeper.close)
+
+    def _kept(self) -> Keeper:
+        assert self._keeper is not None, "no session is open"
+        return self._keeper
+
+    def _note(self, kind: str, data: dict[str, Any]) -> None:
+        self._kept().note(kind, data)
 
     def _guarded(self, action: Callable[[], None]) -> None:
         try:
@@ -108,7 +119,7 @@ class Worker:
             self._publish(m.Notice("error", "That did not work", str(error)))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("internal error")
-            self._publish(m.Notice("error", "Internal error", keeping.internal_error_text(error)))
+            self._publish(m.Notice("error", "Internal error", exporting.internal_error_text(error)))
 
     def _open(self) -> None:
         self._publish(m.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
@@ -118,14 +129,15 @@ class Worker:
             self._publish(m.ProgressSnapshot("failed", "The session could not be opened."))
             raise
         document = self._document
-        restored = keeping.restore(document)
+        self._keeper = Keeper.open(document)
+        restored = self._keeper.restore()
         self._pictures = PictureMaker(document.run.session)
         self._publish(document.session_snapshot())
-        document.show(restored.frame if restored.frame is not None else document.first_frame)
+        document.show(document.first_frame)
         self._show_all()
-        if restored.text:
-            self._publish(m.Notice("info", "Welcome back", restored.text))
-        for warning in getattr(document.run.session, "warnings", ()):
+        if restored:
+            self._publish(m.Notice("info", "Welcome back", restored))
+        for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
             self._publish(m.Notice("warning", "About this session", str(warning)))
         self._idle()
 
@@ -152,7 +164,7 @@ class Worker:
             case m.ForgetPose():
                 document.version = max(document.version, request.version)
                 document.forget_pose(request.frame)
-                keeping.note(document, {"kind": "forget", "frame": request.frame})
+                self._note("forget", {"frame": request.frame})
                 self._show_all()
             case m.WantPictures():
                 self._wanted, self._stale_pictures = request, True
@@ -165,12 +177,12 @@ class Worker:
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
             case m.SavePose():
-                text = keeping.save_first_pose(document)
+                text = self._kept().save_first_pose()
                 self._publish(m.Notice("done", "First-frame pose saved", text))
             case m.SaveTrack():
-                self._publish(m.Notice("done", "Track saved", keeping.save_track(document)))
+                self._publish(m.Notice("done", "Track saved", self._kept().save_track()))
             case m.Export():
-                name, data = keeping.export(document, request.kind)
+                name, data = exporting.export(document, request.kind)
                 self._publish(m.Download(name, data, request.client_id))
             case Tracked():
                 self._tracked(document, request)
@@ -187,10 +199,8 @@ class Worker:
         if self._unsaved is None or self._document is None:
             return
         frame, self._unsaved = self._unsaved, None
-        document = self._document
-        if frame in document.by_hand:
-            values = dict(zip(document.model.parameter_names, document.by_hand[frame].tolist(), strict=True))
-            keeping.note(document, {"kind": "pose", "frame": frame, "parameters": values})
+        if frame in self._document.by_hand:
+            self._kept().note_pose(frame)
         self._show_strip()
 
     def _show_pose(self) -> None:
@@ -248,6 +258,7 @@ class Worker:
         if job is None or job.number != done.job:
             return
         document.accept(done.result)
+        self._kept().note_result(done.result)
         now = time.monotonic()
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -265,15 +276,15 @@ class Worker:
         document.show(document.frame)
         self._show_all()
         if job.done:
-            keeping.note_results(document, job.frames)
+            self._kept().settle()
         if end.internal:
-            self._publish(m.Notice("error", "Internal error while tracking", keeping.internal_error_text(end.error)))
+            self._publish(m.Notice("error", "Internal error while tracking", exporting.internal_error_text(end.error)))
         elif end.error:
             self._publish(m.Notice("error", "Tracking stopped", end.error))
         else:
             word = "Cancelled" if end.cancelled else "Tracking finished"
             took = time.monotonic() - job.began - job.waited
-            self._publish(m.Notice("done", word, keeping.summary(document, job.frames, job.done, took)))
+            self._publish(m.Notice("done", word, exporting.summary(document, job.frames, job.done, took)))
         self._idle()
 
     def _progress(self) -> None:
@@ -301,10 +312,9 @@ class Worker:
                 document.set_limits(change.name, change.interval)
             else:
                 document.replace_run(document.run.with_values({change.name: change.value}))
-                keeping.note(document, {"kind": "setting", "name": change.name, "value": change.value})
+                self._note("setting", {"name": change.name, "value": change.value})
         finally:
             self._publish(document.session_snapshot())
         if isinstance(change, m.SetLimits):
-            note = {"kind": "limits", "name": change.name, "interval": json.loads(json.dumps(change.interval))}
-            keeping.note(document, note)
+            self._note("limits", {"name": change.name, "interval": change.interval})
         self._show_all()

@@ -96,7 +96,7 @@ def similarity(points: Floats, target: Floats) -> Floats:
 
 def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
     names, found, true = _points(track, truth)
-    known = np.isfinite(true).all(axis=2)
+    known = np.all(np.isfinite(true), axis=2)
     rows = np.flatnonzero(known.any(axis=1))
     if not len(rows):
         raise HandtrackError("the truth has no finite point, so there is nothing to compare.")
@@ -133,7 +133,11 @@ def _points(track: TrackResult, truth: TruthLike) -> tuple[tuple[str, ...], Floa
             f"{', '.join(track.joint_names)}. Of the truth: {', '.join(theirs) or keypoints}."
         )
     ours = [track.joint_names.index(name) for name in common]
-    return tuple(common), track.joint_positions[:, ours], positions[:, [theirs.index(n) for n in common]]
+    return (
+        tuple(common),
+        track.joint_positions[:, ours],
+        positions[:, [theirs.index(n) for n in common]],
+    )
 
 
 def _covariance(track: TrackResult, names: Sequence[str]) -> Floats | None:

@@ -125,3 +125,10 @@ def conic_vector(matrix: Floats) -> Floats:
 def monomials(u: Floats, v: Floats) -> Floats:
     """Return (..., 6) with which a conic's six numbers give its value at (u, v)."""
     return np.stack([u * u, 2 * u * v, v * v, 2 * u, 2 * v, np.ones_like(u)], axis=-1)
+
+
+def ellipse(dual: Floats) -> tuple[Floats, Floats]:
+    """Return centres m (E, 2) and shapes S (E, 2, 2) of dual conics (E, 3, 3): (x − m)ᵀ S⁻¹ (x − m) = 1 on the outline."""
+    scaled = dual / dual[:, 2:, 2:]
+    centre = scaled[:, :2, 2]
+    return centre, centre[:, :, None] * centre[:, None, :] - scaled[:, :2, :2]

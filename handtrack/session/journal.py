@@ -107,6 +107,12 @@ class Journal:
             finally:
                 self._file = self.path.open("ab", buffering=0)
 
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Close the file. What was appended is on disk already."""
         with self._lock:

@@ -38,7 +38,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "iterations": ("F",),
     "parameter_std": ("F", "S"),
     "joint_covariance": ("F", "J", 3, 3),
-    **{name: () for name in _TEXTS},
+    **dict.fromkeys(_TEXTS, ()),
 }
 _OPTIONAL = ("keypoints21",)
 
@@ -67,7 +67,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
     with replacing(path) as part, zipfile.ZipFile(part, "w") as archive:
         for name, array in arrays.items():
             data = io.BytesIO()
-            np.lib.format.write_array(data, np.ascontiguousarray(array), allow_pickle=False)
+            np.lib.format.write_array(data, np.asarray(array, order="C"), allow_pickle=False)
             entry = zipfile.ZipInfo(f"{name}.npy", (1980, 1, 1, 0, 0, 0))
             entry.compress_type, entry.create_system = zipfile.ZIP_DEFLATED, 3
             entry.external_attr = 0o644 << 16
@@ -150,7 +150,9 @@ def _check_rows(path: Path, track: TrackResult) -> None:
     if not len(track):
         raise HandtrackError(f"{path}: no frames; expected at least one.")
     if (np.diff(track.frame) <= 0).any():
-        raise HandtrackError(f"{path}: frame numbers do not ascend; expected each frame once, in order.")
+        raise HandtrackError(
+            f"{path}: frame numbers do not ascend; expected each frame once, in order."
+        )
     known = [int(status) for status in Status]
     if not np.isin(track.status, known).all():
         raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")

@@ -24,7 +24,7 @@ class ConicFieldTerm:
         self,
         silhouettes: Sequence[Silhouette | PreparedSilhouette],
         ellipsoids: Ellipsoids,
-        weight: float = 1.0,
+        weight: float | Sequence[float] = 1.0,
         normalised: bool = True,
         name: str = "conic_field",
     ) -> None:

@@ -13,9 +13,9 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.prepared_silhouette import PreparedSilhouette
-from handtrack.terms.silhouette_field import FieldShape, field_system, prepared
+from handtrack.terms.silhouette_field import FieldShape, field_system, per_camera, prepared
 
-_WIDEST = 100.0  # bands are at most this many radii wide
+_NARROWEST, _WIDEST = 1e-6, 100.0  # of a band, in minor radii
 
 
 class CoverageTerm:
@@ -30,10 +30,10 @@ class CoverageTerm:
         self,
         silhouettes: Sequence[Silhouette | PreparedSilhouette],
         ellipsoids: Ellipsoids,
-        band_px: float,
+        band_px: float | Sequence[float],
         bones_at_start: BonePoses,
         antisymmetric: bool = False,
-        weight: float = 1.0,
+        weight: float | Sequence[float] = 1.0,
         name: str = "coverage",
     ) -> None:
         self.name = name
@@ -55,7 +55,7 @@ class CoverageTerm:
 def ramp(
     cameras: Sequence[Camera],
     ellipsoids: Ellipsoids,
-    band_px: float,
+    band_px: float | Sequence[float],
     bones: BonePoses,
     antisymmetric: bool,
 ) -> FieldShape:
@@ -63,10 +63,11 @@ def ramp(
     centre = ellipsoids.posed(bones).centre
     least = ellipsoids.radii.min(axis=1)
     levels = np.empty((len(cameras), len(ellipsoids), 2))
+    bands = per_camera(band_px, len(cameras), "the band's width")
     for i, camera in enumerate(cameras):
         focal = np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
-        depth = np.maximum(camera.to_camera(centre)[:, 2], ellipsoids.radii.max(axis=1))
-        share = np.minimum(band_px * depth / np.maximum(least * focal, 1e-12), _WIDEST)
+        depth = np.maximum(camera.to_camera(centre)[:, 2], least)
+        share = np.clip(bands[i] * depth / np.maximum(least * focal, 1e-12), _NARROWEST, _WIDEST)
         outer, inner = ramp_levels(share, antisymmetric)
         levels[i, :, 0] = outer
         levels[i, :, 1] = 1.0 / (inner + outer)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 BLOCK = 8
@@ -75,7 +75,10 @@ def _paint_block(typing, buffer, u, centre, top, bend, limit, number, full):
         bits = builder.select(above, _splat(builder, saturated), bits)
         packed = builder.bitcast(bits, _DOUBLES)
         old = _load(context, builder, signature.args[0], array, at)
-        larger = builder.select(builder.fcmp_ordered(">", packed, old), packed, old)
+        # as a comparison this becomes a masked store, and the next ellipse's load must wait for it
+        kind = ir.FunctionType(_DOUBLES, [_DOUBLES, _DOUBLES])
+        maximum = cgutils.get_or_insert_function(builder.module, kind, "llvm.maxnum.v8f64")
+        larger = builder.call(maximum, [packed, old], fastmath=("nnan",))
         _store(context, builder, larger, signature.args[0], array, at)
 
     return signature, generate

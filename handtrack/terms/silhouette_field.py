@@ -48,12 +48,12 @@ def field_system(
     ellipsoids: Ellipsoids,
     shape: FieldShape,
     bones: BonePoses,
-    weight: float,
+    weight: float | Sequence[float],
     want_system: bool = True,
 ) -> tuple[BoneSystem, Floats]:
     """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
 
-    areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
+    weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
     those of no residual.
     """
     if len(ellipsoids) > MOST_ELLIPSOIDS:
@@ -62,6 +62,7 @@ def field_system(
         )
     system = BoneSystem.zero(len(bones.position) if want_system else 0)
     cost = 0.0
+    weights = per_camera(weight, len(silhouettes), "weight")
     areas = np.empty((len(silhouettes), 2))
     for i, seen in enumerate(silhouettes):
         part, areas[i, 0], areas[i, 1] = camera_system(
@@ -81,10 +82,19 @@ def field_system(
             shape.levels[i],
             shape.limit,
             shape.depth_scaled,
-            weight,
+            weights[i],
             want_system,
             system.gradient,
             system.hessian,
         )
-        cost += max(part + 0.5 * weight * seen.energy, 0.0)
+        cost += max(part + 0.5 * weights[i] * seen.energy, 0.0)
     return BoneSystem(cost, system.gradient, system.hessian), areas
+
+
+def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
+    """Return one number a camera."""
+    if isinstance(value, float | int):
+        return (float(value),) * cameras
+    if len(value) != cameras:
+        raise HandtrackError(f"silhouettes: {len(value)} numbers for {name}; expected one, or {cameras} (one a camera).")
+    return tuple(float(x) for x in value)

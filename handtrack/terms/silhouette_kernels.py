@@ -31,7 +31,10 @@ from handtrack.terms.conic_kernels import (
 )
 from handtrack.terms.row_kernels import BLOCK, MOMENTS, add_run, clear, find_runs, number_at, paint
 
-WIDEST = 1 << 20  # beyond this a row's span is clipped before it becomes an integer
+MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
+"""Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
+room on the centre's row; factor; curvature of the value along the row."""
+LINE = 8
 
 
 @numba.njit(cache=True, nogil=True)
@@ -82,16 +85,16 @@ def camera_system(
 def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, moments):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
     count, height, width = levels.shape[0], valid.shape[0], window[0]
-    first, last = np.empty(count, np.int64), np.empty(count, np.int64)
+    lines = np.empty((count, LINE))
+    first, last = np.zeros(count, np.int64), np.zeros(count, np.int64)
     start = np.zeros(height + 1, np.int64)
-    for e in range(count):  # rows that each ellipse reaches
-        first[e], last[e] = 0, 0
+    for e in range(count):  # which rows each ellipse reaches, and what its spans need
         if ellipses[e, SCALE] == 0.0:
             continue
+        _row_line(ellipses[e], levels[e, 0], lines[e])
         reach = np.sqrt((1.0 + levels[e, 0]) * ellipses[e, S22])
-        middle = ellipses[e, ORIGIN_V] + ellipses[e, CENTRE_V]
-        first[e] = np.int64(min(max(np.ceil(middle - reach), 0.0), float(height)))
-        last[e] = np.int64(min(max(np.floor(middle + reach) + 1.0, 0.0), float(height)))
+        first[e] = np.int64(min(max(np.ceil(lines[e, MIDDLE_V] - reach), 0.0), float(height)))
+        last[e] = np.int64(min(max(np.floor(lines[e, MIDDLE_V] + reach) + 1.0, 0.0), float(height)))
         for v in range(first[e], last[e]):
             start[v + 1] += 1
     for v in range(height):
@@ -101,54 +104,60 @@ def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, mom
         for v in range(first[e], last[e]):
             items[filled[v]] = e
             filled[v] += 1
+    origins = np.zeros((count + 2, 2), np.int64)  # in the numbering of `moments`
+    for e in range(count):
+        origins[e + 1, 0] = np.int64(ellipses[e, ORIGIN_U])
+        origins[e + 1, 1] = np.int64(ellipses[e, ORIGIN_V])
     buffer = np.zeros((width // BLOCK + 2) * BLOCK)
     starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
     rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
     for v in range(height):
         if start[v] == start[v + 1]:
             continue
-        low, high = _paint_row(
-            v, items[start[v] : start[v + 1]], ellipses, levels, limit, valid[v, 0], valid[v, 1], buffer
-        )
+        low, high = _paint_row(v, items[start[v] : start[v + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer)
         if low >= high:
             continue
         runs = find_runs(buffer, low, high, starts)
         row = v - window[2] + 1
         if row < 0 or row > rows:
             row = 0
-        left = starts[0]
+        left, za = low, min(max(low - window[1], 0), columns)
         for n in range(runs):
             right = starts[n + 1]
+            zb = min(max(right - window[1], 0), columns)
             k = number_at(buffer, left)
-            e = max(k - 1, 0)
-            u0 = np.int64(ellipses[e, ORIGIN_U]) - width
-            y = v - np.int64(ellipses[e, ORIGIN_V]) + height
-            za, zb = min(max(left - window[1], 0), columns), min(max(right - window[1], 0), columns)
-            add_run(moments, k, powers, left - u0, right - u0, heights, y, sums, row, za, zb)
-            left = right
+            u0, y = width - origins[k, 0], v + height - origins[k, 1]
+            add_run(moments, k, powers, left + u0, right + u0, heights, y, sums, row, za, zb)
+            left, za = right, zb
         clear(buffer, low, high)
 
 
 @numba.njit(cache=True, nogil=True)
-def _paint_row(v, items, ellipses, levels, limit, begin, end, buffer):  # pragma: no cover - compiled
+def _row_line(ellipse, outer, line):  # pragma: no cover - compiled
+    """Fill what an ellipse's span on a row needs: all divisions, once for all rows."""
+    s11, s12, s22, s = ellipse[S11], ellipse[S12], ellipse[S22], ellipse[SCALE]
+    across = (s11 * s22 - s12 * s12) / s22
+    line[MIDDLE_U] = ellipse[ORIGIN_U] + ellipse[CENTRE_U]
+    line[MIDDLE_V] = ellipse[ORIGIN_V] + ellipse[CENTRE_V]
+    line[SLANT], line[ACROSS], line[DOWN] = s12 / s22, across, 1.0 / s22
+    line[ROOM], line[FACTOR], line[BEND] = 1.0 + outer, s, s / across
+
+
+@numba.njit(cache=True, nogil=True)
+def _paint_row(v, items, lines, limit, begin, end, buffer):  # pragma: no cover - compiled
     """Paint all ellipses of row v; returns the columns [low, high), inside [begin, end), that they reach."""
-    low, high = end, begin
-    core = levels.shape[0] + 1
+    low, high = np.int64(end), np.int64(begin)
+    core = lines.shape[0] + 1
     for e in items:
-        outer, s, s22 = levels[e, 0], ellipses[e, SCALE], ellipses[e, S22]
-        dy = v - ellipses[e, ORIGIN_V] - ellipses[e, CENTRE_V]
-        room = 1.0 + outer - dy * dy / s22
-        if room <= 0.0:
-            continue
-        bend = s22 / (ellipses[e, S11] * s22 - ellipses[e, S12] * ellipses[e, S12])
-        half = np.sqrt(room / bend)
-        middle = ellipses[e, ORIGIN_U] + ellipses[e, CENTRE_U] + ellipses[e, S12] / s22 * dy
-        a = max(np.int64(np.ceil(max(middle - half, -WIDEST))), begin)
-        b = min(np.int64(np.floor(min(middle + half, WIDEST))) + 1, end)
-        if a >= b:
-            continue
-        low, high = min(low, a), max(high, b)
-        paint(buffer, a, b, middle, s * room, s * bend, limit, e + 1, core)
+        dy = v - lines[e, MIDDLE_V]
+        room = lines[e, ROOM] - dy * dy * lines[e, DOWN]
+        half = np.sqrt(max(room, 0.0) * lines[e, ACROSS])
+        middle = lines[e, MIDDLE_U] + lines[e, SLANT] * dy
+        a = np.int64(np.ceil(max(middle - half, float(begin))))
+        b = np.int64(np.floor(min(middle + half, end - 1.0))) + 1
+        if a < b:
+            low, high = min(low, a), max(high, b)
+            paint(buffer, a, b, middle, lines[e, FACTOR] * room, lines[e, BEND], limit, e + 1, core)
     return low, high
 
 

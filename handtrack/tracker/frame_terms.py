@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class FrameTerms:
     """of each silhouette, at the hand's distance"""
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
+
+    def of(self, model: ArticulatedModel) -> FrameTerms:
+        """Return the same observation for a hand of another size."""
+        points = tuple(replace(term, model=model) for term in self.keypoints)
+        return replace(self, model=model, keypoints=points)
 
     @property
     def stages(self) -> int:

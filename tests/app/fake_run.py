@@ -16,6 +16,7 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
+from handtrack.session.first_pose import FirstPose
 from handtrack.session.truth import Truth
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.settings import TrackerSettings
@@ -49,6 +50,9 @@ class FakeSession:
     def frame_range(self) -> range:
         return range(FRAMES)
 
+    def time_s(self, frame: int) -> float:
+        return frame / self.fps
+
     def observation(self, frame: int) -> Observation:
         return Observation(frame, frame / self.fps)
 
@@ -63,6 +67,7 @@ class FakeRun:
     session: FakeSession
     model: ArticulatedModel
     settings: TrackerSettings = field(default_factory=TrackerSettings)
+    first: FirstPose | None = None
     step_s: float = 0.02
     broken: bool = False
 

@@ -53,7 +53,7 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> Non
     with WireClient(bench.port) as client:
         client.set_value(slider, 60.0)
         eventually(lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4), "the hand moved")
-        client.set_value(bench.layout.pose.edit, "Undo")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
         eventually(lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4), "the hand moved back")
         eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
 

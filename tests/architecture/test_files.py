@@ -12,10 +12,14 @@ from tests.conftest import REPOSITORY
 
 MOST_LINES = 400
 # Put together here, so that this file does not hold what it looks for.
-REGISTRIES = re.compile("|".join([r"pypi" + r"\.org", "files" + r"\.pythonhosted", "registry" + r"\.npmjs"]))
+REGISTRIES = re.compile(
+    "|".join([r"pypi" + r"\.org", "files" + r"\.pythonhosted", "registry" + r"\.npmjs"])
+)
 INDEX_URL = re.compile(r"https?://[^ \"'\s]*/(?:simple|packages)/")
 LOCK_FILES = ("uv.lock", "poetry.lock", "package-lock.json", "Pipfile.lock", "pdm.lock")
-MACHINE_PATH = re.compile("|".join(["/work" + r"/(?:main|venv|shared|notes|scratch)", "/ro" + "ot/"]))
+MACHINE_PATH = re.compile(
+    "|".join(["/work" + r"/(?:main|venv|shared|notes|scratch)", "/ro" + "ot/"])
+)
 BINARY = {".png", ".jpg", ".mp4", ".npz", ".ply", ".gif", ".ico", ".glb", ".webp", ".avi", ".mkv"}
 
 
@@ -38,7 +42,9 @@ def test_python_files_are_short():
         if path.suffix == ".py":
             count = len(path.read_text(encoding="utf-8").splitlines())
             if count >= MOST_LINES:
-                long.append(f"{path.relative_to(REPOSITORY)}: {count} lines, {MOST_LINES} are too many")
+                long.append(
+                    f"{path.relative_to(REPOSITORY)}: {count} lines, {MOST_LINES} are too many"
+                )
     assert not long, "\n".join(long)
 
 

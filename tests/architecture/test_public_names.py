@@ -44,7 +44,9 @@ def test_the_lists_of_public_names_agree():
 
 
 def test_a_wrong_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="module 'handtrack' has no attribute 'track_everything'"):
+    with pytest.raises(
+        AttributeError, match="module 'handtrack' has no attribute 'track_everything'"
+    ):
         _ = handtrack.track_everything
 
 

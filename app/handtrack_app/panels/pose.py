@@ -57,14 +57,14 @@ class PosePanel:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.card = gui.add_html("")
-            edit = gui.add_button_group("Edit", ("Undo", "Redo"))
+            self.edit_buttons = gui.add_button_group("Edit", ("Undo", "Redo"))
             take = gui.add_button_group("Copy from", ("Frame before", "First frame"))
             more = gui.add_button_group("Fingers", ("Relax", "Forget edit"))
             save = gui.add_button(
                 "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
-        edit.on_click(page.from_user(lambda event: travel(page, event.target.value == "Undo")))
+        self.edit_buttons.on_click(page.from_user(lambda event: travel(page, event.target.value == "Undo")))
         take.on_click(page.from_user(lambda event: self._take(event.target.value)))
         more.on_click(page.from_user(lambda event: self._take(event.target.value)))
         save.on_click(page.from_user(lambda _: page.send(SavePose())))

@@ -116,7 +116,7 @@ def progress_card(progress: ProgressSnapshot) -> str:
     left, right = html.escape(progress.text), ""
     if progress.total:
         right = f"{progress.done} of {progress.total} frames"
-        if progress.state == "tracking" and progress.done:
+        if progress.state == "tracking" and progress.eta_s > 0:
             right += f", {duration(progress.eta_s)} left"
     return (
         "<div style='padding:.4em .9em;font-size:.85em;line-height:1.5'>"

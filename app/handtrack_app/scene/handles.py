@@ -32,7 +32,7 @@ class RootHandle:
 def add_root_handle(server: viser.ViserServer, name: str, on_edit: RootEdit) -> RootHandle:
     """Add the control; `on_edit` receives root parameters by name while it is dragged."""
     control = server.scene.add_transform_controls(
-        name, scale=0.09, line_width=2.0, depth_test=False, opacity=0.8, visible=False
+        name, scale=0.09, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9, visible=False
     )
     handle = RootHandle(control)
 

@@ -1,0 +1,48 @@
+"""Files for the browser to keep, and sentences about how tracking went."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.errors import HandtrackError
+from handtrack.session.tables import EXPORTS
+from handtrack_app.document import Document
+from handtrack_app.keeping import whole_track
+
+LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
+
+
+def export(document: Document, kind: str) -> tuple[str, bytes]:
+    """Return name and content of a file: a kind of `handtrack export --to`, or `init`. Raises HandtrackError."""
+    stem = "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_") or "session"
+    if kind == "init":
+        values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
+        text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
+        return f"{stem}_frame{document.frame}_init.json", text.encode()
+    if kind not in EXPORTS:
+        raise HandtrackError(f"no export '{kind}'; known: {', '.join(EXPORTS)}, init")
+    write, ending = EXPORTS[kind]
+    track = whole_track(document)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{stem}{ending}"
+        write(path, track)
+        return path.name, path.read_bytes()
+
+
+def summary(document: Document, frames: range, done: int, seconds: float) -> str:
+    """Return how a run of tracking went, in one sentence or two."""
+    counts = np.bincount([int(document.results[f].status) for f in frames if f in document.results], minlength=5)
+    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
+    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
+    quality = ", ".join(odd) if odd else "none doubtful"
+    return f"{done} of {len(frames)} frames in {seconds:.1f} s ({speed}); {quality}."
+
+
+def internal_error_text(error: object) -> str:
+    """Return what the user is told of a mistake of ours."""
+    what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
+    return f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."

@@ -1,0 +1,109 @@
+"""What a silhouette term predicts, and where it disagrees with the mask, as arrays and painted pictures.
+
+Blue: the model covers, the mask does not. Orange: the mask, not the model. Both are told apart by colour-blind eyes.
+Plain NumPy, pixel by pixel: independent of the terms' run sums.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes, Floats
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
+from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.conic_field import ConicFieldTerm
+from handtrack.terms.coverage import CoverageTerm
+
+MODEL_ONLY = (0, 114, 178)
+MASK_ONLY = (230, 159, 0)
+OUTLINE = (255, 194, 10)
+_NEUTRAL = (247, 247, 247)
+
+
+def field_image(
+    camera: Camera, flesh: PosedEllipsoids, levels: Floats | None = None, depth_scaled: bool = False
+) -> Floats:
+    """Return the lowest field (H, W), 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
+
+    levels: (E, 2) t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
+    """
+    width, height = camera.size
+    image = np.zeros((height, width))
+    shape = shape_matrix(flesh.rotation, flesh.radii)
+    dual = dual_conic(camera.projection, flesh.centre, shape).value
+    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
+    seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)
+    for e in np.flatnonzero(seen):
+        outer, factor = (0.0, 1.0) if levels is None else levels[e]
+        factor = -1.0 / dual[e, 2, 2] if depth_scaled else factor
+        reach = np.sqrt((1 + outer) * np.diag(spread[e]))
+        low = np.clip(np.ceil(centre[e] - reach), 0, camera.size).astype(int)
+        high = np.clip(np.floor(centre[e] + reach) + 1, 0, camera.size).astype(int)
+        determinant = np.linalg.det(spread[e])
+        if (low >= high).any() or determinant <= 0:
+            continue
+        x = np.arange(low[0], high[0]) - centre[e, 0]
+        y = (np.arange(low[1], high[1]) - centre[e, 1])[:, None]
+        (s11, s12), (_, s22) = spread[e]
+        value = (s22 * x * x - 2 * s12 * x * y + s11 * y * y) / determinant - 1 - outer
+        part = image[low[1] : high[1], low[0] : high[0]]
+        np.minimum(part, factor * value, out=part)
+    return image
+
+
+def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array:
+    """Return (H, W) True where the undistorted camera sees the model."""
+    return field_image(camera, flesh) < 0
+
+
+def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses) -> Floats:
+    """Return P (H, W) of a term's silhouette number `index`."""
+    flesh, shape = term.ellipsoids.posed(bones), term.shape
+    image = field_image(term.silhouettes[index].camera, flesh, shape.levels[index], shape.depth_scaled)
+    return np.maximum(image, -shape.limit)
+
+
+def residual_image(predicted: Floats, mask: Array) -> Floats:
+    """Return P − Z (H, W) for Z = −mask: negative where only the model is, positive where only the mask is."""
+    return predicted + mask
+
+
+def residual_colors(residual: Floats, scale: float = 1.0) -> Bytes:
+    """Return (H, W, 3) RGB: blue at −scale, near white at 0, orange at +scale."""
+    share = np.clip(np.nan_to_num(residual) / scale, -1.0, 1.0)[..., None]
+    end = np.where(share < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
+    return np.rint(_NEUTRAL + np.abs(share) * (end - _NEUTRAL)).astype(np.uint8)
+
+
+def residual_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids, mask: Array) -> Bytes:
+    """Return the picture (H, W, 3) RGB with the disagreement of hard outline and mask (H, W) painted over it."""
+    residual = mask - model_mask(camera, flesh).astype(float)
+    share = 0.75 * np.abs(residual)[..., None]
+    end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
+    return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+
+
+def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats]:
+    """Return the model's outlines, holes too, each (N, 2) pixels of the undistorted camera."""
+    mask = model_mask(camera, flesh).astype(np.uint8)
+    found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return [np.asarray(line, dtype=float).reshape(-1, 2) for line in found]
+
+
+def outline_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids) -> Bytes:
+    """Return the picture (H, W, 3) RGB with the model's outline drawn over it."""
+    picture = np.ascontiguousarray(image).copy()
+    lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, flesh)]
+    cv2.polylines(picture, lines, True, OUTLINE, 1, cv2.LINE_AA)
+    return picture
+
+
+def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes:
+    """Return the normalised field as a picture (H, W, 3) RGB, dark outside, brightest at the ellipses' centres."""
+    depth = np.rint(-255 * field_image(camera, flesh)).astype(np.uint8)
+    colors = cv2.applyColorMap(depth, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.where(depth[..., None] > 0, colors, 24).astype(np.uint8)

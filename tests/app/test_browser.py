@@ -1,0 +1,157 @@
+"""The workbench in a real browser: pose, drag, track, cancel, download."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+FLAGS = [
+    "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+]  # fmt: skip
+DRAWN = """(names) => {
+  const m = window.__viserMutable, t = window.__viserTestpoints;
+  return !!(m && m.scene && m.camera && t && t.rendererInfo.render.frame > 2
+            && names.every((n) => m.nodeRefFromName[n]));
+}"""
+PROJECT = """([name, p]) => {
+  const m = window.__viserMutable, node = m.nodeRefFromName[name];
+  node.updateWorldMatrix(true, false);
+  m.camera.updateMatrixWorld();
+  const v = new node.position.constructor(p[0], p[1], p[2]);
+  node.localToWorld(v).project(m.camera);
+  const r = m.canvas.getBoundingClientRect();
+  return [r.left + (v.x + 1) / 2 * r.width, r.top + (1 - v.y) / 2 * r.height];
+}"""
+
+
+def eventually(test: Callable[[], Any], what: str, timeout: float = 20.0) -> Any:
+    until = time.monotonic() + timeout
+    while not (value := test()):
+        assert time.monotonic() < until, f"{what}: not within {timeout:g} s"
+        time.sleep(0.01)
+    return value
+
+
+class PageUnderTest:
+    """The few gestures that the test needs."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+
+    def row(self, label: str) -> Any:
+        exact = re.compile(rf"^{re.escape(label)}$")
+        found = self.page.locator("label").filter(has_text=exact).first
+        return found.locator("xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]")
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def show_tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name, exact=True).click()
+
+    def drag(self, start: tuple[float, float], stop: tuple[float, float]) -> None:
+        mouse = self.page.mouse
+        mouse.move(*start)
+        self.page.wait_for_timeout(400)  # the page looks what is under the pointer
+        mouse.down()
+        for i in range(1, 9):
+            mouse.move(*(a + i / 8 * (b - a) for a, b in zip(start, stop, strict=True)))
+            self.page.wait_for_timeout(60)  # viser sends every 50 ms
+        mouse.up()
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
+    if not Path(CHROMIUM).exists():
+        pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15)).start()
+    assert bench.wait_ready(60.0)
+    bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
+        page = browser.new_context(viewport={"width": 1300, "height": 800}, accept_downloads=True).new_page()
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.route("**/*", lambda r: r.continue_() if "127.0.0.1" in r.request.url or r.request.url.startswith(("blob:", "data:")) else r.abort())
+        page.goto(f"{bench.url}/?fixedDpr=0.5")
+        page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
+        yield bench, PageUnderTest(page)
+        browser.close()
+        assert not errors, f"script errors in the page: {errors}"
+    bench.stop()
+
+
+def test_a_user_poses_tracks_cancels_and_exports(opened: tuple[Workbench, PageUnderTest], tmp_path: Path) -> None:
+    bench, view = opened
+    _moves_a_slider(bench, view)
+    _drags_the_hand(bench, view)
+    _tracks(bench, view)
+    _downloads(view, tmp_path)
+    _cancels(bench, view)
+
+
+def _moves_a_slider(bench: Workbench, view: PageUnderTest) -> None:
+    index = bench.state.names.index("thumb_ip_flex")
+    before = bench.state.values[index]
+    thumb = view.row("IP flex °").get_by_role("slider")
+    for _ in range(5):
+        thumb.press("ArrowRight")
+    eventually(lambda: abs(bench.state.values[index] - before) > 0.005, "the thumb bends")
+
+
+def _drags_the_hand(bench: Workbench, view: PageUnderTest) -> None:
+    before, version = bench.state.values[:6], bench.state.version
+    centre, arrow = (view.page.evaluate(PROJECT, ["/root", p]) for p in ((0, 0, 0), (0, 0.08, 0)))
+    along = [b - a for a, b in zip(centre, arrow, strict=True)]
+    view.drag(tuple(arrow), (arrow[0] + 0.5 * along[0], arrow[1] + 0.5 * along[1]))
+    eventually(lambda: bench.state.version > version, "the handle sent a pose")
+    moved = [after - old for after, old in zip(bench.state.values[:6], before, strict=True)]
+    assert max(abs(v) for v in moved[:3]) > 0.005
+    assert max(abs(v) for v in moved[3:]) < 1e-3, "the arrow only moves"
+
+
+def _tracks(bench: Workbench, view: PageUnderTest) -> None:
+    view.show_tab("Track")
+    view.press("Track all frames")
+    eventually(lambda: view.page.get_by_role("button", name="Cancel", exact=True).is_visible(), "cancel can be pressed")
+    view.page.get_by_text("Tracking finished").first.wait_for(timeout=20_000)
+    strip = bench.layout.timeline.strip
+    assert strip is not None and (strip.status >= 0).all()
+
+
+def _downloads(view: PageUnderTest, folder: Path) -> None:
+    view.show_tab("Export")
+    with view.page.expect_download() as pending:
+        view.press("Joint angles and positions (CSV)")
+    target = folder / pending.value.suggested_filename
+    pending.value.save_as(target)
+    rows = list(csv.DictReader(target.read_text().splitlines()))
+    assert target.name == "fake.csv"
+    assert [int(row["frame"]) for row in rows] == list(range(FRAMES))
+    assert -35 <= float(rows[0]["index_mcp_flex_deg"]) <= 95
+
+
+def _cancels(bench: Workbench, view: PageUnderTest) -> None:
+    view.show_tab("Track")
+    view.press("Track all frames")
+    cancel = view.page.get_by_role("button", name="Cancel", exact=True)
+    eventually(lambda: bench.layout.tracking.progress.done >= 2, "two frames are done")
+    cancel.click()
+    asked = time.monotonic()
+    eventually(lambda: bench.layout.tracking.progress.state == "idle", "cancelled", 0.5)
+    assert time.monotonic() - asked < 0.5
+    view.page.get_by_text("Cancelled").first.wait_for()

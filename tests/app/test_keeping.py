@@ -1,0 +1,150 @@
+"""Crash safety: what was accepted is there again after the process ended in any way."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.journal import Journal
+from handtrack.session.tables import read_npz
+from handtrack_app.exporting import export
+from handtrack_app.keeping import WORK_FILE, Keeper
+from tests.app.fake_run import FRAMES, fake_document
+
+
+def _tracked(folder: Path, **options: Any) -> Keeper:
+    keeper = Keeper.open(fake_document(folder, step_s=0.0, **options))
+    document = keeper.document
+    for result in document.run.track(document.frames, 3, document.model.rest_params()):
+        document.accept(result)
+        keeper.note_result(result)
+    return keeper
+
+
+@pytest.fixture(autouse=True)
+def _close_journals(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    opened, really = [], Journal.open
+
+    def remembered(folder: Path) -> Journal:
+        opened.append(really(folder))
+        return opened[-1]
+
+    monkeypatch.setattr(Journal, "open", remembered)
+    yield
+    for journal in opened:
+        journal.close()
+
+
+def test_poses_and_settings_come_back_after_a_crash(tmp_path: Path) -> None:
+    keeper = Keeper.open(fake_document(tmp_path))
+    document = keeper.document
+    values = document.start.copy()
+    values[0] = 0.123
+    document.set_pose(5, tuple(values))
+    keeper.note_pose(5)
+    keeper.note("setting", {"name": "silhouettes.weight", "value": 2.5})
+    keeper.note("limits", {"name": "index_mcp_flex", "interval": (0.0, 0.5)})
+    # no close: the process is gone
+    again = Keeper.open(fake_document(tmp_path))
+    said = again.restore()
+    assert said == "Brought back from last time: 1 poses set by hand, 2 changed settings."
+    assert again.document.by_hand[5][0] == pytest.approx(0.123)
+    assert again.document.run.settings.silhouettes.weight == 2.5
+    assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
+
+
+def test_tracked_frames_come_back_from_the_journal_of_a_run_that_crashed(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    keeper.flush()
+    again = Keeper.open(fake_document(tmp_path))
+    again.restore()
+    assert sorted(again.document.results) == list(range(FRAMES))
+    for frame, result in keeper.document.results.items():
+        back = again.document.results[frame]
+        np.testing.assert_allclose(back.parameters, result.parameters)
+        np.testing.assert_allclose(back.joint_positions, result.joint_positions)
+        assert back.status == result.status
+
+
+def test_a_finished_run_moves_from_the_journal_to_a_file(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    keeper.settle()
+    assert keeper.journal is not None
+    assert not [e for e in keeper.journal.events() if e.kind == "tracked"]
+    assert len(read_npz(tmp_path / WORK_FILE)) == FRAMES
+    again = Keeper.open(fake_document(tmp_path))
+    assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
+
+
+def test_a_pose_that_tracking_replaced_does_not_come_back_over_it(tmp_path: Path) -> None:
+    keeper = Keeper.open(fake_document(tmp_path, step_s=0.0))
+    document = keeper.document
+    document.set_pose(3, tuple(document.start + 0.01))
+    keeper.note_pose(3)
+    document.accept(next(document.run.track(range(3, 4), 3, document.model.rest_params())))
+    keeper.settle()
+    again = Keeper.open(fake_document(tmp_path))
+    again.restore()
+    assert not again.document.by_hand
+
+
+def test_a_damaged_journal_opens(tmp_path: Path) -> None:
+    (tmp_path / "tracks").mkdir()
+    lines = [
+        '{"time_s": 1, "kind": "pose", "data": {"frame": "x"}}',
+        '{"time_s": 1, "kind": "setting", "data": {"name": "no.such", "value": 1}}',
+        '{"time_s": 1, "kind": "tracked", "data": {"frame": 1}}',
+        "torn",
+    ]
+    (tmp_path / "tracks" / "journal.jsonl").write_text("\n".join(lines))
+    assert Keeper.open(fake_document(tmp_path)).restore() == ""
+
+
+def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path: Path) -> None:
+    (tmp_path / "init.json").write_text('{"frame": 0, "parameters": {}}')
+    keeper = Keeper.open(fake_document(tmp_path))
+    keeper.document.show(4)
+    said = keeper.save_first_pose()
+    data = json.loads((tmp_path / "init.json").read_text())
+    assert said.startswith("Tracking will start from frame 4")
+    assert data["frame"] == 4
+    assert data["parameters"]["index_pip_flex"] == pytest.approx(keeper.document.shown[15], abs=1.0)
+    assert len(list((tmp_path / "versions").iterdir())) == 1
+
+
+def test_csv_has_a_row_for_every_frame_and_hand_set_ones_are_keyframes(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    keeper.document.set_pose(2, tuple(keeper.document.start))
+    name, data = export(keeper.document, "csv")
+    rows = data.decode().splitlines()
+    assert name == "fake.csv"
+    assert rows[0].startswith("frame,time_s,status,energy,root_tx_m")
+    assert len(rows) == FRAMES + 1
+    assert rows[3].split(",")[2] == "3"
+
+
+def test_npz_can_be_read_back(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    _, data = export(keeper.document, "npz")
+    with np.load(io.BytesIO(data)) as arrays:
+        assert arrays["parameters"].shape[0] == FRAMES
+
+
+def test_nothing_to_export_is_told_in_words(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match="There is nothing to save yet"):
+        export(fake_document(tmp_path), "csv")
+
+
+def test_noting_a_tracked_frame_is_cheap(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    began = time.perf_counter()
+    keeper.flush()
+    assert time.perf_counter() - began < 0.5

@@ -1,0 +1,54 @@
+"""A small tracked sequence of invented numbers, with the joint names of a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from handtrack.model.articulated import keypoint_names
+from handtrack.tracker.result import FrameResult, Status, TrackResult
+
+PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
+BONES = ("root", "index_proximal")
+
+
+def sample_frame(
+    rng: np.random.Generator, frame: int, status: Status = Status.TRACKED
+) -> FrameResult:
+    """Return a result with random points within a decimetre, each known to 2 mm."""
+    joints = rng.uniform(-0.1, 0.1, (21, 3))
+    transforms = np.tile(np.eye(4), (len(BONES), 1, 1))
+    transforms[:, :3, 3] = joints[:2]
+    return FrameResult(
+        frame=frame,
+        time_s=frame / 25,
+        parameters=rng.normal(size=len(PARAMETERS)),
+        status=status,
+        energy=float(rng.uniform(1, 2)),
+        iterations=4,
+        parameter_std=np.full(len(PARAMETERS), 0.01),
+        joint_covariance=np.tile(0.002**2 * np.eye(3), (21, 1, 1)),
+        T_world_bone=transforms,
+        joint_positions=joints,
+        keypoints21=joints.copy(),
+    )
+
+
+def stacked(frames: Iterable[FrameResult]) -> TrackResult:
+    return TrackResult.from_frames(
+        list(frames),
+        parameter_names=PARAMETERS,
+        bone_names=BONES,
+        joint_names=keypoint_names(),
+        model="hand26",
+        side="right",
+        scale='{"overall": 1.0}',
+        session="invented",
+        settings="{}",
+        version="0.0",
+    )
+
+
+def sample_track(rng: np.random.Generator, frames: Iterable[int] = range(5)) -> TrackResult:
+    return stacked(sample_frame(rng, frame) for frame in frames)

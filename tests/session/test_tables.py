@@ -1,0 +1,194 @@
+"""Results written and read; tables for other programs; versions of what is written over."""
+
+from __future__ import annotations
+
+import csv
+import os
+import zipfile
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.atomic import replacing
+from handtrack.session.tables import EXPORTS, read_npz, write_npz, write_result
+from handtrack.session.truth import read_truth
+from handtrack.session.versions import versions
+from handtrack.tracker.result import TrackResult
+from tests.sample_track import PARAMETERS, sample_track
+
+
+def assert_same(one: TrackResult, other: TrackResult) -> None:
+    for field in fields(TrackResult):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def altered(path, **changes):
+    """Write poses.npz again with some arrays changed; None leaves one out."""
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files} | changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+def test_a_result_comes_back_as_it_was(rng, tmp_path):
+    track = sample_track(rng, range(4, 9))
+    track.parameter_std[1] = np.inf
+    track.energy[1] = np.nan
+    write_npz(tmp_path / "poses.npz", track)
+    back = read_npz(tmp_path / "poses.npz")
+    assert_same(track, back)
+    assert isinstance(back.session, str)
+    assert isinstance(back.joint_names, tuple)
+
+
+def test_a_result_without_keypoints_comes_back(rng, tmp_path):
+    track = replace(sample_track(rng), keypoints21=None)
+    write_npz(tmp_path / "poses.npz", track)
+    assert read_npz(tmp_path / "poses.npz").keypoints21 is None
+
+
+def test_the_file_holds_exactly_the_contracts_keys(rng, tmp_path):
+    write_npz(tmp_path / "poses.npz", sample_track(rng))
+    with np.load(tmp_path / "poses.npz", allow_pickle=False) as data:
+        assert set(data.files) == {
+            *("format", "frame", "time_s", "parameter_names", "parameters", "bone_names"),
+            *("T_world_bone", "joint_names", "joint_positions", "keypoints21", "status", "energy"),
+            *("iterations", "parameter_std", "joint_covariance"),
+            *("model", "side", "scale", "session", "settings", "version"),
+        }
+        assert data["format"] == 1
+        assert data["parameter_names"].dtype.kind == "U"
+
+
+def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
+    track = sample_track(rng)
+    write_npz(tmp_path / "a.npz", track)
+    write_npz(tmp_path / "b.npz", track)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_rubbish(tmp_path):
+    path = tmp_path / "poses.npz"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), replacing(path) as part:
+        part.write_text("half")
+        raise RuntimeError("power cut")
+    assert path.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["poses.npz"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes are those of POSIX")
+def test_written_files_have_the_usual_mode(rng, tmp_path):
+    write_npz(tmp_path / "poses.npz", sample_track(rng))
+    (tmp_path / "plain").touch()
+    assert (tmp_path / "poses.npz").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": np.array(2)}, "format 2; this version of handtrack reads format 1"),
+        ({"format": None}, "no array `format`, so this is no tracked sequence"),
+        ({"energy": None, "status": None}, "arrays are missing: status, energy. Found: "),
+        ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),
+        ({"T_world_bone": np.zeros((5, 4, 4))}, "expected (5, 2, 4, 4)"),
+        ({"status": np.zeros(5)}, "status holds float64; expected whole numbers"),
+        ({"status": np.full(5, 9)}, "status has values other than 0 to 4"),
+        ({"frame": np.array([0, 1, 1, 2, 3])}, "frame numbers do not ascend"),
+        ({"model": np.array(3)}, "model holds int64; expected text"),
+        ({"settings": np.array({"a": 1}, dtype=object)}, "not a readable .npz of plain arrays"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(rng, tmp_path, changes, message):
+    path = tmp_path / "poses.npz"
+    write_npz(path, sample_track(rng))
+    altered(path, **changes)
+    with pytest.raises(HandtrackError) as error:
+        read_npz(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_files_that_are_no_results(tmp_path):
+    with pytest.raises(HandtrackError, match="no such file"):
+        read_npz(tmp_path / "none.npz")
+    with pytest.raises(HandtrackError, match="is a folder; expected a poses.npz"):
+        read_npz(tmp_path)
+    (tmp_path / "poses.npz").write_bytes(b"PK torn")
+    with pytest.raises(HandtrackError, match="not a readable .npz"):
+        read_npz(tmp_path / "poses.npz")
+
+
+def test_what_is_written_over_is_kept(rng, tmp_path):
+    path = tmp_path / "poses.npz"
+    first, second = sample_track(rng), sample_track(rng)
+    assert write_result(path, first) is None
+    os.utime(path, (1_700_000_000, 1_700_000_000))
+    kept = write_result(path, second)
+    assert kept is not None
+    assert kept.parent == tmp_path / "versions"
+    assert kept.name.startswith("poses_2023111")
+    assert_same(read_npz(kept), first)
+    assert_same(read_npz(path), second)
+
+
+def test_only_the_latest_twenty_versions_stay(rng, tmp_path):
+    path, tracks = tmp_path / "poses.npz", [sample_track(rng) for _ in range(24)]
+    for i, track in enumerate(tracks):
+        write_result(path, track)
+        os.utime(path, (1_700_000_000 + i // 2,) * 2)  # two results in the same second
+    kept = versions(path)
+    assert len(kept) == 20
+    for file, track in zip(kept, tracks[3:23], strict=True):
+        assert_same(read_npz(file), track)
+
+
+def test_csv_is_the_contracts(rng, tmp_path):
+    track = sample_track(rng, range(3, 6))
+    write, suffix = EXPORTS["csv"]
+    write(tmp_path / "poses.csv", track)
+    assert suffix == ".csv"
+    with (tmp_path / "poses.csv").open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    assert header[:11] == [
+        *("frame", "time_s", "status", "energy", "root_tx_m", "root_ty_m", "root_tz_m"),
+        *("root_rx_deg", "root_ry_deg", "root_rz_deg", "index_mcp_flex_deg"),
+    ]
+    assert header[11:14] == ["wrist_x_m", "wrist_y_m", "wrist_z_m"]
+    assert header[-1] == "little_tip_z_m"
+    assert [row[0] for row in rows] == ["3", "4", "5"]
+    values = np.array(rows, dtype=float)
+    np.testing.assert_allclose(values[:, 4:7], track.parameters[:, :3], rtol=1e-8)
+    np.testing.assert_allclose(np.deg2rad(values[:, 7:11]), track.parameters[:, 3:], rtol=1e-8)
+    np.testing.assert_allclose(values[:, 11:], track.joint_positions.reshape(3, -1), rtol=1e-8)
+
+
+def test_long_csv_has_a_row_a_joint(rng, tmp_path):
+    track = sample_track(rng, range(2))
+    EXPORTS["csv-long"][0](tmp_path / "long.csv", track)
+    with (tmp_path / "long.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 21
+    assert list(rows[0])[:5] == ["frame", "time_s", "status", "joint", "x_m"]
+    last = rows[-1]
+    assert (last["frame"], last["joint"]) == ("1", "little_tip")
+    assert float(last["z_m"]) == pytest.approx(track.joint_positions[1, 20, 2])
+    assert float(last["std_y_m"]) == pytest.approx(0.002)
+
+
+def test_exported_keypoints_can_serve_as_truth(rng, tmp_path):
+    track = sample_track(rng, [4, 7])
+    EXPORTS["keypoints"][0](tmp_path / "keypoints.npz", track)
+    truth = read_truth(tmp_path / "keypoints.npz")
+    assert truth.frame.tolist() == [4, 7]
+    np.testing.assert_array_equal(truth.keypoints21, track.keypoints21)
+
+
+def test_exported_npz_is_a_result(rng, tmp_path):
+    track = sample_track(rng)
+    EXPORTS["npz"][0](tmp_path / "copy.npz", track)
+    assert_same(read_npz(tmp_path / "copy.npz"), track)
+    assert len(PARAMETERS) == read_npz(tmp_path / "copy.npz").parameters.shape[1]

@@ -1,0 +1,121 @@
+"""The coverage ramp by moments equals the dense form; its band, its two shapes, and its bias."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.coverage import CoverageTerm, ramp_levels
+from tests.terms.conic_field_reference import dense_field
+from tests.terms.silhouette_scene import (
+    assert_same_system,
+    bones_of,
+    ellipsoids_of,
+    moved_along,
+    silhouettes_of,
+)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+@pytest.mark.parametrize("band_px", [0.5, 2.0, 6.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_moments_equal_the_dense_jacobian(seed, band_px, antisymmetric):
+    rng = np.random.default_rng(seed)
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    start = moved_along(bones, 0.01 * rng.normal(size=30))
+    term = CoverageTerm(seen, flesh, band_px, start, antisymmetric, weight=0.3)
+    dense = dense_field(seen, flesh, bones, term.shape.levels, clamp=True).system(0.3)
+    assert_same_system(term.linearize(bones), dense)
+    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng, antisymmetric):
+    bones, seen = bones_of(rng), silhouettes_of(rng, 4, distance=0.8)
+    flesh = ellipsoids_of(rng, 12, radii=(0.0005, 0.004)), ellipsoids_of(rng, 6, radii=(0.15, 0.4))
+    for part in flesh:
+        term = CoverageTerm(seen, part, 2.0, bones, antisymmetric)
+        dense = dense_field(seen, part, bones, term.shape.levels, clamp=True).system()
+        assert_same_system(term.linearize(bones), dense)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_gradient_is_the_slope_of_the_cost(rng, antisymmetric):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    seen = silhouettes_of(rng, focal=500.0, size=(420, 380))
+    term = CoverageTerm(seen, flesh, 5.0, bones, antisymmetric)
+    gradient = term.linearize(bones).gradient
+    for _ in range(4):
+        direction = rng.normal(size=30)
+        step = 1e-9 * direction
+        slope = (term.cost(moved_along(bones, step)) - term.cost(moved_along(bones, -step))) / 2e-9
+        # the step is short: the cost has a kink wherever a pixel changes hands or enters a band
+        assert slope == pytest.approx(gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max())
+
+
+def test_the_band_reaches_as_far_as_it_says():
+    share = np.array([0.01, 0.3, 0.8, 1.5])
+    outer, inner = ramp_levels(share, antisymmetric=False)
+    np.testing.assert_allclose(np.sqrt(1 + outer), 1 + share)
+    np.testing.assert_allclose(np.sqrt(1 - inner), np.maximum(1 - share, 0))
+    outer, inner = ramp_levels(share, antisymmetric=True)
+    np.testing.assert_array_equal(outer, inner)
+    assert inner.max() == 1.0
+
+
+def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):
+    """Return a coverage term and the bones of a sphere that shows as a disc, seen from very far."""
+    size, focal = (121, 121), 1000.0
+    matrix = np.array([[focal, 0, 60.3], [0, focal, 59.8], [0, 0, 1]])
+    camera = Camera("c", size, matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    mask = np.clip(mask_radius_px - np.hypot(u - 60.3, v - 59.8) + 0.5, 0, 1).astype(np.float32)
+    silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (121, 1)))
+    flesh = Ellipsoids(
+        ("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), radius_px * far / focal)
+    )
+    bones = BonePoses(np.array([0, 0, far]), np.eye(3)[None], np.array([[0, 0, far]]))
+    return CoverageTerm([silhouette], flesh, band_px, bones, antisymmetric), bones
+
+
+def test_mask_beside_the_model_pulls_within_the_band():
+    """What the 2007 field cannot see: silhouette that no ellipsoid covers, here a larger disc."""
+    term, bones = disc(30, 33, 5.0, antisymmetric=False)
+    assert term.linearize(bones).gradient[2] > 0  # nearer is larger: the cost falls towards the camera
+    beyond, bones = disc(30, 30, 0.1, antisymmetric=False)
+    shifted = BonePoses(bones.reference, bones.rotation, bones.position + [50.0, 0, 0])
+    assert not beyond.linearize(shifted).gradient.any()
+
+
+@pytest.mark.parametrize(("antisymmetric", "expected"), [(True, 0.0), (False, 6.0**2 / 60.0)])
+def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(antisymmetric, expected):
+    """The wide form is −½ − α/4 at the outline: one edge alone comes to lie w²/2R off."""
+    band, radius, far = 6.0, 30.0, 20.0
+    camera = Camera(
+        "c", (121, 41), np.array([[1000.0, 0, 0.3], [0, 1000.0, 20], [0, 0, 1]]), np.zeros(5), np.eye(3), np.zeros(3)
+    )  # fmt: skip
+    u = np.arange(121.0)
+    mask = np.tile(np.clip(radius - (u - 0.3) + 0.5, 0, 1), (41, 1)).astype(np.float32)
+    silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (41, 1)))
+    radii = np.array([[radius, 10 * radius, radius]]) * far / 1000.0
+    flesh = Ellipsoids(("finger",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], radii)
+
+    def at(shift_px):
+        place = np.array([[shift_px * far / 1000.0, 0, far]])
+        return BonePoses(place[0], np.eye(3)[None], place)
+
+    term = CoverageTerm([silhouette], flesh, band, at(0.0), antisymmetric)
+    shifts = np.linspace(-2, 2, 81)
+    best = shifts[np.argmin([term.cost(at(s)) for s in shifts])]
+    assert abs(best) == pytest.approx(expected, abs=0.1)
+
+
+def test_bands_may_differ_from_camera_to_camera(rng):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    together = CoverageTerm(seen, flesh, (1.0, 2.0, 3.0), bones).linearize(bones)
+    apart = [CoverageTerm([s], flesh, w, bones).linearize(bones) for s, w in zip(seen, (1.0, 2.0, 3.0), strict=True)]
+    assert_same_system(together, apart[0] + apart[1] + apart[2], 1e-12)
