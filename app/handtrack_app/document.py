@@ -11,9 +11,11 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.result import FrameResult
 from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
+from handtrack_app.reaching import reach, tip_names
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
@@ -92,16 +94,28 @@ class Document:
         self.by_hand[self.frame] = self.shown
 
     def take_pose(self, frame: int, source: str) -> None:
-        """Replace a frame's pose by the first-frame pose, by relaxed fingers, or by the frame before."""
+        """Replace a frame's pose by the first-frame pose, by the frame before, or by the library's fingers."""
         current = self.pose_at(frame)
-        if source == "relaxed":
-            taken = np.concatenate([current[:6], self.model.rest[6:]])
+        if source in pose_names():
+            taken = named_pose(self.model, source)
+            taken[:6] = current[:6]
         elif source == "previous":
             known = [f for f in (*self.by_hand, *self.results) if f < frame]
             taken = self.pose_at(max(known)) if known else self.start
         else:
             taken = self.start
         self.set_pose(frame, tuple(taken))
+
+    def pull_tip(self, frame: int, tip: str, target: Sequence[float]) -> None:
+        """Bend a finger so that its tip comes to a point, and show it."""
+        point = np.asarray(target, dtype=float)
+        if tip in self.tip_names and point.shape == (3,) and np.isfinite(point).all():
+            params = params_of(self.model, self.pose_at(frame))
+            self.set_pose(frame, tuple(self.model.joint_params(reach(self.model, params, tip, point))))
+
+    @property
+    def tip_names(self) -> tuple[str, ...]:
+        return tip_names(self.model)
 
     def forget_pose(self, frame: int) -> None:
         """Drop what was set by hand at a frame."""
@@ -181,6 +195,8 @@ class Document:
             radii=flesh.radii,
             settings=dict(self.run.settings.flat()),
             has_truth=session.truth is not None,
+            tip_names=self.tip_names,
+            pose_names=pose_names(),
             model=f"{model.name}, {model.side} hand, size {model.scale.overall:.2f}",
         )
 
@@ -201,6 +217,7 @@ class Document:
             bone_rotation=bones.rotation,
             centre=posed.centre,
             rotation=posed.rotation,
+            tips=model.joint_positions(bones)[[model.joint_names.index(n) for n in self.tip_names]],
             origin="set" if by_hand else "tracked" if result is not None else "carried",
             status=3 if by_hand else int(result.status) if result is not None else -1,
             energy=float(result.energy) if result is not None and not by_hand else float("nan"),

@@ -37,7 +37,18 @@ class TakePose:
 
     frame: int
     source: str
-    """`start` (the first-frame pose), `relaxed` (fingers relaxed, hand stays), `previous` (the frame before)"""
+    """`start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the fingers"""
+    version: int
+
+
+@dataclass(frozen=True)
+class PullTip:
+    """Bend a finger so that its tip comes to a point. A newer one replaces an older one that still waits."""
+
+    frame: int
+    tip: str
+    target: tuple[float, float, float]
+    """world [m]"""
     version: int
 
 
@@ -61,6 +72,13 @@ class Track:
     start: int
     stop: int
     first: int
+
+
+@dataclass(frozen=True)
+class Follow:
+    """Whether each frame is shown as it is tracked."""
+
+    on: bool
 
 
 @dataclass(frozen=True)
@@ -116,8 +134,8 @@ class SaveTrack:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | ForgetPose | SavePose | Track | Pause | Cancel | SetSetting | SetLimits
-    | WantPictures | Export | SaveTrack
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | Follow | Pause | Cancel | SetSetting
+    | SetLimits | WantPictures | Export | SaveTrack
 )  # fmt: skip
 
 # ---- snapshots: worker → page ---------------------------------------------------------------------
@@ -162,6 +180,9 @@ class SessionSnapshot:
     settings: dict[str, object]
     has_truth: bool
     model: str
+    tip_names: tuple[str, ...]
+    pose_names: tuple[str, ...]
+    """the pose library"""
 
 
 @dataclass(frozen=True)
@@ -178,6 +199,8 @@ class PoseSnapshot:
     centre: Floats
     rotation: Floats
     """ellipsoids: (E, 3) and (E, 3, 3)"""
+    tips: Floats
+    """(T, 3) fingertips, world [m]"""
     origin: str
     """`set` by hand, `tracked`, or `carried` over from elsewhere"""
     status: int

@@ -22,6 +22,7 @@ class Display:
     images: bool = True
     truth: bool = True
     handle: bool = True
+    tips: bool = False
     opacity: float = 1.0
     paint: str = "outline"
     through: str | None = None

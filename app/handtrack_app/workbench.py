@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
 import webbrowser
@@ -11,6 +12,8 @@ from pathlib import Path
 import viser
 
 from handtrack_app import messages as m
+from handtrack_app.exporting import LOG_FILE
+from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
 from handtrack_app.panels.page import Page
@@ -36,6 +39,7 @@ class Workbench:
         )
         self.worker = Worker(self.folder, self._snapshots.put, opener)
         self._ready, self._stopping = threading.Event(), threading.Event()
+        self._unread: list[m.Notice] = []
         self.server: viser.ViserServer
 
     @property
@@ -50,8 +54,7 @@ class Workbench:
 
     def start(self) -> Workbench:
         """Serve the page and begin to open the session."""
-        self.server = viser.ViserServer(host=self.host, port=self.wanted_port, label="handtrack", verbose=False)
-        self.server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign] # no tunnels
+        self.server = guarded_server(self.host, self.wanted_port)
         self.page = Page(self.server, self.state, self.send, self.redraw, self.go_to)
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
@@ -77,6 +80,9 @@ class Workbench:
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         self.stage.welcome(client)
+        unread, self._unread = self._unread, []
+        for notice in unread:
+            self.page.tell(notice.level, notice.title, notice.text, client)
 
     # ---- from the page
 
@@ -140,7 +146,10 @@ class Workbench:
             case m.ProgressSnapshot():
                 self.layout.show_progress(snapshot)
             case m.Notice():
-                self.page.tell(snapshot.level, snapshot.title, snapshot.text)
+                if self.server.get_clients():
+                    self.page.tell(snapshot.level, snapshot.title, snapshot.text)
+                else:  # nobody is there yet: the first to come is told
+                    self._unread.append(snapshot)
                 self.layout.show_notice(snapshot)
             case m.Download():
                 self.layout.export.deliver(snapshot)
@@ -166,8 +175,17 @@ def run_workbench(
     rerun: bool = False,
     demo: bool = False,
 ) -> None:
-    """Serve the workbench until Ctrl-C."""
-    bench = Workbench(session_folder, host, port).start()
+    """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
+
+    port: the one asked for; the usual one gives way to the next free one.
+    """
+    warning = host_warning(host)
+    if warning:
+        print(f"handtrack: {warning}", file=sys.stderr)
+    records = logging.FileHandler(LOG_FILE, delay=True)
+    records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    logging.getLogger("handtrack_app").addHandler(records)
+    bench = Workbench(session_folder, host, choose_port(host, None if port == FIRST_PORT else port)).start()
     print(f"handtrack: {Path(session_folder).name} is open at {bench.url} (Ctrl-C ends)", flush=True)
     if open_browser:
         webbrowser.open(bench.url)

@@ -30,7 +30,7 @@ Opener = Callable[[Path, dict[str, Any]], Document]
 
 
 def _kind(request: Request) -> Hashable | None:
-    latest_wins = (m.SetPose, m.ShowFrame, m.WantPictures)
+    latest_wins = (m.SetPose, m.PullTip, m.ShowFrame, m.WantPictures)
     if isinstance(request, m.SetSetting):
         return ("setting", request.name)
     if isinstance(request, m.SetLimits):
@@ -75,8 +75,10 @@ class Worker:
             job.cancel()
         if job is not None and isinstance(command, m.Pause):
             job.pause(command.on)
-        if isinstance(command, (m.SetPose, m.TakePose, m.ShowFrame)):
+        if isinstance(command, (m.SetPose, m.TakePose, m.PullTip, m.ShowFrame)):
             self.follow = False  # the user looks elsewhere: tracking goes on in the background
+        if isinstance(command, m.Follow):
+            self.follow = command.on
         self._mail.put(command)
 
     def stop(self, timeout: float = 5.0) -> None:
@@ -161,6 +163,10 @@ class Worker:
                 document.version = max(document.version, request.version)
                 document.take_pose(request.frame, request.source)
                 self._edit(document)
+            case m.PullTip():
+                document.version = max(document.version, request.version)
+                document.pull_tip(request.frame, request.tip, request.target)
+                self._edit(document)
             case m.ForgetPose():
                 document.version = max(document.version, request.version)
                 document.forget_pose(request.frame)
@@ -172,7 +178,7 @@ class Worker:
                 self._track(document, request)
             case m.Pause():
                 self._progress()
-            case m.Cancel():
+            case m.Cancel() | m.Follow():
                 pass  # acted on in `send`; the job's end is reported by the job
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
@@ -248,7 +254,6 @@ class Worker:
         self._accept_edit()
         start = params_of(document.model, document.pose_at(order.first))
         self._jobs += 1
-        self.follow = True
         self._job = TrackingJob(self._jobs, document.run, frames, order.first, start, self._mail.put)
         self._job.start()
         self._progress()

@@ -18,10 +18,14 @@ from handtrack.session.first_pose import FirstPose
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
 from handtrack.tracker.initialize import fit_keypoints, fit_scale, forearm_in_view
-from handtrack.tracker.result import FrameResult, TrackResult
+from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.size import refine_scale
 from handtrack.tracker.tracker import Tracker
+
+_SIZE_STRETCH = 40  # frames tracked to fit the hand's size
+_SIZE_STEP = 5  # every so many of them are used: neighbours show the same
 
 
 @dataclass(frozen=True)
@@ -42,11 +46,12 @@ class TrackingRun:
         session: Session,
         overrides: Mapping[str, Any] | None = None,
         first: FirstPose | None = None,
+        should_stop: Callable[[], bool] | None = None,
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
-        A hand scale of "fit" is fitted to the first pose's keypoints; a forearm is modelled where the
-        silhouettes show one beyond the wrist. Raises HandtrackError.
+        A hand scale of "fit" is fitted to the first pose's keypoints, then to the silhouettes of the frames
+        after it (`fit_size`); a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = TrackerSettings().with_values(dotted(session.file.tracking))
         settings = settings.with_values(overrides or {})
@@ -54,7 +59,39 @@ class TrackingRun:
         scale = _hand_scale(session, settings, first)
         forearm = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, forearm)
-        return cls(session, first, settings, scale, forearm, model)
+        run = cls(session, first, settings, scale, forearm, model)
+        if session.hand_scale == "fit" and settings.model.fit_size and first is not None:
+            return run.fit_size(should_stop)
+        return run
+
+    def fit_size(self, should_stop: Callable[[], bool] | None = None) -> TrackingRun:
+        """Return the run for the hand size that explains the frames near the first pose best.
+
+        Tracks a short stretch with the size at hand, then fits size and poses of every few frames together.
+        """
+        start, params = self.initial()
+        count = self.session.frame_count
+        after = range(start, min(start + _SIZE_STRETCH, count))
+        stretch = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
+        tracked = [
+            result
+            for result in self.track(stretch, start, params, should_stop)
+            if result.status == Status.TRACKED and result.frame % _SIZE_STEP == start % _SIZE_STEP
+        ]
+        seen = [self.session.observation(result.frame) for result in tracked]
+        keep = [i for i, observation in enumerate(seen) if observation.silhouettes]
+        if not keep:
+            return self
+        poses = [self.model.transform.solver_params(tracked[i].parameters) for i in keep]
+        scale = refine_scale(
+            lambda size: _model(self.session, self.settings, size, self.forearm),
+            self.settings,
+            self.scale,
+            [seen[i] for i in keep],
+            poses,
+            should_stop,
+        )
+        return self.with_scale(scale)
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""

@@ -45,14 +45,14 @@ _OPTIONAL = ("keypoints21",)
 # ---- poses.npz -------------------------------------------------------------------------------------
 
 
-def write_result(path: Path, track: TrackResult) -> Path | None:
+def write_result(path: Path | str, track: TrackResult) -> Path | None:
     """Write a result as poses.npz; what stood there is kept in versions/, and returned."""
-    previous = keep_version(path)
+    previous = keep_version(Path(path))
     write_npz(path, track)
     return previous
 
 
-def write_npz(path: Path, track: TrackResult) -> None:
+def write_npz(path: Path | str, track: TrackResult) -> None:
     """Write a result whole or not at all. The same result gives the same bytes."""
     arrays: dict[str, Array] = {"format": np.array(FORMAT)}
     for field in fields(track):
@@ -62,9 +62,9 @@ def write_npz(path: Path, track: TrackResult) -> None:
     write_arrays(path, arrays)
 
 
-def write_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
+def write_arrays(path: Path | str, arrays: Mapping[str, Array]) -> None:
     """Write an .npz without dates and pickles, whole or not at all."""
-    with replacing(path) as part, zipfile.ZipFile(part, "w") as archive:
+    with replacing(Path(path)) as part, zipfile.ZipFile(part, "w") as archive:
         for name, array in arrays.items():
             data = io.BytesIO()
             np.lib.format.write_array(data, np.asarray(array, order="C"), allow_pickle=False)
@@ -161,7 +161,7 @@ def _check_rows(path: Path, track: TrackResult) -> None:
 # ---- tables for other programs ---------------------------------------------------------------------
 
 
-def write_csv(path: Path, track: TrackResult) -> None:
+def write_csv(path: Path | str, track: TrackResult) -> None:
     """Write one row a frame: angles in degrees, lengths in metres, joints in the world (contracts §5)."""
     header = ["frame", "time_s", "status", "energy"]
     header += [f"{n}_m" if is_length(n) else f"{n}_deg" for n in track.parameter_names]
@@ -176,7 +176,7 @@ def write_csv(path: Path, track: TrackResult) -> None:
     _write_rows(path, header, rows)
 
 
-def write_csv_long(path: Path, track: TrackResult) -> None:
+def write_csv_long(path: Path | str, track: TrackResult) -> None:
     """Write one row a frame and joint, with the standard deviation along each axis [m]."""
     header = ["frame", "time_s", "status", "joint"]
     header += ["x_m", "y_m", "z_m", "std_x_m", "std_y_m", "std_z_m"]
@@ -196,7 +196,7 @@ def write_csv_long(path: Path, track: TrackResult) -> None:
     _write_rows(path, header, rows)
 
 
-def write_keypoints(path: Path, track: TrackResult) -> None:
+def write_keypoints(path: Path | str, track: TrackResult) -> None:
     """Write joint positions alone, in the form of a session's truth.npz; the 21 keypoints of hands too."""
     arrays: dict[str, Array] = {
         "frame": track.frame,
@@ -219,12 +219,12 @@ def _number(value: float | Floats) -> str:
     return f"{float(value):.9g}"
 
 
-def _write_rows(path: Path, header: list[str], rows: list[list[object]]) -> None:
+def _write_rows(path: Path | str, header: list[str], rows: list[list[object]]) -> None:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
     writer.writerows(rows)
-    replace_text(path, text.getvalue())
+    replace_text(Path(path), text.getvalue())
 
 
 EXPORTS: dict[str, tuple[Callable[[Path, TrackResult], None], str]] = {

@@ -14,6 +14,10 @@ from numba.extending import intrinsic
 
 BLOCK = 8
 """Pixels painted at a time; blocks start at multiples of it."""
+AT_ONCE = 4
+"""Blocks painted in any case: most spans are shorter, and a branch that is guessed wrong costs as much."""
+PADDING = (AT_ONCE + 1) * BLOCK
+"""Pixels behind the last one that may be written."""
 NUMBERS = 1024
 """The last 10 bits of a painted value say who painted it: 0 nobody, e + 1, or E + 1 for saturated pixels."""
 MOMENTS = 24
@@ -158,8 +162,12 @@ def paint(buffer, lo, hi, centre, top, bend, limit, number, core):  # pragma: no
     Whole blocks are written: outside its own span a value is negative and never wins; outside the observed span
     nobody looks.
     """
-    for u in range(lo // BLOCK * BLOCK, hi, BLOCK):
-        _paint_block(buffer, u, centre, top, bend, limit, number, _BITS_OF_TWO | core)
+    full = _BITS_OF_TWO | core
+    start = lo // BLOCK * BLOCK
+    for i in range(AT_ONCE):
+        _paint_block(buffer, start + i * BLOCK, centre, top, bend, limit, number, full)
+    for u in range(start + AT_ONCE * BLOCK, hi, BLOCK):
+        _paint_block(buffer, u, centre, top, bend, limit, number, full)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -176,7 +184,7 @@ def find_runs(buffer, lo, hi, starts):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True)
 def clear(buffer, lo, hi):  # pragma: no cover - compiled
     """Forget what was painted over [lo, hi)."""
-    buffer[lo // BLOCK * BLOCK : (hi + BLOCK - 1) // BLOCK * BLOCK] = 0.0
+    buffer[lo // BLOCK * BLOCK : hi + PADDING] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)

@@ -29,7 +29,7 @@ from handtrack.terms.conic_kernels import (
     pose,
     project,
 )
-from handtrack.terms.row_kernels import BLOCK, MOMENTS, add_run, clear, find_runs, number_at, paint
+from handtrack.terms.row_kernels import BLOCK, MOMENTS, PADDING, add_run, clear, find_runs, number_at, paint
 
 MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
@@ -108,7 +108,7 @@ def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, mom
     for e in range(count):
         origins[e + 1, 0] = np.int64(ellipses[e, ORIGIN_U])
         origins[e + 1, 1] = np.int64(ellipses[e, ORIGIN_V])
-    buffer = np.zeros((width // BLOCK + 2) * BLOCK)
+    buffer = np.zeros(width + PADDING)
     starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
     rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
     for v in range(height):

@@ -1,4 +1,4 @@
-"""First frame: a pose, and a person's hand size, from parameters or keypoints."""
+"""First frame: a pose, and a person's hand size, from keypoints."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from scipy.optimize import least_squares
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
-from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints, Silhouette
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
+from handtrack.tracker.size import scale_from_deviations
 
 _REST_SIGMA = np.deg2rad(40.0)
-_OVERALL_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
-_FINGER_SIGMA = 0.04  # and one finger's share of the hand by this (Alexander & Viktor 2010)
 _FEWEST = 4
 
 
@@ -73,24 +72,20 @@ def fit_scale(
     count = len(params)
     low_high = build(HandScale()).bounds(params)
 
-    def size(logs: Floats) -> HandScale:
-        fingers = dict(zip(FINGERS, np.exp(logs[1:]).tolist(), strict=True))
-        return HandScale(float(np.exp(logs[0])), fingers)
-
     def residuals(x: Floats) -> Floats:
-        model = build(size(x[count:]))
+        model = build(scale_from_deviations(x[count:]))
         bones = model.bones(x[:count])
         points = KeypointTerm(model, seen).rows(bones).residual
         joint = model.joint_params(x[:count])
         rest = (joint[6:] - model.rest[6:]) / _REST_SIGMA
-        return np.concatenate([points, rest, x[count:] / ([_OVERALL_SIGMA] + [_FINGER_SIGMA] * 5)])
+        return np.concatenate([points, rest, x[count:]])
 
-    low = np.concatenate([low_high[:, 0], np.full(6, -0.5)])
-    high = np.concatenate([low_high[:, 1], np.full(6, 0.5)])
+    low = np.concatenate([low_high[:, 0], np.full(6, -4.0)])
+    high = np.concatenate([low_high[:, 1], np.full(6, 4.0)])
     start = np.concatenate([params, np.zeros(6)])
     start = np.clip(start, low + 1e-6, high - 1e-6)
     fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
-    scale = size(fitted[count:])
+    scale = scale_from_deviations(fitted[count:])
     return scale, fit_keypoints(build(scale), seen)
 
 

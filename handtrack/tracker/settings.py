@@ -20,6 +20,8 @@ class ModelSettings:
     """`26` all freedoms, `21` distal joints follow by 2/3, `18` abductions linked as well"""
     forearm: str = "auto"
     """`true`, `false`, or `auto`: true where the silhouette goes on beyond the wrist"""
+    fit_size: bool = True
+    """where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone"""
 
 
 @dataclass(frozen=True)

@@ -19,24 +19,21 @@ from handtrack.tracker.settings import TrackerSettings
 _OVERALL_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
 _BANDS_MM = (4.0, 1.5)  # narrow enough for the antisymmetric ramp on a finger: no bias towards large hands
-_STEP = 2e-3  # of the difference quotient, in log scale
+_SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS))
+_STEP = 0.03  # of the difference quotient, in standard deviations
 _POSE_ITERATIONS = 8
 
 
-def scale_logs(scale: HandScale) -> Floats:
-    """Return (6,) logarithms: overall, then each finger's factor on top of it."""
-    return np.log([scale.overall] + [scale.fingers.get(finger, 1.0) for finger in FINGERS])
-
-
-def scale_from_logs(logs: Floats) -> HandScale:
-    """Return the hand of (6,) logarithms; the inverse of `scale_logs`."""
+def scale_from_deviations(deviations: Floats) -> HandScale:
+    """Return the hand that is (6,) standard deviations from the mean adult's: overall, then each finger."""
+    logs = deviations * _SIGMAS
     fingers = dict(zip(FINGERS, np.exp(logs[1:]).tolist(), strict=True))
     return HandScale(float(np.exp(logs[0])), fingers)
 
 
-def scale_prior(logs: Floats) -> Floats:
-    """Return (6,) residuals: how unusual a hand is among adults, in standard deviations."""
-    return logs / np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS))
+def scale_deviations(scale: HandScale) -> Floats:
+    """Return (6,) how unusual a hand is among adults; the inverse of `scale_from_deviations`."""
+    return np.log([scale.overall] + [scale.fingers.get(f, 1.0) for f in FINGERS]) / _SIGMAS
 
 
 def refine_scale(
@@ -49,47 +46,68 @@ def refine_scale(
 ) -> HandScale:
     """Return the hand that explains the frames best, from `scale` on, with the poses moving along.
 
-    poses: solver parameters (P,) of each observation, already tracked. For each size the poses are solved
-    again; there, the cost's derivative by size is that at fixed poses, taken as a difference quotient.
+    poses: solver parameters (P,) of each observation, already tracked. Adults' spread is the prior.
     """
-    if not observations:
-        return scale
-    logs = scale_logs(scale)
-    # An unbiased ramp and no pull to what was tracked with another hand.
-    unbiased = settings.with_values({"tracker.smoothing": 0.0})
+    deviations = scale_deviations(scale)
     current = [np.array(pose) for pose in poses]
     for band in _BANDS_MM:
-        stage = replace(unbiased, silhouettes=replace(unbiased.silhouettes, bands_mm=(band,)))
-        first = build(scale_from_logs(logs))
-        terms = [
-            frame_terms(first, stage, seen, first.bones(pose), None)
-            for seen, pose in zip(observations, current, strict=True)
+        fit = _SizeFit(build, settings, band, observations, deviations, current, should_stop)
+        deviations, current = fit.minimum()
+    return scale_from_deviations(deviations)
+
+
+class _SizeFit:
+    """Cost of a hand size with the poses solved for it (variable projection), and its derivative.
+
+    Where the poses are optimal, the cost's derivative by size is that at fixed poses: a difference quotient
+    of plain costs. Poses start from those of the best size so far, so that a trial too far harms nothing.
+    """
+
+    def __init__(
+        self,
+        build: Callable[[HandScale], ArticulatedModel],
+        settings: TrackerSettings,
+        band_mm: float,
+        observations: Sequence[Observation],
+        deviations: Floats,
+        poses: list[Floats],
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        self.build, self.should_stop = build, should_stop
+        self.solver = replace(settings.solver, iterations=_POSE_ITERATIONS)
+        narrow = replace(settings.silhouettes, bands_mm=(band_mm,))
+        alone = replace(settings.tracker, smoothing=0.0)
+        model = build(scale_from_deviations(deviations))
+        self.starts = [model.bones(pose) for pose in poses]
+        stage = replace(settings, silhouettes=narrow, tracker=alone)
+        self.terms = [
+            frame_terms(model, stage, seen, start, None)
+            for seen, start in zip(observations, self.starts, strict=True)
         ]
-        starts = [first.bones(pose) for pose in current]
+        self.best = (np.inf, deviations, poses)
 
-        def problems(model: ArticulatedModel, terms=terms, starts=starts) -> list[Problem]:  # noqa: ANN001
-            return [
-                Problem(model, t.of(model).stage(0, start), t.priors)
-                for t, start in zip(terms, starts, strict=True)
-            ]
+    def minimum(self) -> tuple[Floats, list[Floats]]:
+        """Return the best deviations (6,) found, and its poses."""
+        options = {"maxiter": 20, "ftol": 1e-4}
+        start = self.best[1]
+        minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=[(-4, 4)] * 6, options=options)
+        return self.best[1], self.best[2]
 
-        def cost(x: Floats, problems=problems) -> tuple[float, Floats]:  # noqa: ANN001
-            solver = replace(settings.solver, iterations=_POSE_ITERATIONS)
-            for i, problem in enumerate(problems(build(scale_from_logs(x)))):
-                current[i] = solve(problem, current[i], solver, should_stop).params
+    def _problems(self, deviations: Floats) -> list[Problem]:
+        model = self.build(scale_from_deviations(deviations))
+        pairs = zip(self.terms, self.starts, strict=True)
+        return [Problem(model, t.of(model).stage(0, start), t.priors) for t, start in pairs]
 
-            def at_fixed_poses(y: Floats) -> float:
-                pairs = zip(problems(build(scale_from_logs(y))), current, strict=True)
-                return sum(problem.cost(pose) for problem, pose in pairs) + 0.5 * float(
-                    (scale_prior(y) ** 2).sum()
-                )
+    def _cost(self, deviations: Floats) -> tuple[float, Floats]:
+        pairs = zip(self._problems(deviations), self.best[2], strict=True)
+        poses = [solve(p, pose, self.solver, self.should_stop).params for p, pose in pairs]
+        cost = self._at(deviations, poses)
+        if cost < self.best[0]:
+            self.best = (cost, deviations.copy(), poses)
+        ahead = [self._at(deviations + step, poses) for step in _STEP * np.eye(6)]
+        behind = [self._at(deviations - step, poses) for step in _STEP * np.eye(6)]
+        return cost, (np.array(ahead) - np.array(behind)) / (2 * _STEP)
 
-            slope = np.empty(len(x))
-            for i, step in enumerate(np.eye(len(x)) * _STEP):
-                slope[i] = (at_fixed_poses(x + step) - at_fixed_poses(x - step)) / (2 * _STEP)
-            return at_fixed_poses(x), slope
-
-        limits = [(-0.4, 0.4)] * len(logs)
-        options = {"maxiter": 15, "ftol": 1e-4}
-        logs = minimize(cost, logs, jac=True, method="L-BFGS-B", bounds=limits, options=options).x
-    return scale_from_logs(logs)
+    def _at(self, deviations: Floats, poses: list[Floats]) -> float:
+        pairs = zip(self._problems(deviations), poses, strict=True)
+        return sum(p.cost(pose) for p, pose in pairs) + 0.5 * float(deviations @ deviations)

@@ -95,6 +95,7 @@ def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
     bench.stop()
 
 
+@pytest.mark.browser
 def test_a_user_poses_tracks_cancels_and_exports(opened: tuple[Workbench, PageUnderTest], tmp_path: Path) -> None:
     bench, view = opened
     _moves_a_slider(bench, view)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import viser
@@ -19,6 +20,7 @@ _ROOT_LABELS = {
     "root_rx": "turn x °", "root_ry": "turn y °", "root_rz": "turn z °",
 }  # fmt: skip
 _MOTIONS = {"flex": "flex °", "abd": "spread °"}
+_KEEP = "choose …"
 _REACH_MM = 500.0  # sliders of the hand's place reach this far from where it first was
 
 
@@ -58,26 +60,33 @@ class PosePanel:
         with self.tab:
             self.card = gui.add_html("")
             self.edit_buttons = gui.add_button_group("Edit", ("Undo", "Redo"))
-            take = gui.add_button_group("Copy from", ("Frame before", "First frame"))
-            more = gui.add_button_group("Fingers", ("Relax", "Forget edit"))
+            take = gui.add_button_group("Pose from", ("Frame before", "First frame", "Tracker"))
+            self.library = gui.add_dropdown(
+                "Fingers as", (_KEEP,), initial_value=_KEEP, hint="Set the fingers to a pose of the library."
+            )
             save = gui.add_button(
                 "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
         self.edit_buttons.on_click(page.from_user(lambda event: travel(page, event.target.value == "Undo")))
         take.on_click(page.from_user(lambda event: self._take(event.target.value)))
-        more.on_click(page.from_user(lambda event: self._take(event.target.value)))
+        self.library.on_update(page.from_user(self._choose))
         save.on_click(page.from_user(lambda _: page.send(SavePose())))
 
     def _take(self, choice: str) -> None:
         state = self.page.state
         version = state.begin_edit(choice)
-        if choice == "Forget edit":
+        if choice == "Tracker":
             self.page.send(ForgetPose(state.frame, version))
             return
-        source = {"Frame before": "previous", "First frame": "start", "Relax": "relaxed"}.get(choice)
-        if source is not None:
-            self.page.send(TakePose(state.frame, source, version))
+        source = {"Frame before": "previous", "First frame": "start"}.get(choice, choice)
+        self.page.send(TakePose(state.frame, source, version))
+
+    def _choose(self, event: Any) -> None:
+        chosen = str(event.target.value)
+        if chosen != _KEEP:
+            self._take(chosen)
+            self.library.value = _KEEP  # so that the same pose can be chosen again
 
     # ---- sliders
 
@@ -85,6 +94,7 @@ class PosePanel:
         """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
         if session.parameter_names != self.names:
             self._rebuild(session)
+        self.library.options = (_KEEP, *session.pose_names)
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven

@@ -14,6 +14,7 @@ from handtrack_app.panels.page import Page, number
 from handtrack_app.state import MODES, PAINTS
 
 FREE = "free view"
+_CHOSEN = "● "
 _SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 _STATES = {
     "idle": ("ready", "#009e73"),
@@ -58,12 +59,12 @@ class SessionPanel:
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 self._toggle("Live images", "images", "Show each camera's image of this frame.")
             with gui.add_folder("Show"):
-                self._toggle("Move and turn handle", "handle", "Drag the whole hand.")
+                self._toggle("Hand's handle", "handle", "Drag the whole hand.")
+                self._toggle("Fingertip handles", "tips", "Drag a fingertip; its finger follows.")
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
                 self.speed = gui.add_dropdown("Playback speed", tuple(_SPEEDS), initial_value="1 ×")
             self.view = gui.add_button_group("Look at", ("Hand", "Everything"))
-        self.mode.value = display.mode
         self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
         self.mode.on_click(page.from_user(lambda event: self._set_mode(event.target.value)))
         self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
@@ -80,7 +81,8 @@ class SessionPanel:
         setattr(self.page.state.display, name, bool(value))
         self.page.redraw()
 
-    def _set_mode(self, mode: str) -> None:
+    def _set_mode(self, pressed: str) -> None:
+        mode = pressed.removeprefix(_CHOSEN)
         if mode in MODES:
             self.page.state.display.mode = mode
             self.page.redraw()
@@ -111,6 +113,9 @@ class SessionPanel:
             through = display.through or FREE
             if self.through.value != through:
                 self.through.value = through
+            options = tuple(_CHOSEN + mode if mode == display.mode else mode for mode in MODES)
+            if self.mode.options != options:
+                self.mode.options = options
 
     def _free(self, event: Any) -> None:
         self.through.value = FREE

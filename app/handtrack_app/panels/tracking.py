@@ -8,7 +8,7 @@ from typing import Any
 
 import viser
 
-from handtrack_app.messages import Cancel, Pause, ProgressSnapshot, SaveTrack, SessionSnapshot, Track
+from handtrack_app.messages import Cancel, Follow, Pause, ProgressSnapshot, SaveTrack, SessionSnapshot, Track
 from handtrack_app.panels.constraints import clean_interval
 from handtrack_app.panels.page import Page
 
@@ -49,7 +49,7 @@ class TrackingPanel:
                     "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
                 )
                 ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
-            self.follow = gui.add_checkbox("Follow the tracker", True, hint="Show each frame as it is tracked.")
+            self.follow = gui.add_checkbox("Follow the tracker", True, visible=False, hint="Show each frame as it is tracked.")
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         everything.on_click(page.from_user(lambda _: self._start("all")))
@@ -64,13 +64,14 @@ class TrackingPanel:
 
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on
+        self.page.send(Follow(on))
 
     def _start(self, which: str) -> None:
         order = self.order(which)
         if order is not None:
             self.page.state.playing = False
-            self.page.state.follow = self.follow.value
             self.page.send(order)
+            self._follow(True)
 
     def order(self, which: str) -> Track | None:
         """Return the tracking command of a button."""
@@ -101,7 +102,9 @@ class TrackingPanel:
         self.bar.visible = busy
         self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
         self.bar.animated = progress.state in ("preparing", "tracking")
-        self.pause.visible = self.cancel.visible = busy
+        self.pause.visible = self.cancel.visible = self.follow.visible = busy
+        if self.follow.value != self.page.state.follow:
+            self.follow.value = self.page.state.follow
         paused = progress.state == "paused"
         if (self.pause.label == "Resume") != paused:
             self.pause.label = "Resume" if paused else "Pause"

@@ -1,4 +1,4 @@
-"""The control that moves and turns the whole hand."""
+"""Controls in the scene: one moves and turns the whole hand, others pull its fingertips."""
 
 from __future__ import annotations
 
@@ -44,6 +44,47 @@ def add_root_handle(server: viser.ViserServer, name: str, on_edit: RootEdit) -> 
             on_edit(edit)
 
     return handle
+
+
+TipEdit = Callable[[str, tuple[float, float, float]], None]
+
+
+@dataclass
+class TipHandles:
+    """Controls that pull fingertips."""
+
+    controls: dict[str, viser.TransformControlsHandle]
+    held: str | None = None
+
+    def show_at(self, tips: Floats) -> None:
+        """Move the controls to the fingertips (T, 3) [m], except the one that the user holds."""
+        for (name, control), place in zip(self.controls.items(), tips, strict=True):
+            if name != self.held:
+                control.position = place
+
+    def show(self, visible: bool) -> None:
+        for control in self.controls.values():
+            control.visible = visible
+
+
+def add_tip_handles(server: viser.ViserServer, name: str, tips: tuple[str, ...], on_edit: TipEdit) -> TipHandles:
+    """Add a control for each fingertip; `on_edit(tip, place)` is called while one is dragged."""
+    handles = TipHandles({})
+    for tip in tips:
+        control = server.scene.add_transform_controls(
+            f"{name}/{tip}", scale=0.035, line_width=2.5, disable_sliders=True, disable_rotations=True,
+            depth_test=False, opacity=0.9, visible=False,
+        )  # fmt: skip
+        handles.controls[tip] = control
+
+        @control.on_update
+        def _(event: viser.TransformControlsEvent, tip: str = tip) -> None:
+            handles.held = None if event.phase == "end" else tip
+            place = root_parameters(event.target.position, (1.0, 0.0, 0.0, 0.0))
+            if place:
+                on_edit(tip, (place["root_tx"], place["root_ty"], place["root_tz"]))
+
+    return handles
 
 
 def root_parameters(position: object, wxyz: object) -> dict[str, float]:

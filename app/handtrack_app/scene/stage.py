@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack_app.messages import PictureSnapshot, PoseSnapshot, SessionSnapshot, SetPose, WantPictures
+from handtrack_app.messages import PictureSnapshot, PoseSnapshot, PullTip, SessionSnapshot, SetPose, WantPictures
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.camera_view import (
     CameraRigView,
@@ -20,7 +20,7 @@ from handtrack_app.scene.camera_view import (
     update_screen,
     update_thumbnails,
 )
-from handtrack_app.scene.handles import RootHandle, add_root_handle
+from handtrack_app.scene.handles import RootHandle, TipHandles, add_root_handle, add_tip_handles
 from handtrack_app.scene.model_view import HandView, add_hand, remove_hand, show_hand, update_hand, update_truth
 from handtrack_app.state import Display
 
@@ -34,6 +34,7 @@ class Stage:
         self.hand: HandView | None = None
         self.cameras: CameraRigView | None = None
         self.root: RootHandle | None = None
+        self.tips: TipHandles | None = None
         self.view: Viewpoint | None = None
         self.pose: PoseSnapshot | None = None
         scene = page.server.scene
@@ -48,6 +49,7 @@ class Stage:
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved)
+            self.tips = add_tip_handles(self.page.server, "/tips", session.tip_names, self._tip_moved)
         if before is None or before.bone_names != session.bone_names or before.model != session.model:
             if self.hand is not None:
                 remove_hand(self.hand)
@@ -58,13 +60,19 @@ class Stage:
         if step is not None:
             self.page.send(SetPose(step.frame, step.values, self.page.state.version))
 
+    def _tip_moved(self, tip: str, place: tuple[float, float, float]) -> None:
+        state = self.page.state
+        version = state.begin_edit(f"fingertip {tip}")
+        self.page.send(PullTip(state.frame, tip, place, version))
+
     # ---- options
 
     def apply(self, display: Display) -> None:
         """Show and hide as the display options say."""
-        if self.hand is None or self.cameras is None or self.root is None:
+        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
         with self.page.server.atomic():
+            self.tips.show(display.tips and self.pose is not None)
             show_hand(self.hand, display)
             show_cameras(self.cameras, display)
             self.root.control.visible = display.handle and self.pose is not None
@@ -89,7 +97,7 @@ class Stage:
 
     def show_pose(self, pose: PoseSnapshot, display: Display, move_handle: bool) -> None:
         """Move the hand."""
-        if self.hand is None or self.cameras is None or self.root is None:
+        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
         first, self.pose = self.pose is None, pose
         with self.page.server.atomic():
@@ -97,6 +105,7 @@ class Stage:
             update_truth(self.hand, pose, display)
             if move_handle:
                 self.root.show_at(pose.values[:6])
+                self.tips.show_at(pose.tips)
         if first and self.session is not None:
             self._set_first_view(self.session, pose)
             self.apply(display)
