@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.result import FrameResult
@@ -52,7 +52,9 @@ class Document:
     The pose of a frame is what was set by hand there, else what was tracked, else the last one shown.
     """
 
-    def __init__(self, run: Any, first_frame: int, first_params: Floats) -> None:
+    def __init__(
+        self, run: Any, first_frame: int, first_params: Floats, size_pending: bool = False
+    ) -> None:
         self.run = run
         self.frames: range = run.session.frame_range
         self.first_frame = int(first_frame)
@@ -64,6 +66,8 @@ class Document:
         self.frame = self.first_frame
         self.shown = self.start.copy()
         self.version = 0
+        self.size_pending = size_pending
+        """the hand's size is to be fitted before the first tracking"""
 
     @property
     def model(self) -> ArticulatedModel:
@@ -111,7 +115,9 @@ class Document:
         point = np.asarray(target, dtype=float)
         if tip in self.tip_names and point.shape == (3,) and np.isfinite(point).all():
             params = params_of(self.model, self.pose_at(frame))
-            self.set_pose(frame, tuple(self.model.joint_params(reach(self.model, params, tip, point))))
+            self.set_pose(
+                frame, tuple(self.model.joint_params(reach(self.model, params, tip, point)))
+            )
 
     @property
     def tip_names(self) -> tuple[str, ...]:
@@ -147,6 +153,16 @@ class Document:
         self.run = run
         self._apply_limits()
         self.shown = self.model.joint_params(params_of(self.model, self.shown))
+
+    def set_scale(self, scale: HandScale) -> None:
+        """Change the hand's size. The first pose is fitted anew, unless the user set it."""
+        untouched = self.start
+        self.replace_run(self.run.with_scale(scale))
+        self.size_pending = False
+        if self.run.first is not None and self.first_frame == self.run.first.frame:
+            self.start = self.model.joint_params(self.run.initial()[1])
+            if self.shown is untouched or np.allclose(self.shown, untouched):
+                self.shown = self.start.copy()
 
     def set_limits(self, name: str, interval: tuple[float, float] | None) -> None:
         """Change the interval of a joint parameter [rad]; None restores the model's own."""
@@ -264,5 +280,9 @@ def renamed(values: Floats, names: Sequence[str], model: ArticulatedModel) -> Fl
 def camera_card(camera: Any) -> CameraCard:
     """Return what the scene needs of a camera."""
     return CameraCard(
-        camera.name, camera.size, camera.matrix.copy(), camera.rotation.T.copy(), camera.centre.copy()
+        camera.name,
+        camera.size,
+        camera.matrix.copy(),
+        camera.rotation.T.copy(),
+        camera.centre.copy(),
     )

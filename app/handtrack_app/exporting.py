@@ -18,7 +18,10 @@ LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
 
 def export(document: Document, kind: str) -> tuple[str, bytes]:
     """Return name and content of a file: a kind of `handtrack export --to`, or `init`. Raises HandtrackError."""
-    stem = "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_") or "session"
+    stem = (
+        "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_")
+        or "session"
+    )
     if kind == "init":
         values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
         text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
@@ -35,7 +38,9 @@ def export(document: Document, kind: str) -> tuple[str, bytes]:
 
 def summary(document: Document, frames: range, done: int, seconds: float) -> str:
     """Return how a run of tracking went, in one sentence or two."""
-    counts = np.bincount([int(document.results[f].status) for f in frames if f in document.results], minlength=5)
+    counts = np.bincount(
+        [int(document.results[f].status) for f in frames if f in document.results], minlength=5
+    )
     speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
     odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
     quality = ", ".join(odd) if odd else "none doubtful"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
 from handtrack.session.atomic import replace_text
 from handtrack.session.first_pose import FirstPose, write_first_pose
@@ -62,7 +63,10 @@ class Keeper:
         values = self.document.by_hand.get(frame)
         if values is not None:
             names = self.document.model.parameter_names
-            self.note("pose", {"frame": frame, "parameters": dict(zip(names, values.tolist(), strict=True))})
+            self.note(
+                "pose",
+                {"frame": frame, "parameters": dict(zip(names, values.tolist(), strict=True))},
+            )
 
     def note_result(self, result: FrameResult) -> None:
         """Write a tracked frame, a second late at most."""
@@ -127,7 +131,12 @@ class Keeper:
         for event in events:
             try:
                 if event.kind == "setting":
-                    document.replace_run(document.run.with_values({event.data["name"]: event.data["value"]}))
+                    document.replace_run(
+                        document.run.with_values({event.data["name"]: event.data["value"]})
+                    )
+                elif event.kind == "scale":
+                    document.set_scale(HandScale(event.data["overall"], event.data["fingers"]))
+                    continue
                 elif event.kind == "limits":
                     interval = event.data["interval"]
                     document.set_limits(event.data["name"], tuple(interval) if interval else None)
@@ -154,7 +163,9 @@ class Keeper:
         document, data = self.document, event.data
         if event.kind == "pose":
             names = document.model.parameter_names
-            document.set_pose(int(data["frame"]), [float(data["parameters"].get(n, 0.0)) for n in names])
+            document.set_pose(
+                int(data["frame"]), [float(data["parameters"].get(n, 0.0)) for n in names]
+            )
         elif event.kind == "forget":
             document.forget_pose(int(data["frame"]))
         elif event.kind == "tracked":
@@ -174,17 +185,25 @@ class Keeper:
             pose = FirstPose(document.frame, values)
             write_first_pose(path, pose)
         except OSError as error:
-            raise HandtrackError(f"{path}: cannot be written ({error.strerror}). Is the folder read-only?") from None
+            raise HandtrackError(
+                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
         document.start_from(pose)
-        return f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
+        return (
+            f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
+        )
 
     def _keep_hand_size(self) -> str:
-        """A size that was fitted to the keypoints of init.json would be lost with them: it gets its own file."""
+        """A size that was fitted from the first pose of before belongs to it: it gets its own file."""
         run, path = self.document.run, self.folder / SESSION_FILE
-        if run.first is None or run.first.xyz is None or not path.is_file():
+        if self.document.size_pending or not path.is_file():
             return ""
         text, count = re.subn(
-            r'^(\s*scale\s*=\s*)"fit"', rf'\1"{HAND_FILE}"', path.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE
+            r'^(\s*scale\s*=\s*)"fit"',
+            rf'\1"{HAND_FILE}"',
+            path.read_text(encoding="utf-8"),
+            count=1,
+            flags=re.MULTILINE,
         )
         if not count:
             return ""
@@ -201,7 +220,9 @@ class Keeper:
             path.parent.mkdir(exist_ok=True)
             previous = write_result(path, track)
         except OSError as error:
-            raise HandtrackError(f"{path}: cannot be written ({error.strerror}). Is the folder read-only?") from None
+            raise HandtrackError(
+                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
         kept = f" The one before is kept as {previous.name}." if previous is not None else ""
         return f"{len(track)} frames are in {path}.{kept}"
 
@@ -211,7 +232,9 @@ def whole_track(document: Document) -> Any:
     frames = dict(document.results)
     frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
     if not frames:
-        raise HandtrackError("There is nothing to save yet: track some frames, or pose the hand, first.")
+        raise HandtrackError(
+            "There is nothing to save yet: track some frames, or pose the hand, first."
+        )
     return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
 
 
@@ -225,7 +248,14 @@ def _keyframe(document: Document, frame: int) -> FrameResult:
 
 
 def _complete(
-    document: Document, frame: int, values: Any, status: Status, energy: float, iterations: int, std: Any, spread: Any
+    document: Document,
+    frame: int,
+    values: Any,
+    status: Status,
+    energy: float,
+    iterations: int,
+    std: Any,
+    spread: Any,
 ) -> FrameResult:
     model = document.model
     values = np.asarray(values, dtype=float)

@@ -75,6 +75,11 @@ class Track:
 
 
 @dataclass(frozen=True)
+class FitSize:
+    """Fit the hand's size to the frames near the first pose."""
+
+
+@dataclass(frozen=True)
 class Follow:
     """Whether each frame is shown as it is tracked."""
 
@@ -134,7 +139,7 @@ class SaveTrack:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
     | SetLimits | WantPictures | Export | SaveTrack
 )  # fmt: skip
 

@@ -12,17 +12,25 @@ from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.session_file import dotted
+from handtrack.tracker.settings import TrackerSettings
 from handtrack_app.document import Document
 
 
 def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
-    """Return the document of a session folder. Raises HandtrackError."""
+    """Return the document of a session folder. Raises HandtrackError.
+
+    Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
+    """
     session = Session.open(folder)
-    run = TrackingRun.open(session, overrides)
+    run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
+    wanted = TrackerSettings().with_values(dotted(session.file.tracking)).model.fit_size
+    run = run.with_values({"model.fit_size": wanted})
+    pending = wanted and session.hand_scale == "fit"
     if run.first is None:
-        return Document(run, 0, placed_in_view(run))
+        return Document(run, 0, placed_in_view(run), pending)
     frame, params = run.initial()
-    return Document(run, frame, params)
+    return Document(run, frame, params, pending)
 
 
 def placed_in_view(run: TrackingRun) -> Floats:
@@ -31,7 +39,9 @@ def placed_in_view(run: TrackingRun) -> Floats:
     centre = nearest_to_axes(cameras)
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
-    turn = np.stack([np.cross(up, -forward), up, -forward], axis=1)  # +y up, back of the hand to the camera
+    turn = np.stack(
+        [np.cross(up, -forward), up, -forward], axis=1
+    )  # +y up, back of the hand to the camera
     joint = run.model.rest.copy()
     joint[3:6] = rotation_vector(turn)
     joint[:3] = centre - 0.09 * up  # the wrist, half a hand below

@@ -50,7 +50,9 @@ class PictureMaker:
         size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
         return cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[return-value]
 
-    def screen(self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None) -> Bytes:
+    def screen(
+        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None
+    ) -> Bytes:
         """Return the large picture with the model painted over it.
 
         paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette (H, W) where there is one.

@@ -51,6 +51,8 @@ def reach(model: ArticulatedModel, params: Floats, tip: str, target: Floats) -> 
     free = np.array([name.startswith(finger) for name in model.transform.names])
     sigma = np.full(len(model.parameter_names), np.inf)
     sigma[6:] = _STAY_SIGMA
-    pull = KeypointTerm(model, Keypoints((tip,), np.asarray(target, dtype=float)[None], _POINT_SIGMA_M))
+    pull = KeypointTerm(
+        model, Keypoints((tip,), np.asarray(target, dtype=float)[None], _POINT_SIGMA_M)
+    )
     stay = GaussianPrior(model.joint_params(params), sigma, "stay")
     return solve(_OneFinger(Problem(model, [pull], [stay]), free, params), params, _SETTINGS).params

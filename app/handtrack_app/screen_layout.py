@@ -21,7 +21,11 @@ class PageLayout:
         self.page = page
         gui = page.gui
         gui.configure_theme(
-            dark_mode=True, show_logo=False, show_share_button=False, control_width="medium", brand_color=BRAND
+            dark_mode=True,
+            show_logo=False,
+            show_share_button=False,
+            control_width="medium",
+            brand_color=BRAND,
         )
         self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
@@ -64,7 +68,14 @@ class PageLayout:
     def fit(self, session: SessionSnapshot) -> None:
         """Make all panels fit a session."""
         self.snapshot = session
-        for panel in (self.session, self.pose, self.limits, self.tracking, self.settings, self.timeline):
+        for panel in (
+            self.session,
+            self.pose,
+            self.limits,
+            self.tracking,
+            self.settings,
+            self.timeline,
+        ):
             panel.fit(session)
         self.head.content = head(session, self.progress)
 

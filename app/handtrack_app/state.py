@@ -79,7 +79,9 @@ class UndoStack:
         """Return the pose to go forward to, or None."""
         return self._move(self.future, self.past, current)
 
-    def _move(self, source: list[PoseStep], sink: list[PoseStep], current: PoseStep) -> PoseStep | None:
+    def _move(
+        self, source: list[PoseStep], sink: list[PoseStep], current: PoseStep
+    ) -> PoseStep | None:
         self._tag = ""
         if not source:
             return None
@@ -109,7 +111,9 @@ class UserState:
     def value_of(self, name: str) -> float:
         """Return a joint parameter as the user last set or saw it [m, rad]."""
         with self.lock:
-            return self.values[self.names.index(name)] if self.values and name in self.names else 0.0
+            return (
+                self.values[self.names.index(name)] if self.values and name in self.names else 0.0
+            )
 
     def step(self) -> PoseStep:
         """Return the pose as it is now."""
@@ -118,7 +122,9 @@ class UserState:
     def edit(self, changes: dict[str, float], tag: str) -> PoseStep | None:
         """Change joint parameters by name [m, rad]; return the new pose, None if nothing is valid or new."""
         with self.lock:
-            valid = {n: float(v) for n, v in changes.items() if n in self.names and math.isfinite(v)}
+            valid = {
+                n: float(v) for n, v in changes.items() if n in self.names and math.isfinite(v)
+            }
             if not self.values or not valid:
                 return None
             values = tuple(valid.get(n, v) for n, v in zip(self.names, self.values, strict=True))

@@ -12,14 +12,15 @@ from pathlib import Path
 import viser
 
 from handtrack_app import messages as m
+from handtrack_app.background_job import Watch
 from handtrack_app.exporting import LOG_FILE
 from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
 from handtrack_app.panels.page import Page
 from handtrack_app.player import Player
-from handtrack_app.screen_layout import PageLayout
 from handtrack_app.scene.stage import Stage
+from handtrack_app.screen_layout import PageLayout
 from handtrack_app.state import UserState
 from handtrack_app.worker import Opener, Worker
 
@@ -30,14 +31,19 @@ class Workbench:
     """A session in the browser. `start` returns at once; the page fills while the session opens."""
 
     def __init__(
-        self, session_folder: Path, host: str = "127.0.0.1", port: int = 8080, opener: Opener = open_document
+        self,
+        session_folder: Path,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        opener: Opener = open_document,
+        watch: Watch | None = None,
     ) -> None:
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
         self._snapshots: Mailbox[m.Snapshot] = Mailbox(
             lambda s: None if isinstance(s, (m.Notice, m.Download)) else type(s)
         )
-        self.worker = Worker(self.folder, self._snapshots.put, opener)
+        self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[m.Notice] = []
         self.server: viser.ViserServer
@@ -185,8 +191,12 @@ def run_workbench(
     records = logging.FileHandler(LOG_FILE, delay=True)
     records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.getLogger("handtrack_app").addHandler(records)
-    bench = Workbench(session_folder, host, choose_port(host, None if port == FIRST_PORT else port)).start()
-    print(f"handtrack: {Path(session_folder).name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+    bench = Workbench(
+        session_folder, host, choose_port(host, None if port == FIRST_PORT else port)
+    ).start()
+    print(
+        f"handtrack: {Path(session_folder).name} is open at {bench.url} (Ctrl-C ends)", flush=True
+    )
     if open_browser:
         webbrowser.open(bench.url)
     try:

@@ -12,19 +12,18 @@ from typing import Any
 from handtrack.errors import HandtrackError
 from handtrack_app import exporting
 from handtrack_app import messages as m
+from handtrack_app.background_job import Ended, Report, Sized, Tracked, Watch
+from handtrack_app.conductor import Conductor
 from handtrack_app.document import Document, params_of
 from handtrack_app.keeping import Keeper
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
 from handtrack_app.pictures import PictureMaker
-from handtrack_app.tracking_job import Ended, Tracked, TrackingJob
 
 log = logging.getLogger(__name__)
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
-_SHOW_EVERY_S = 0.05  # while tracking, poses are shown and
-_STRIP_EVERY_S = 0.25  # the timeline redrawn at most this often
 
-Request = m.Command | Tracked | Ended
+Request = m.Command | Report
 Publish = Callable[[m.Snapshot], None]
 Opener = Callable[[Path, dict[str, Any]], Document]
 
@@ -46,8 +45,10 @@ class Worker:
         folder: Path,
         publish: Publish,
         opener: Opener = open_document,
+        watch: Watch | None = None,
     ) -> None:
         self.folder = folder
+        self._watch = watch
         self._publish, self._opener = publish, opener
         self._mail: Mailbox[Request] = Mailbox(_kind)
         self._stopping = threading.Event()
@@ -56,12 +57,10 @@ class Worker:
         self._keeper: Keeper | None = None
         self._pictures: PictureMaker | None = None
         self._wanted = m.WantPictures(True, None, "plain")
-        self._job: TrackingJob | None = None
-        self._jobs = 0
+        self._conductor: Conductor | None = None
         self._stale_pictures = False
         self._unsaved: int | None = None
-        self._edited = self._shown = self._stripped = 0.0
-        self.follow = True
+        self._edited = 0.0
 
     # ---- from the page
 
@@ -70,24 +69,24 @@ class Worker:
 
     def send(self, command: m.Command) -> None:
         """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
-        job = self._job
-        if job is not None and isinstance(command, m.Cancel):
-            job.cancel()
-        if job is not None and isinstance(command, m.Pause):
-            job.pause(command.on)
-        if isinstance(command, (m.SetPose, m.TakePose, m.PullTip, m.ShowFrame)):
-            self.follow = False  # the user looks elsewhere: tracking goes on in the background
-        if isinstance(command, m.Follow):
-            self.follow = command.on
+        conductor = self._conductor
+        if conductor is not None:
+            match command:
+                case m.Cancel():
+                    conductor.cancel()
+                case m.Pause():
+                    conductor.pause(command.on)
+                case m.Follow():
+                    conductor.follow = command.on
+                case m.SetPose() | m.TakePose() | m.PullTip() | m.ShowFrame():
+                    conductor.follow = False  # the user looks elsewhere: tracking goes on behind
         self._mail.put(command)
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread; the journal already holds what was accepted."""
         self._stopping.set()
-        job = self._job
-        if job is not None:
-            job.cancel()
-            job.join(timeout)
+        if self._conductor is not None:
+            self._conductor.stop(timeout)
         self._thread.join(timeout)
 
     # ---- on the worker's thread
@@ -134,6 +133,9 @@ class Worker:
         self._keeper = Keeper.open(document)
         restored = self._keeper.restore()
         self._pictures = PictureMaker(document.run.session)
+        self._conductor = Conductor(
+            document, self._keeper, self._announce, self._mail.put, self._watch
+        )
         self._publish(document.session_snapshot())
         document.show(document.first_frame)
         self._show_all()
@@ -141,12 +143,12 @@ class Worker:
             self._publish(m.Notice("info", "Welcome back", restored))
         for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
             self._publish(m.Notice("warning", "About this session", str(warning)))
-        self._idle()
+        self._conductor.show_progress()
 
     def _serve(self, request: Request) -> None:
-        document = self._document
-        if document is None:
-            if not isinstance(request, (Tracked, Ended, m.WantPictures, m.ShowFrame)):
+        document, conductor = self._document, self._conductor
+        if document is None or conductor is None:
+            if not isinstance(request, (m.WantPictures, m.ShowFrame, m.Cancel)):
                 raise HandtrackError("No session is open yet.")
             return
         match request:
@@ -175,9 +177,12 @@ class Worker:
             case m.WantPictures():
                 self._wanted, self._stale_pictures = request, True
             case m.Track():
-                self._track(document, request)
+                self._accept_edit()
+                conductor.track(request)
+            case m.FitSize():
+                conductor.fit_size()
             case m.Pause():
-                self._progress()
+                conductor.show_progress()
             case m.Cancel() | m.Follow():
                 pass  # acted on in `send`; the job's end is reported by the job
             case m.SetSetting() | m.SetLimits():
@@ -190,10 +195,8 @@ class Worker:
             case m.Export():
                 name, data = exporting.export(document, request.kind)
                 self._publish(m.Download(name, data, request.client_id))
-            case Tracked():
-                self._tracked(document, request)
-            case Ended():
-                self._ended(document, request)
+            case Tracked() | Sized() | Ended():
+                conductor.take(request)
 
     # ---- posing and showing
 
@@ -209,14 +212,17 @@ class Worker:
             self._kept().note_pose(frame)
         self._show_strip()
 
+    def _announce(self, snapshot: m.Snapshot) -> None:
+        """Publish; a pose shown makes the pictures stale."""
+        self._stale_pictures |= isinstance(snapshot, m.PoseSnapshot)
+        self._publish(snapshot)
+
     def _show_pose(self) -> None:
         if self._document is not None:
-            self._publish(self._document.pose_snapshot())
-            self._stale_pictures = True
+            self._announce(self._document.pose_snapshot())
 
     def _show_strip(self) -> None:
         if self._document is not None:
-            self._stripped = time.monotonic()
             self._publish(self._document.strip_snapshot())
 
     def _show_all(self) -> None:
@@ -235,83 +241,23 @@ class Worker:
         if wanted.screen in document.run.session.rig.names and wanted.screen is not None:
             bones = document.model.bones(params_of(document.model, document.shown))
             flesh = document.model.flesh["fine"].posed(bones)
-            seen = document.run.session.observation(frame).silhouettes if wanted.paint == "residual" else ()
+            seen = (
+                document.run.session.observation(frame).silhouettes
+                if wanted.paint == "residual"
+                else ()
+            )
             mask = next((s.mask for s in seen if s.camera.name == wanted.screen), None)
             large = maker.screen(wanted.screen, frame, wanted.paint, flesh, mask)
-        self._publish(m.PictureSnapshot(frame, small, wanted.screen if large is not None else None, large))
-
-    # ---- tracking
-
-    def _track(self, document: Document, order: m.Track) -> None:
-        if self._job is not None:
-            raise HandtrackError("Tracking is already running. Cancel it first.")
-        frames = range(max(order.start, document.frames.start), min(order.stop, document.frames.stop))
-        if not len(frames) or order.first not in document.frames:
-            raise HandtrackError(
-                f"No frames to track: {order.start} to {order.stop} of a session with frames "
-                f"{document.frames.start} to {document.frames.stop - 1}."
-            )
-        self._accept_edit()
-        start = params_of(document.model, document.pose_at(order.first))
-        self._jobs += 1
-        self._job = TrackingJob(self._jobs, document.run, frames, order.first, start, self._mail.put)
-        self._job.start()
-        self._progress()
-
-    def _tracked(self, document: Document, done: Tracked) -> None:
-        job = self._job
-        if job is None or job.number != done.job:
-            return
-        document.accept(done.result)
-        self._kept().note_result(done.result)
-        now = time.monotonic()
-        if self.follow and now - self._shown > _SHOW_EVERY_S:
-            self._shown = now
-            document.show(done.result.frame)
-            self._show_pose()
-        if now - self._stripped > _STRIP_EVERY_S:
-            self._show_strip()
-        self._progress()
-
-    def _ended(self, document: Document, end: Ended) -> None:
-        job = self._job
-        if job is None or job.number != end.job:
-            return
-        self._job = None
-        document.show(document.frame)
-        self._show_all()
-        if job.done:
-            self._kept().settle()
-        if end.internal:
-            self._publish(m.Notice("error", "Internal error while tracking", exporting.internal_error_text(end.error)))
-        elif end.error:
-            self._publish(m.Notice("error", "Tracking stopped", end.error))
-        else:
-            word = "Cancelled" if end.cancelled else "Tracking finished"
-            took = time.monotonic() - job.began - job.waited
-            self._publish(m.Notice("done", word, exporting.summary(document, job.frames, job.done, took)))
-        self._idle()
-
-    def _progress(self) -> None:
-        job = self._job
-        if job is None:
-            self._idle()
-            return
-        state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        words = {
-            "paused": "Paused",
-            "tracking": "Tracking",
-            "preparing": "Preparing (the first time, code is compiled once) …",
-        }
-        self._publish(m.ProgressSnapshot(state, words[state], job.done, len(job.frames), job.eta_s()))
-
-    def _idle(self) -> None:
-        self._publish(m.ProgressSnapshot("idle", "Ready"))
+        self._publish(
+            m.PictureSnapshot(frame, small, wanted.screen if large is not None else None, large)
+        )
 
     def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
-        if self._job is not None:
+        if self._conductor is not None and self._conductor.busy:
             self._publish(document.session_snapshot())  # the page goes back to what holds
-            raise HandtrackError("Settings stay fixed while tracking runs, so that a result has one. Cancel it first.")
+            raise HandtrackError(
+                "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
+            )
         try:
             if isinstance(change, m.SetLimits):
                 document.set_limits(change.name, change.interval)

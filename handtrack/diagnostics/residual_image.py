@@ -63,7 +63,9 @@ def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array:
 def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses) -> Floats:
     """Return P (H, W) of a term's silhouette number `index`."""
     flesh, shape = term.ellipsoids.posed(bones), term.shape
-    image = field_image(term.silhouettes[index].camera, flesh, shape.levels[index], shape.depth_scaled)
+    image = field_image(
+        term.silhouettes[index].camera, flesh, shape.levels[index], shape.depth_scaled
+    )
     return np.maximum(image, -shape.limit)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Array, Floats
 from handtrack.errors import HandtrackError
 
 CONIC_INDEX = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -61,8 +61,10 @@ def quadric_ellipsoid(quadric: Floats) -> tuple[Floats, Floats, Floats]:
     if np.all(values < 0):
         return quadric_ellipsoid(-quadric)
     if not np.all(values > 1e-14 * np.abs(values).max()):
-        raise HandtrackError(f"the quadric is no ellipsoid: eigenvalues {values.tolist()} differ in sign or vanish.")
-    centre = -np.linalg.solve(block, side)
+        raise HandtrackError(
+            f"the quadric is no ellipsoid: eigenvalues {values.tolist()} differ in sign or vanish."
+        )
+    centre: Floats = -np.linalg.solve(block, side)  # type: ignore[assignment]
     level = -(quadric[3, 3] + side @ centre)
     if level <= 0:
         raise HandtrackError("the quadric is no ellipsoid: it has no real point.")
@@ -95,7 +97,7 @@ def dual_conic(
     return ConicTwist(value, by_twist)
 
 
-def is_ellipse(projection: Floats, centre: Floats, shape: Floats) -> Floats:
+def is_ellipse(projection: Floats, centre: Floats, shape: Floats) -> Array:
     """Return (E,) True where the ellipsoid lies wholly before the camera's plane, so that it shows as an ellipse."""
     depth = centre @ projection[2, :3] + projection[2, 3]
     reach = np.einsum("i,eij,j->e", projection[2, :3], shape, projection[2, :3])
@@ -104,7 +106,7 @@ def is_ellipse(projection: Floats, centre: Floats, shape: Floats) -> Floats:
 
 def conic(dual: ConicTwist) -> ConicTwist:
     """Return C = (C*)⁻¹, negative inside, the paper's depth-ordered scale: 1/C*₃₃ at the centre; eqs. 17 and 25."""
-    value = np.linalg.inv(dual.value)
+    value: Floats = np.linalg.inv(dual.value)  # type: ignore[assignment]
     by_twist = -value[:, None] @ dual.by_twist @ value[:, None]
     return ConicTwist(value, by_twist)
 
@@ -114,7 +116,9 @@ def normalised_conic(dual: ConicTwist) -> ConicTwist:
     plain = conic(dual)
     gamma = dual.value[:, 2, 2][:, None, None]
     d_gamma = dual.by_twist[:, :, 2, 2][..., None, None]
-    return ConicTwist(-gamma * plain.value, -d_gamma * plain.value[:, None] - gamma[:, None] * plain.by_twist)
+    return ConicTwist(
+        -gamma * plain.value, -d_gamma * plain.value[:, None] - gamma[:, None] * plain.by_twist
+    )
 
 
 def conic_vector(matrix: Floats) -> Floats:

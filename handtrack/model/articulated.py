@@ -16,18 +16,20 @@ from handtrack.model.skeleton import Skeleton
 from handtrack.model.transform import ParameterTransform
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
+HAND_PARTS = (*FINGERS, "forearm")
 
 
 @dataclass(frozen=True)
 class HandScale:
-    """A person's hand as factors on the definition: overall, and each finger's on top of it."""
+    """A person's hand as factors on the definition: overall, and each part's on top of it."""
 
     overall: float = 1.0
-    fingers: dict[str, float] = field(default_factory=dict)
+    parts: dict[str, float] = field(default_factory=dict)
+    """by group of bones: `thumb` … `little`, `forearm`; 1 where absent"""
 
     def factor(self, group: str) -> float:
-        """Return the factor of a group of bones: `palm` or a finger."""
-        return self.overall * self.fingers.get(group, 1.0)
+        """Return the factor of a group of bones: `palm`, a finger, `forearm`."""
+        return self.overall * self.parts.get(group, 1.0)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.articulated import HAND_PARTS, ArticulatedModel, HandScale
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
@@ -57,21 +57,21 @@ def read_scale(path: Path) -> HandScale:
     """Return a person's saved hand: JSON with `overall` and `fingers`. Raises HandtrackError."""
     try:
         data = json.loads(path.read_text())
-        fingers = {str(k): float(v) for k, v in data.get("fingers", {}).items()}
-        size = HandScale(float(data["overall"]), fingers)
+        parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
+        size = HandScale(float(data["overall"]), parts)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f"{path}: a saved hand is a JSON file like {{\"overall\": 1.03, \"fingers\": {{\"thumb\": 0.98}}}}; {error}."
         ) from None
-    unknown = [finger for finger in fingers if finger not in FINGERS]
-    if unknown:
-        raise unknown_name("finger", unknown[0], FINGERS, str(path))
+    for part in parts:
+        if part not in HAND_PARTS:
+            raise unknown_name("part of a hand", part, HAND_PARTS, str(path))
     return size
 
 
 def write_scale(path: Path, scale: HandScale) -> None:
     """Save a person's hand, to be named by `scale` in session.toml."""
-    path.write_text(json.dumps({"overall": scale.overall, "fingers": scale.fingers}, indent=1) + "\n")
+    path.write_text(json.dumps({"overall": scale.overall, "parts": scale.parts}, indent=1) + "\n")
 
 
 @lru_cache(maxsize=8)

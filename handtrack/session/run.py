@@ -149,7 +149,7 @@ class TrackingRun:
             joint_names=self.model.joint_names,
             model=self.model.name,
             side=self.model.side,
-            scale=json.dumps({"overall": self.scale.overall, "fingers": self.scale.fingers}),
+            scale=json.dumps({"overall": self.scale.overall, "parts": self.scale.parts}),
             session=self.session.name,
             settings=json.dumps(self.settings.flat(), sort_keys=True),
             version=_version(),

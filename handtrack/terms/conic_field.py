@@ -36,7 +36,9 @@ class ConicFieldTerm:
 
     def cost(self, bones: BonePoses) -> float:
         """Return ½ weight Σ (P − Z)²."""
-        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False)[0].cost
+        return field_system(
+            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
+        )[0].cost
 
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists."""

@@ -15,16 +15,22 @@ ELLIPSE = 9
 
 
 @numba.njit(cache=True, nogil=True)
-def pose(rotation, position, bone, centre, turn, radii, centre_world, shape_world):  # pragma: no cover - compiled
+def pose(
+    rotation, position, bone, centre, turn, radii, centre_world, shape_world
+):  # pragma: no cover - compiled
     """Fill centres (E, 3) and D = R diag(r²) Rᵀ (E, 3, 3), world, of ellipsoids carried by bones."""
     axes = np.empty((3, 3))
     for e in range(bone.shape[0]):
         b = bone[e]
         for i in range(3):
             r0, r1, r2 = rotation[b, i, 0], rotation[b, i, 1], rotation[b, i, 2]
-            centre_world[e, i] = position[b, i] + r0 * centre[e, 0] + r1 * centre[e, 1] + r2 * centre[e, 2]
+            centre_world[e, i] = (
+                position[b, i] + r0 * centre[e, 0] + r1 * centre[e, 1] + r2 * centre[e, 2]
+            )
             for j in range(3):
-                axes[i, j] = (r0 * turn[e, 0, j] + r1 * turn[e, 1, j] + r2 * turn[e, 2, j]) * radii[e, j]
+                axes[i, j] = (r0 * turn[e, 0, j] + r1 * turn[e, 1, j] + r2 * turn[e, 2, j]) * radii[
+                    e, j
+                ]
         for i in range(3):
             for j in range(3):
                 shape_world[e, i, j] = (
@@ -33,7 +39,9 @@ def pose(rotation, position, bone, centre, turn, radii, centre_world, shape_worl
 
 
 @numba.njit(cache=True, nogil=True)
-def project(projection, width, height, centre, shape, levels, depth_scaled, ellipses):  # pragma: no cover - compiled
+def project(
+    projection, width, height, centre, shape, levels, depth_scaled, ellipses
+):  # pragma: no cover - compiled
     """Fill ellipses (E, 9). Skipped (scale 0): ellipsoids that reach the camera's plane, or have no breadth."""
     g = np.empty((3, 3))
     d = np.empty((3, 3))  # D Gᵀ
@@ -50,9 +58,18 @@ def project(projection, width, height, centre, shape, levels, depth_scaled, elli
         v0 = np.rint(min(max(v, 0.0), height - 1.0))
         _to_image(projection, u0, v0, centre[e], shape[e], g, p, d)
         mu, mv = u - u0, v - v0
-        s11 = mu * mu - (g[0, 0] * d[0, 0] + g[0, 1] * d[1, 0] + g[0, 2] * d[2, 0] - p[0] * p[0]) / gamma
-        s12 = mu * mv - (g[0, 0] * d[0, 1] + g[0, 1] * d[1, 1] + g[0, 2] * d[2, 1] - p[0] * p[1]) / gamma
-        s22 = mv * mv - (g[1, 0] * d[0, 1] + g[1, 1] * d[1, 1] + g[1, 2] * d[2, 1] - p[1] * p[1]) / gamma
+        s11 = (
+            mu * mu
+            - (g[0, 0] * d[0, 0] + g[0, 1] * d[1, 0] + g[0, 2] * d[2, 0] - p[0] * p[0]) / gamma
+        )
+        s12 = (
+            mu * mv
+            - (g[0, 0] * d[0, 1] + g[0, 1] * d[1, 1] + g[0, 2] * d[2, 1] - p[0] * p[1]) / gamma
+        )
+        s22 = (
+            mv * mv
+            - (g[1, 0] * d[0, 1] + g[1, 1] * d[1, 1] + g[1, 2] * d[2, 1] - p[1] * p[1]) / gamma
+        )
         if not (s11 > 0.0 and s22 > 0.0 and s11 * s22 - s12 * s12 > 1e-14 * s11 * s22):
             continue
         ellipses[e, ORIGIN_U], ellipses[e, ORIGIN_V] = u0, v0
@@ -84,7 +101,11 @@ def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
     """Fill c (6,), the field's numbers for (x², 2xy, y², 2x, 2y, 1): scale · (normalised conic − outer)."""
     determinant = ellipse[S11] * ellipse[S22] - ellipse[S12] * ellipse[S12]
     s = ellipse[SCALE]
-    q11, q12, q22 = ellipse[S22] / determinant, -ellipse[S12] / determinant, ellipse[S11] / determinant
+    q11, q12, q22 = (
+        ellipse[S22] / determinant,
+        -ellipse[S12] / determinant,
+        ellipse[S11] / determinant,
+    )
     mu, mv = ellipse[CENTRE_U], ellipse[CENTRE_V]
     k1, k2 = q11 * mu + q12 * mv, q12 * mu + q22 * mv
     c[0], c[1], c[2] = s * q11, s * q12, s * q22
@@ -93,23 +114,35 @@ def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def conic_by_twist(projection, centre, shape, reference, ellipse, outer, depth_scaled, a, work):  # pragma: no cover
-    """Fill a (6, 8): the derivative of `conic_of` by (v, ω); its last two columns are 0. work: (9, 8)."""
+def conic_by_twist(
+    projection, centre, shape, reference, ellipse, outer, depth_scaled, work
+):  # pragma: no cover
+    """Fill work[72:120], seen as (6, 8), with the derivative of `conic_of` by (v, ω), and two zeros a row.
+
+    work: (176,), zeros at first. One flat array, constant places: only so can LLVM see that nothing overlaps, and do
+    all eight columns at once.
+    """
     g, d, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
     r0, r1, r2 = centre[0] - reference[0], centre[1] - reference[1], centre[2] - reference[2]
     for i in range(3):  # dp_i
-        work[i, 0], work[i, 1], work[i, 2] = g[i, 0], g[i, 1], g[i, 2]
-        work[i, 3] = r1 * g[i, 2] - r2 * g[i, 1]
-        work[i, 4] = r2 * g[i, 0] - r0 * g[i, 2]
-        work[i, 5] = r0 * g[i, 1] - r1 * g[i, 0]
-    row = 3  # dC*_ij − what moving the centre does
+        work[8 * i + 0], work[8 * i + 1], work[8 * i + 2] = g[i, 0], g[i, 1], g[i, 2]
+        work[8 * i + 3] = r1 * g[i, 2] - r2 * g[i, 1]
+        work[8 * i + 4] = r2 * g[i, 0] - r0 * g[i, 2]
+        work[8 * i + 5] = r0 * g[i, 1] - r1 * g[i, 0]
+    at = 24  # dC*_ij − what moving the centre does
     for j in range(3):
         for i in range(j + 1):
-            work[row, 3] = d[1, j] * g[i, 2] - d[2, j] * g[i, 1] + d[1, i] * g[j, 2] - d[2, i] * g[j, 1]
-            work[row, 4] = d[2, j] * g[i, 0] - d[0, j] * g[i, 2] + d[2, i] * g[j, 0] - d[0, i] * g[j, 2]
-            work[row, 5] = d[0, j] * g[i, 1] - d[1, j] * g[i, 0] + d[0, i] * g[j, 1] - d[1, i] * g[j, 0]
-            row += 1
+            work[at + 3] = (
+                d[1, j] * g[i, 2] - d[2, j] * g[i, 1] + d[1, i] * g[j, 2] - d[2, i] * g[j, 1]
+            )
+            work[at + 4] = (
+                d[2, j] * g[i, 0] - d[0, j] * g[i, 2] + d[2, i] * g[j, 0] - d[0, i] * g[j, 2]
+            )
+            work[at + 5] = (
+                d[0, j] * g[i, 1] - d[1, j] * g[i, 0] + d[0, i] * g[j, 1] - d[1, i] * g[j, 0]
+            )
+            at += 8
     s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
     determinant = s11 * s22 - s12 * s12
     q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
@@ -119,14 +152,17 @@ def conic_by_twist(projection, centre, shape, reference, ellipse, outer, depth_s
     c11, c12, c22 = mu * mu - s11, mu * mv - s12, mv * mv - s22  # C* / γ
     s = ellipse[SCALE]
     p0, p1, p2 = p[0], p[1], p[2]
-    for t in range(6):
-        j0, j1, j2 = work[0, t], work[1, t], work[2, t]
-        d11 = (work[3, t] - 2.0 * j0 * p0) * inverse
-        d12 = (work[4, t] - j0 * p1 - j1 * p0) * inverse
-        d22 = (work[5, t] - 2.0 * j1 * p1) * inverse
-        d13 = (work[6, t] - j0 * p2 - j2 * p0) * inverse
-        d23 = (work[7, t] - j1 * p2 - j2 * p1) * inverse
-        d33 = (work[8, t] - 2.0 * j2 * p2) * inverse
+    ds_by_d33 = (
+        -s if depth_scaled else 0.0
+    )  # the factor is −1/γ in the paper's scale, and constant else
+    for t in range(8):
+        j0, j1, j2 = work[t], work[8 + t], work[16 + t]
+        d11 = (work[24 + t] - 2.0 * j0 * p0) * inverse
+        d12 = (work[32 + t] - j0 * p1 - j1 * p0) * inverse
+        d22 = (work[40 + t] - 2.0 * j1 * p1) * inverse
+        d13 = (work[48 + t] - j0 * p2 - j2 * p0) * inverse
+        d23 = (work[56 + t] - j1 * p2 - j2 * p1) * inverse
+        d33 = (work[64 + t] - 2.0 * j2 * p2) * inverse
         du, dv = d13 - mu * d33, d23 - mv * d33
         ds11 = 2.0 * mu * du - d11 + c11 * d33
         ds12 = mu * dv + mv * du - d12 + c12 * d33
@@ -136,8 +172,10 @@ def conic_by_twist(projection, centre, shape, reference, ellipse, outer, depth_s
         dq22 = -(q12 * q12 * ds11 + 2.0 * q12 * q22 * ds12 + q22 * q22 * ds22)
         dk1 = dq11 * mu + dq12 * mv + q11 * du + q12 * dv
         dk2 = dq12 * mu + dq22 * mv + q12 * du + q22 * dv
-        # the factor is −1/γ in the paper's scale, and constant else
-        ds = -s * d33 if depth_scaled else 0.0
-        a[0, t], a[1, t], a[2, t] = s * dq11 + ds * q11, s * dq12 + ds * q12, s * dq22 + ds * q22
-        a[3, t], a[4, t] = -s * dk1 - ds * k1, -s * dk2 - ds * k2
-        a[5, t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv) + ds * (level - outer)
+        ds = ds_by_d33 * d33
+        work[72 + t] = s * dq11 + ds * q11
+        work[80 + t] = s * dq12 + ds * q12
+        work[88 + t] = s * dq22 + ds * q22
+        work[96 + t] = -s * dk1 - ds * k1
+        work[104 + t] = -s * dk2 - ds * k2
+        work[112 + t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv) + ds * (level - outer)

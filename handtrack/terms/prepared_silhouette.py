@@ -20,7 +20,7 @@ class PreparedSilhouette:
     """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
 
     camera: Camera
-    valid: Ints
+    valid: Array
     """(H, 2) int32: per row the half-open column span that counts."""
     sums: Floats
     """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
@@ -58,18 +58,27 @@ def prepare(
     x0, x1, y0, y1 = window_of(image, valid)
     sums = np.empty((y1 - y0 + 1, x1 - x0 + 1, 4))
     origin = (x0 + x1) // 2
-    energy, area = prefix_sums(image, -1.0 if observation is None else 1.0, valid, x0, y0, origin, sums)
+    energy, area = prefix_sums(
+        image, -1.0 if observation is None else 1.0, valid, x0, y0, origin, sums
+    )
     if not np.isfinite(energy):
         raise HandtrackError(
             f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
         )
     window = np.array([width, x0, y0, origin], dtype=np.int64)
     return PreparedSilhouette(
-        camera, valid, sums, window, float(energy), float(area), power_sums(width), height_powers(height)
+        camera,
+        valid,
+        sums,
+        window,
+        float(energy),
+        float(area),
+        power_sums(width),
+        height_powers(height),
     )
 
 
-def clip_spans(valid: Ints, line: Sequence[float]) -> Ints:
+def clip_spans(valid: Array, line: Sequence[float]) -> Array:
     """Return the spans (H, 2) without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
     a, b, c = (float(x) for x in line)
     begin, end = valid[:, 0].astype(float), valid[:, 1].astype(float)
@@ -82,12 +91,16 @@ def clip_spans(valid: Ints, line: Sequence[float]) -> Ints:
         near = np.rint(edge)
         on_pixel = a * near + level >= 0
         if a > 0:
-            begin = np.maximum(begin, np.where(np.abs(edge - near) < 1e-6, near + ~on_pixel, np.ceil(edge)))
+            begin = np.maximum(
+                begin, np.where(np.abs(edge - near) < 1e-6, near + ~on_pixel, np.ceil(edge))
+            )
         else:
-            end = np.minimum(end, np.where(np.abs(edge - near) < 1e-6, near + on_pixel, np.floor(edge) + 1))
+            end = np.minimum(
+                end, np.where(np.abs(edge - near) < 1e-6, near + on_pixel, np.floor(edge) + 1)
+            )
     spans = np.stack([begin, end], axis=1)
     spans[spans[:, 0] >= spans[:, 1]] = 0
-    return spans.astype(np.int32)  # type: ignore[return-value]
+    return spans.astype(np.int32)
 
 
 @lru_cache(maxsize=16)

@@ -1,4 +1,4 @@
-"""What is known before looking: a pose that the hand is near. On joint parameters."""
+"""What is known before looking: poses that the hand is near, angles that go together. On joint parameters."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from handtrack.terms.bone_system import JointSystem
 class GaussianPrior:
     """½ Σ ((x − mean)/sigma)² on joint parameters (S,); an infinite sigma leaves a parameter free.
 
-    Serves as rest pose (mean = the relaxed hand), as continuity (mean = the predicted pose) and as a
-    stiff start (small sigmas on the angles, so that the hand moves as one piece first).
+    Serves as rest pose (mean = the relaxed hand) and as continuity (mean = the predicted pose).
     """
 
     mean: Floats
@@ -29,3 +28,23 @@ class GaussianPrior:
         information = 1.0 / self.sigma**2
         gradient = information * (joint_params - self.mean)
         return JointSystem(self.cost(joint_params), gradient, np.diag(information))
+
+
+@dataclass(frozen=True)
+class LinearPrior:
+    """½ |rows · x|² on joint parameters (S,): combinations (R, S) that are near 0, in standard deviations.
+
+    Serves for angles that go together without being coupled: neighbouring fingers, a finger's last two joints.
+    """
+
+    rows: Floats
+    name: str = "posture"
+
+    def cost(self, joint_params: Floats) -> float:
+        return 0.5 * float(((self.rows @ joint_params) ** 2).sum())
+
+    def linearize(self, joint_params: Floats) -> JointSystem:
+        residual = self.rows @ joint_params
+        return JointSystem(
+            0.5 * float(residual @ residual), self.rows.T @ residual, self.rows.T @ self.rows
+        )

@@ -14,17 +14,17 @@ from numba.extending import intrinsic
 
 BLOCK = 8
 """Pixels painted at a time; blocks start at multiples of it."""
-AT_ONCE = 4
-"""Blocks painted in any case: most spans are shorter, and a branch that is guessed wrong costs as much."""
-PADDING = (AT_ONCE + 1) * BLOCK
-"""Pixels behind the last one that may be written."""
+PADDING = 2 * BLOCK
+"""Pixels behind the last one that may be read or written."""
 NUMBERS = 1024
 """The last 10 bits of a painted value say who painted it: 0 nobody, e + 1, or E + 1 for saturated pixels."""
 MOMENTS = 24
 """Sums per ellipse: 15 of x^i y^j (i + j ≤ 4), in the order of `_unpack`; from 16 on 6 of Z x^i y^j (i + j ≤ 2)."""
 
 _BITS_OF_TWO = 0x4000000000000000  # the float64 2.0: above every value that is not saturated
-_PLACES = np.array([sorted(range(8), key=lambda i: (not m >> i & 1, i)) for m in range(256)], np.uint8)  # set bits
+_PLACES = np.array(
+    [sorted(range(8), key=lambda i: (not m >> i & 1, i)) for m in range(256)], np.uint8
+)  # set bits
 
 _DOUBLE, _LONG = ir.DoubleType(), ir.IntType(64)
 _DOUBLES, _LONGS = ir.VectorType(_DOUBLE, 8), ir.VectorType(_LONG, 8)
@@ -48,13 +48,17 @@ def _store(context, builder, value, array_type, array, index):
 
 def _splat(builder, scalar):
     vector = ir.VectorType(scalar.type, 8)
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    one = builder.insert_element(
+        ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
+    )
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), 8), [0] * 8))
 
 
 def _pick(builder, vector, lanes):
     """Return a vector of eight from the given lanes."""
-    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), 8), lanes))
+    return builder.shuffle_vector(
+        vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), 8), lanes)
+    )
 
 
 def _fused(builder, a, b, c):
@@ -71,7 +75,9 @@ def _paint_block(typing, buffer, u, centre, top, bend, limit, number, full):
         steps = ir.Constant(_DOUBLES, [float(i) for i in range(8)])
         x = builder.fadd(_splat(builder, builder.fsub(builder.sitofp(at, _DOUBLE), middle)), steps)
         value = builder.fsub(
-            _splat(builder, highest), builder.fmul(builder.fmul(x, x), _splat(builder, bent), flags=_FUSE), flags=_FUSE
+            _splat(builder, highest),
+            builder.fmul(builder.fmul(x, x), _splat(builder, bent), flags=_FUSE),
+            flags=_FUSE,
         )
         bits = builder.and_(builder.bitcast(value, _LONGS), ir.Constant(_LONGS, [-NUMBERS] * 8))
         bits = builder.or_(bits, _splat(builder, who))
@@ -97,14 +103,25 @@ def _changes(typing, buffer, u, keep, places, starts, n):
         array, at, kept, table, out, count = values
         here = builder.bitcast(_load(context, builder, signature.args[0], array, at), _LONGS)
         before_at = builder.sub(at, ir.Constant(_LONG, 1))
-        before = builder.bitcast(_load(context, builder, signature.args[0], array, before_at), _LONGS)
+        before = builder.bitcast(
+            _load(context, builder, signature.args[0], array, before_at), _LONGS
+        )
         differs = builder.and_(builder.xor(here, before), ir.Constant(_LONGS, [NUMBERS - 1] * 8))
         flags = builder.icmp_unsigned("!=", differs, ir.Constant(_LONGS, [0] * 8))
         mask = builder.and_(builder.zext(builder.bitcast(flags, ir.IntType(8)), _LONG), kept)
         entry = builder.mul(mask, ir.Constant(_LONG, 8))
         bytes8 = ir.VectorType(ir.IntType(8), 8)
-        offsets = builder.zext(_load(context, builder, signature.args[3], table, entry, bytes8), _LONGS)
-        _store(context, builder, builder.add(offsets, _splat(builder, at)), signature.args[4], out, count)
+        offsets = builder.zext(
+            _load(context, builder, signature.args[3], table, entry, bytes8), _LONGS
+        )
+        _store(
+            context,
+            builder,
+            builder.add(offsets, _splat(builder, at)),
+            signature.args[4],
+            out,
+            count,
+        )
         return builder.add(count, builder.ctpop(mask))
 
     return signature, generate
@@ -142,13 +159,15 @@ def _add_sums(typing, moments, k, powers, a, b, heights, y, sums, za, zb):
             _store(context, builder, _fused(builder, factor, x, old), m_type, out, place)
 
         x = builder.fsub(
-            _load(context, builder, p_type, power, right), _load(context, builder, p_type, power, left)
+            _load(context, builder, p_type, power, right),
+            _load(context, builder, p_type, power, left),
         )
         add(0, _pick(builder, x, [0, 1, 2, 3, 4, 0, 1, 2]))
         add(8, _pick(builder, x, [3, 0, 1, 2, 0, 1, 0, 5]))
         four = ir.VectorType(_DOUBLE, 4)
         z = builder.fsub(
-            _load(context, builder, s_type, total, z_right, four), _load(context, builder, s_type, total, z_left, four)
+            _load(context, builder, s_type, total, z_right, four),
+            _load(context, builder, s_type, total, z_left, four),
         )
         add(16, _pick(builder, z, [0, 1, 2, 0, 1, 0, 3, 3]))
 
@@ -163,10 +182,7 @@ def paint(buffer, lo, hi, centre, top, bend, limit, number, core):  # pragma: no
     nobody looks.
     """
     full = _BITS_OF_TWO | core
-    start = lo // BLOCK * BLOCK
-    for i in range(AT_ONCE):
-        _paint_block(buffer, start + i * BLOCK, centre, top, bend, limit, number, full)
-    for u in range(start + AT_ONCE * BLOCK, hi, BLOCK):
+    for u in range(lo // BLOCK * BLOCK, hi, BLOCK):
         _paint_block(buffer, u, centre, top, bend, limit, number, full)
 
 
@@ -184,7 +200,7 @@ def find_runs(buffer, lo, hi, starts):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True)
 def clear(buffer, lo, hi):  # pragma: no cover - compiled
     """Forget what was painted over [lo, hi)."""
-    buffer[lo // BLOCK * BLOCK : hi + PADDING] = 0.0
+    buffer[lo // BLOCK * BLOCK : hi + BLOCK] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -192,5 +208,14 @@ def add_run(moments, k, powers, a, b, heights, y, sums, row, za, zb):  # pragma:
     """Add to moments[k] a run: rows a and b of `powers`, row y of `heights`, columns za and zb of a row of `sums`."""
     line = row * sums.shape[1]
     _add_sums(
-        moments, k * MOMENTS, powers, a * 8, b * 8, heights, y * MOMENTS, sums, (line + za) * 4, (line + zb) * 4
+        moments,
+        k * MOMENTS,
+        powers,
+        a * 8,
+        b * 8,
+        heights,
+        y * MOMENTS,
+        sums,
+        (line + za) * 4,
+        (line + zb) * 4,
     )

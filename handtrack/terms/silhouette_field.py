@@ -38,7 +38,9 @@ def plain_field(cameras: int, ellipsoids: int, depth_scaled: bool = False) -> Fi
     return FieldShape(levels, np.inf, depth_scaled)
 
 
-def prepared(silhouettes: Sequence[Silhouette | PreparedSilhouette]) -> tuple[PreparedSilhouette, ...]:
+def prepared(
+    silhouettes: Sequence[Silhouette | PreparedSilhouette],
+) -> tuple[PreparedSilhouette, ...]:
     """Return the silhouettes, prepared where they are not yet."""
     return tuple(s if isinstance(s, PreparedSilhouette) else prepare(s) for s in silhouettes)
 
@@ -96,5 +98,7 @@ def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple
     if isinstance(value, float | int):
         return (float(value),) * cameras
     if len(value) != cameras:
-        raise HandtrackError(f"silhouettes: {len(value)} numbers for {name}; expected one, or {cameras} (one a camera).")
+        raise HandtrackError(
+            f"silhouettes: {len(value)} numbers for {name}; expected one, or {cameras} (one a camera)."
+        )
     return tuple(float(x) for x in value)

@@ -29,7 +29,16 @@ from handtrack.terms.conic_kernels import (
     pose,
     project,
 )
-from handtrack.terms.row_kernels import BLOCK, MOMENTS, PADDING, add_run, clear, find_runs, number_at, paint
+from handtrack.terms.row_kernels import (
+    BLOCK,
+    MOMENTS,
+    PADDING,
+    add_run,
+    clear,
+    find_runs,
+    number_at,
+    paint,
+)
 
 MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
@@ -62,7 +71,7 @@ def camera_system(
     cost = 0.5 * moments[core, 0] + moments[core, 16]
     m, z = np.zeros((6, 6)), np.zeros(6)
     c, mc = np.empty(6), np.empty(6)
-    a, work, ma = np.zeros((6, 8)), np.zeros((9, 8)), np.zeros((6, 8))
+    work = np.zeros(176)
     for e in range(count):
         if moments[e + 1, 0] == 0.0:
             continue
@@ -75,14 +84,23 @@ def camera_system(
             cost += c[i] * (0.5 * mc[i] - z[i])
         if want_system:
             conic_by_twist(
-                projection, centre_world[e], shape_world[e], reference, ellipses[e], levels[e, 0], depth_scaled, a, work
+                projection,
+                centre_world[e],
+                shape_world[e],
+                reference,
+                ellipses[e],
+                levels[e, 0],
+                depth_scaled,
+                work,
             )
-            _add_block(a, m, mc, z, weight, 6 * bone[e], gradient, hessian, ma)
+            _add_block(work, m, mc, z, weight, 6 * bone[e], gradient, hessian)
     return weight * cost, area, overlap
 
 
 @numba.njit(cache=True, nogil=True)
-def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, moments):  # pragma: no cover - compiled
+def _sum_rows(
+    ellipses, levels, limit, valid, sums, window, powers, heights, moments
+):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
     count, height, width = levels.shape[0], valid.shape[0], window[0]
     lines = np.empty((count, LINE))
@@ -108,13 +126,18 @@ def _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, mom
     for e in range(count):
         origins[e + 1, 0] = np.int64(ellipses[e, ORIGIN_U])
         origins[e + 1, 1] = np.int64(ellipses[e, ORIGIN_V])
-    buffer = np.zeros(width + PADDING)
+    memory = np.zeros(width + PADDING + BLOCK)
+    buffer = memory[
+        (-memory.ctypes.data // 8) % BLOCK :
+    ]  # blocks that straddle two cache lines cost more
     starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
     rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
     for v in range(height):
         if start[v] == start[v + 1]:
             continue
-        low, high = _paint_row(v, items[start[v] : start[v + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer)
+        low, high = _paint_row(
+            v, items[start[v] : start[v + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer
+        )
         if low >= high:
             continue
         runs = find_runs(buffer, low, high, starts)
@@ -164,8 +187,21 @@ def _paint_row(v, items, lines, limit, begin, end, buffer):  # pragma: no cover 
 @numba.njit(cache=True, nogil=True)
 def _unpack(n, shift, m, z):  # pragma: no cover - compiled
     """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums; Z's are `shift` columns off in x."""
-    m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = n[4], 2 * n[8], n[11], 2 * n[3], 2 * n[7], n[2]
-    m[1, 1], m[1, 2], m[1, 3], m[1, 4], m[1, 5] = 4 * n[11], 2 * n[13], 4 * n[7], 4 * n[10], 2 * n[6]
+    m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = (
+        n[4],
+        2 * n[8],
+        n[11],
+        2 * n[3],
+        2 * n[7],
+        n[2],
+    )
+    m[1, 1], m[1, 2], m[1, 3], m[1, 4], m[1, 5] = (
+        4 * n[11],
+        2 * n[13],
+        4 * n[7],
+        4 * n[10],
+        2 * n[6],
+    )
     m[2, 2], m[2, 3], m[2, 4], m[2, 5] = n[14], 2 * n[10], 2 * n[12], n[9]
     m[3, 3], m[3, 4], m[3, 5] = 4 * n[2], 4 * n[6], 2 * n[1]
     m[4, 4], m[4, 5] = 4 * n[9], 2 * n[5]
@@ -182,23 +218,30 @@ def _unpack(n, shift, m, z):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_block(a, m, mc, z, weight, at, gradient, hessian, ma):  # pragma: no cover - compiled
-    """Add Aᵀ(M c − z) and Aᵀ M A at row `at`."""
+def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cover - compiled
+    """Add Aᵀ(M c − z) and Aᵀ M A at row `at`; A is work[72:120] as (6, 8), work[120:176] is free."""
     for i in range(6):
+        m0, m1, m2 = weight * m[i, 0], weight * m[i, 1], weight * m[i, 2]
+        m3, m4, m5 = weight * m[i, 3], weight * m[i, 4], weight * m[i, 5]
         for t in range(8):
-            ma[i, t] = 0.0
-        for j in range(6):
-            f = weight * m[i, j]
-            for t in range(8):
-                ma[i, t] += f * a[j, t]
+            work[120 + 8 * i + t] = (
+                m0 * work[72 + t] + m1 * work[80 + t] + m2 * work[88 + t]
+                + m3 * work[96 + t] + m4 * work[104 + t] + m5 * work[112 + t]
+            )  # fmt: skip
+    for i in range(6):
         r = weight * (mc[i] - z[i])
         for t in range(6):
-            gradient[at + t] += r * a[i, t]
+            gradient[at + t] += r * work[72 + 8 * i + t]
     for s in range(6):
-        for i in range(6):
-            f = a[i, s]
-            for t in range(6):
-                hessian[at + s, at + t] += f * ma[i, t]
+        a0, a1, a2 = work[72 + s], work[80 + s], work[88 + s]
+        a3, a4, a5 = work[96 + s], work[104 + s], work[112 + s]
+        for t in range(8):
+            work[168 + t] = (
+                a0 * work[120 + t] + a1 * work[128 + t] + a2 * work[136 + t]
+                + a3 * work[144 + t] + a4 * work[152 + t] + a5 * work[160 + t]
+            )  # fmt: skip
+        for t in range(6):
+            hessian[at + s, at + t] += work[168 + t]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -17,6 +17,7 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 
 _MM = 1e-3
@@ -119,6 +120,9 @@ def _priors(
         sigma = np.full(count, np.deg2rad(prior.rest_sigma_deg))
         sigma[:6] = np.inf
         terms.append(GaussianPrior(model.rest, sigma, "rest"))
+    together = posture_prior(model, prior.posture) if prior.posture > 0 else None
+    if together is not None:
+        terms.append(together)
     if expected is not None and strength > 0:
         sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
         sigma[:3] = prior.motion_sigma_mm * _MM

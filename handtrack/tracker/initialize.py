@@ -16,7 +16,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
-from handtrack.tracker.size import scale_from_deviations
+from handtrack.tracker.size import SIZES, scale_from_deviations
 
 _REST_SIGMA = np.deg2rad(40.0)
 _FEWEST = 4
@@ -80,9 +80,9 @@ def fit_scale(
         rest = (joint[6:] - model.rest[6:]) / _REST_SIGMA
         return np.concatenate([points, rest, x[count:]])
 
-    low = np.concatenate([low_high[:, 0], np.full(6, -4.0)])
-    high = np.concatenate([low_high[:, 1], np.full(6, 4.0)])
-    start = np.concatenate([params, np.zeros(6)])
+    low = np.concatenate([low_high[:, 0], np.full(SIZES, -4.0)])
+    high = np.concatenate([low_high[:, 1], np.full(SIZES, 4.0)])
+    start = np.concatenate([params, np.zeros(SIZES)])
     start = np.clip(start, low + 1e-6, high - 1e-6)
     fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
     scale = scale_from_deviations(fitted[count:])

@@ -56,6 +56,8 @@ class PriorSettings:
 
     rest_sigma_deg: float = 40.0
     """how far joint angles are from the relaxed hand's; 0 switches the prior off"""
+    posture: float = 1.0
+    """strength of what is known of joints that go together (neighbouring fingers, last two joints); 0: none"""
     motion_sigma_deg: float = 12.0
     """how far a joint angle, and the hand's turn, is from its prediction one frame later"""
     motion_sigma_mm: float = 15.0

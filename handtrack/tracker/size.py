@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from handtrack.arrays import Floats
-from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.articulated import FINGERS, HAND_PARTS, ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
@@ -19,21 +19,24 @@ from handtrack.tracker.settings import TrackerSettings
 _OVERALL_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
 _BANDS_MM = (4.0, 1.5)  # narrow enough for the antisymmetric ramp on a finger: no bias towards large hands
-_SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS))
+_FOREARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
+_SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS) + [_FOREARM_SIGMA])
+SIZES = len(_SIGMAS)
+"""how many numbers make a person's hand: overall, five fingers, forearm"""
 _STEP = 0.03  # of the difference quotient, in standard deviations
 _POSE_ITERATIONS = 8
 
 
 def scale_from_deviations(deviations: Floats) -> HandScale:
-    """Return the hand that is (6,) standard deviations from the mean adult's: overall, then each finger."""
+    """Return the hand that is (SIZES,) standard deviations from the mean adult's."""
     logs = deviations * _SIGMAS
-    fingers = dict(zip(FINGERS, np.exp(logs[1:]).tolist(), strict=True))
-    return HandScale(float(np.exp(logs[0])), fingers)
+    parts = dict(zip(HAND_PARTS, np.exp(logs[1:]).tolist(), strict=True))
+    return HandScale(float(np.exp(logs[0])), parts)
 
 
 def scale_deviations(scale: HandScale) -> Floats:
-    """Return (6,) how unusual a hand is among adults; the inverse of `scale_from_deviations`."""
-    return np.log([scale.overall] + [scale.fingers.get(f, 1.0) for f in FINGERS]) / _SIGMAS
+    """Return (SIZES,) how unusual a hand is among adults; the inverse of `scale_from_deviations`."""
+    return np.log([scale.overall] + [scale.parts.get(part, 1.0) for part in HAND_PARTS]) / _SIGMAS
 
 
 def refine_scale(
@@ -87,10 +90,10 @@ class _SizeFit:
         self.best = (np.inf, deviations, poses)
 
     def minimum(self) -> tuple[Floats, list[Floats]]:
-        """Return the best deviations (6,) found, and its poses."""
+        """Return the best deviations (SIZES,) found, and its poses."""
         options = {"maxiter": 20, "ftol": 1e-4}
         start = self.best[1]
-        minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=[(-4, 4)] * 6, options=options)
+        minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=[(-4, 4)] * SIZES, options=options)
         return self.best[1], self.best[2]
 
     def _problems(self, deviations: Floats) -> list[Problem]:
@@ -104,8 +107,8 @@ class _SizeFit:
         cost = self._at(deviations, poses)
         if cost < self.best[0]:
             self.best = (cost, deviations.copy(), poses)
-        ahead = [self._at(deviations + step, poses) for step in _STEP * np.eye(6)]
-        behind = [self._at(deviations - step, poses) for step in _STEP * np.eye(6)]
+        ahead = [self._at(deviations + step, poses) for step in _STEP * np.eye(SIZES)]
+        behind = [self._at(deviations - step, poses) for step in _STEP * np.eye(SIZES)]
         return cost, (np.array(ahead) - np.array(behind)) / (2 * _STEP)
 
     def _at(self, deviations: Floats, poses: list[Floats]) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats
 from handtrack.geometry.camera import Camera, CameraRig
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.session.first_pose import FirstPose
@@ -28,7 +28,9 @@ FRAMES = 12
 def _camera(name: str, rotation: Floats, size: tuple[int, int] = (96, 72)) -> Camera:
     matrix = np.array([[90.0, 0.0, 48.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]])
     hand = np.array([0.0, 0.09, 0.0])
-    return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, 0.45]) - rotation @ hand)
+    return Camera(
+        name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, 0.45]) - rotation @ hand
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +78,25 @@ class FakeRun:
         model = load_model("hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
 
+    @property
+    def scale(self) -> HandScale:
+        return self.model.scale
+
+    def with_scale(self, scale: HandScale) -> FakeRun:
+        return replace(self, model=load_model("hand26", coupling=self.model.coupling, scale=scale))
+
+    def fit_size(self, should_stop: Callable[[], bool] | None = None) -> FakeRun:
+        return self.with_scale(HandScale(1.1))
+
+    def initial(self) -> tuple[int, Floats]:
+        return 3, self.model.rest_params()
+
     def track(
-        self, frames: range, start_frame: int, start_params: Floats, should_stop: Callable[[], bool] | None = None
+        self,
+        frames: range,
+        start_frame: int,
+        start_params: Floats,
+        should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
         for frame in path:
@@ -108,7 +127,7 @@ class FakeRun:
             parameter_names=self.model.parameter_names,
             bone_names=self.model.skeleton.bone_names,
             joint_names=self.model.joint_names,
-            model=self.model.name, side="right", scale=json.dumps({"overall": 1.0, "fingers": {}}),
+            model=self.model.name, side="right", scale=json.dumps({"overall": 1.0, "parts": {}}),
             session=self.session.name, settings="{}", version="0",
         )  # fmt: skip
 
@@ -122,11 +141,17 @@ def busy_for(seconds: float) -> None:
             np.linalg.solve(matrix + np.eye(64), matrix)
 
 
-def fake_document(folder: Path, overrides: Mapping[str, Any] | None = None, **options: Any) -> Document:
+def fake_document(
+    folder: Path,
+    overrides: Mapping[str, Any] | None = None,
+    size_pending: bool = False,
+    **options: Any,
+) -> Document:
     """Return a document of the fake session; the truth is the relaxed hand."""
     model = load_model("hand26", coupling=str((overrides or {}).get("model.coupling", "26")))
     params = model.rest_params()
     points = np.tile(model.keypoints21(model.bones(params)), (FRAMES, 1, 1))
     truth = Truth(np.arange(FRAMES), None, points, (), None)
     session = FakeSession(folder, truth=truth)
-    return Document(FakeRun(session, model, **options), 3, params)
+    first = FirstPose(3, dict(zip(model.parameter_names, model.rest.tolist(), strict=True)))
+    return Document(FakeRun(session, model, first=first, **options), 3, params, size_pending)

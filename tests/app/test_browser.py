@@ -78,15 +78,26 @@ class PageUnderTest:
 def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
     if not Path(CHROMIUM).exists():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15)).start()
+    bench = Workbench(
+        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15)
+    ).start()
     assert bench.wait_ready(60.0)
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
-        page = browser.new_context(viewport={"width": 1300, "height": 800}, accept_downloads=True).new_page()
+        page = browser.new_context(
+            viewport={"width": 1300, "height": 800}, accept_downloads=True
+        ).new_page()
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.route("**/*", lambda r: r.continue_() if "127.0.0.1" in r.request.url or r.request.url.startswith(("blob:", "data:")) else r.abort())
+        page.route(
+            "**/*",
+            lambda r: (
+                r.continue_()
+                if "127.0.0.1" in r.request.url or r.request.url.startswith(("blob:", "data:"))
+                else r.abort()
+            ),
+        )
         page.goto(f"{bench.url}/?fixedDpr=0.5")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
         yield bench, PageUnderTest(page)
@@ -96,7 +107,9 @@ def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
 
 
 @pytest.mark.browser
-def test_a_user_poses_tracks_cancels_and_exports(opened: tuple[Workbench, PageUnderTest], tmp_path: Path) -> None:
+def test_a_user_poses_tracks_cancels_and_exports(
+    opened: tuple[Workbench, PageUnderTest], tmp_path: Path
+) -> None:
     bench, view = opened
     _moves_a_slider(bench, view)
     _drags_the_hand(bench, view)
@@ -128,7 +141,10 @@ def _drags_the_hand(bench: Workbench, view: PageUnderTest) -> None:
 def _tracks(bench: Workbench, view: PageUnderTest) -> None:
     view.show_tab("Track")
     view.press("Track all frames")
-    eventually(lambda: view.page.get_by_role("button", name="Cancel", exact=True).is_visible(), "cancel can be pressed")
+    eventually(
+        lambda: view.page.get_by_role("button", name="Cancel", exact=True).is_visible(),
+        "cancel can be pressed",
+    )
     view.page.get_by_text("Tracking finished").first.wait_for(timeout=20_000)
     strip = bench.layout.timeline.strip
     assert strip is not None and (strip.status >= 0).all()

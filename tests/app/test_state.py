@@ -72,6 +72,8 @@ def test_unknown_parameters_and_equal_values_change_nothing() -> None:
     assert state.version == 0
 
 
-@pytest.mark.parametrize(("given", "frame"), [(3.4, 3), (-5, 0), (1e9, 9), (math.nan, None), (math.inf, None)])
+@pytest.mark.parametrize(
+    ("given", "frame"), [(3.4, 3), (-5, 0), (1e9, 9), (math.nan, None), (math.inf, None)]
+)
 def test_frames_from_clients_stay_inside_the_session(given: float, frame: int | None) -> None:
     assert _state().clamp_frame(given) == frame

@@ -42,8 +42,13 @@ def test_every_parameter_has_a_slider_with_its_limits(bench: Workbench) -> None:
     assert document is not None
     sliders = bench.layout.pose.sliders
     assert tuple(sliders) == document.model.parameter_names
-    low, high = np.rad2deg(document.model.limits.interval[document.model.parameter_names.index("index_pip_flex")])
-    assert (sliders["index_pip_flex"].min, sliders["index_pip_flex"].max) == (math.floor(low), math.ceil(high))
+    low, high = np.rad2deg(
+        document.model.limits.interval[document.model.parameter_names.index("index_pip_flex")]
+    )
+    assert (sliders["index_pip_flex"].min, sliders["index_pip_flex"].max) == (
+        math.floor(low),
+        math.ceil(high),
+    )
 
 
 def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> None:
@@ -52,9 +57,15 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> Non
     before, value = np.array(hand.flesh.batched_positions), slider.value
     with WireClient(bench.port) as client:
         client.set_value(slider, 60.0)
-        eventually(lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4), "the hand moved")
+        eventually(
+            lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+            "the hand moved",
+        )
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4), "the hand moved back")
+        eventually(
+            lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+            "the hand moved back",
+        )
         eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
 
 
@@ -95,7 +106,11 @@ def test_frames_and_ranges_from_clients_are_checked(bench: Workbench) -> None:
 
 def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
     with WireClient(bench.port) as client:
-        for position, wxyz in (((math.nan, 0, 0), (1, 0, 0, 0)), ((0, 0, 0), (0, 0, 0, 0)), ((1e9, 0, 0), (1, 0, 0, 0))):
+        for position, wxyz in (
+            ((math.nan, 0, 0), (1, 0, 0, 0)),
+            ((0, 0, 0), (0, 0, 0, 0)),
+            ((1e9, 0, 0), (1, 0, 0, 0)),
+        ):
             client.send({
                 "type": "TransformControlsUpdateMessage", "name": "/root",
                 "wxyz": list(wxyz), "position": list(position),
@@ -107,7 +122,9 @@ def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
             "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
         })  # fmt: skip
         eventually(lambda: bench.state.version == 1, "a good one moves the hand")
-        eventually(lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider")
+        eventually(
+            lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider"
+        )
 
 
 def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
@@ -117,7 +134,9 @@ def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
             "type": "GuiUpdateMessage", "uuid": tracking.starters[0]._impl.uuid, "updates": {"value": True},
         })  # fmt: skip
         eventually(lambda: bool(tracking.cancel.visible), "cancel can be pressed")
-        eventually(lambda: tracking.progress.state == "idle" and not tracking.cancel.visible, "finished")
+        eventually(
+            lambda: tracking.progress.state == "idle" and not tracking.cancel.visible, "finished"
+        )
     strip = bench.layout.timeline.strip
     assert strip is not None and (strip.status >= 0).all()
     assert "doubtful" in bench.layout.timeline.picture.content

@@ -31,14 +31,18 @@ class Listener:
             self.seen.append(copy)
             self._came.notify_all()
 
-    def wait(self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 10.0) -> Any:
+    def wait(
+        self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 10.0
+    ) -> Any:
         """Return the first snapshot of a kind that passes the test, waiting for it."""
 
         def find() -> Any:
             return next((s for s in list(self.seen) if isinstance(s, kind) and test(s)), None)
 
         with self._came:
-            assert self._came.wait_for(lambda: find() is not None, timeout), f"no {kind.__name__} came"
+            assert self._came.wait_for(lambda: find() is not None, timeout), (
+                f"no {kind.__name__} came"
+            )
             return find()
 
 
@@ -65,7 +69,7 @@ def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
 def test_commands_are_picklable() -> None:
     commands = [
         m.ShowFrame(3), m.SetPose(1, (0.0, 1.0), 2), m.TakePose(1, "start", 2), m.ForgetPose(1, 2), m.SavePose(),
-        m.Track(0, 9, 3), m.Pause(True), m.Cancel(), m.SetSetting("model.coupling", "21"),
+        m.Track(0, 9, 3), m.FitSize(), m.Follow(True), m.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), m.Pause(True), m.Cancel(), m.SetSetting("model.coupling", "21"),
         m.SetLimits("index_mcp_flex", (0.0, 1.0)), m.WantPictures(True, None, "plain"), m.Export("csv", 1), m.SaveTrack(),
     ]  # fmt: skip
     assert [pickle.loads(pickle.dumps(c)) for c in commands] == commands
@@ -94,7 +98,9 @@ def test_newest_pose_and_frame_win_and_nothing_else_is_dropped() -> None:
 
 def test_a_pose_is_moved_into_its_limits(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(m.SetPose(3, _pose(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1))
+    worker.send(
+        m.SetPose(3, _pose(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1)
+    )
     pose = listener.wait(m.PoseSnapshot, lambda p: p.version == 1)
     session = listener.wait(m.SessionSnapshot)
     index = session.parameter_names.index("index_mcp_flex")
@@ -182,7 +188,9 @@ def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.2):
         worker.send(m.Track(0, FRAMES, 3))
         worker.send(m.SetSetting("model.coupling", "21"))
-        listener.wait(m.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs"))
+        listener.wait(
+            m.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs")
+        )
         worker.send(m.Cancel())
 
 
@@ -190,7 +198,9 @@ def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
     worker.send(m.SetSetting("model.coupling", "21"))
     session = listener.wait(m.SessionSnapshot, lambda s: bool(s.driven))
-    assert set(session.driven) == {"thumb_ip_flex"} | {f"{f}_dip_flex" for f in ("index", "middle", "ring", "little")}
+    assert set(session.driven) == {"thumb_ip_flex"} | {
+        f"{f}_dip_flex" for f in ("index", "middle", "ring", "little")
+    }
     worker.send(m.SetPose(3, _pose(listener, index_pip_flex=0.6), 9))
     pose = listener.wait(m.PoseSnapshot, lambda p: p.version == 9)
     values = dict(zip(session.parameter_names, pose.values, strict=True))
@@ -201,14 +211,18 @@ def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
 def test_limits_are_live(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
     worker.send(m.SetLimits("index_mcp_flex", (0.0, 0.2)))
-    session = listener.wait(m.SessionSnapshot, lambda s: not np.array_equal(s.interval, s.own_interval))
+    session = listener.wait(
+        m.SessionSnapshot, lambda s: not np.array_equal(s.interval, s.own_interval)
+    )
     index = session.parameter_names.index("index_mcp_flex")
     np.testing.assert_allclose(session.interval[index], [0.0, 0.2])
     worker.send(m.SetPose(3, _pose(listener, index_mcp_flex=1.0), 4))
     pose = listener.wait(m.PoseSnapshot, lambda p: p.version == 4)
     assert pose.values[index] == pytest.approx(0.2)
     worker.send(m.SetLimits("index_mcp_flex", None))
-    listener.wait(m.SessionSnapshot, lambda s: s is not session and np.array_equal(s.interval, s.own_interval))
+    listener.wait(
+        m.SessionSnapshot, lambda s: s is not session and np.array_equal(s.interval, s.own_interval)
+    )
 
 
 def test_a_folder_that_is_no_session_is_told_in_words(tmp_path: Path) -> None:
@@ -218,3 +232,42 @@ def test_a_folder_that_is_no_session_is_told_in_words(tmp_path: Path) -> None:
     notice = listener.wait(m.Notice, lambda n: n.level == "error")
     worker.stop()
     assert "nothing does not exist; expected a session folder" in notice.text
+
+
+def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True):
+        worker.send(m.Track(0, FRAMES, 3))
+        listener.wait(m.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(m.Notice, lambda n: n.title == "Tracking finished")
+        assert listener.wait(m.SessionSnapshot, lambda s: "size 1.10" in s.model)
+        worker.send(m.Track(0, FRAMES, 3))
+        worker.send(m.Cancel())
+        fitted = [
+            s for s in listener.seen if isinstance(s, m.Notice) and s.title == "Hand size fitted"
+        ]
+        assert len(fitted) == 1
+
+
+def test_a_fingertip_can_be_pulled(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    session, before = listener.wait(m.SessionSnapshot), listener.wait(m.PoseSnapshot)
+    tip = session.tip_names.index("index_tip")
+    target = before.tips[tip] + np.array([0.0, -0.02, -0.02])
+    worker.send(m.PullTip(3, "index_tip", tuple(target.tolist()), 5))
+    pose = listener.wait(m.PoseSnapshot, lambda p: p.version == 5)
+    assert np.linalg.norm(pose.tips[tip] - target) < 0.004
+    others = [i for i, name in enumerate(session.parameter_names) if not name.startswith("index")]
+    np.testing.assert_allclose(pose.values[others], before.values[others], atol=1e-9)
+
+
+def test_a_pose_of_the_library_moves_the_fingers_only(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    before = listener.wait(m.PoseSnapshot)
+    worker.send(m.TakePose(3, "fist", 5))
+    pose = listener.wait(m.PoseSnapshot, lambda p: p.version == 5)
+    np.testing.assert_allclose(pose.values[:6], before.values[:6])
+    assert pose.values[session_index(listener, "index_pip_flex")] > 1.0
+
+
+def session_index(listener: Listener, name: str) -> int:
+    return listener.wait(m.SessionSnapshot).parameter_names.index(name)

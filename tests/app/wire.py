@@ -19,7 +19,9 @@ class WireClient:
 
     def __init__(self, port: int) -> None:
         self._socket = connect(
-            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None
+            f"ws://127.0.0.1:{port}",
+            subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+            max_size=None,
         )
         self.messages: list[tuple[float, dict[str, Any]]] = []
         self._came = threading.Condition()
@@ -34,7 +36,9 @@ class WireClient:
     def __enter__(self) -> WireClient:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._socket.close()
         self._thread.join(5.0)
 
@@ -44,10 +48,15 @@ class WireClient:
             for raw in self._socket:
                 now = time.perf_counter()
                 assert isinstance(raw, bytes)
-                size, packed = int.from_bytes(raw[:8], "little"), int.from_bytes(raw[8:16], "little")
+                size, packed = (
+                    int.from_bytes(raw[:8], "little"),
+                    int.from_bytes(raw[8:16], "little"),
+                )
                 inner = unpack.decompress(raw[16 : 16 + packed], max_output_size=size)
                 with self._came:
-                    self.messages += [(now, message) for message in msgspec.msgpack.decode(inner)["messages"]]
+                    self.messages += [
+                        (now, message) for message in msgspec.msgpack.decode(inner)["messages"]
+                    ]
                     self._came.notify_all()
         except Exception:  # the server went away: the test that minds will see no message
             return
@@ -59,7 +68,9 @@ class WireClient:
 
     def set_value(self, handle: Any, value: Any) -> float:
         """Send a GUI value as the page would; return when."""
-        return self.send({"type": "GuiUpdateMessage", "uuid": handle._impl.uuid, "updates": {"value": value}})
+        return self.send(
+            {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid, "updates": {"value": value}}
+        )
 
     def wait_for(self, after: float, name: str, prop: str, timeout: float = 5.0) -> float | None:
         """Return when the first update of a scene node's property came after a time; None if none did."""

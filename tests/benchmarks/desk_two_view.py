@@ -42,7 +42,7 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
     size = json.loads(str(track.scale))
     forearm = "forearm" in list(track.bone_names)
     model = load_model(
-        scale=HandScale(size["overall"], size["fingers"]), side=str(track.side), forearm=forearm
+        scale=HandScale(size["overall"], size["parts"]), side=str(track.side), forearm=forearm
     )
     hand = model.flesh["fine"]
     if forearm:

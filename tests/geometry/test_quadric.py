@@ -44,7 +44,9 @@ def test_surface_centre_and_outside_have_the_values_0_minus_1_and_more(scene, rn
 
 def test_the_dual_is_the_inverse(scene):
     _, centre, rotation, radii = scene
-    product = q.ellipsoid_quadric(centre, rotation, radii) @ q.ellipsoid_dual(centre, rotation, radii)
+    product = q.ellipsoid_quadric(centre, rotation, radii) @ q.ellipsoid_dual(
+        centre, rotation, radii
+    )
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(4), product.shape), atol=1e-10)
 
 

@@ -50,7 +50,10 @@ def ellipsoid_conics(camera_matrix, bones, ellipsoids, e):
     d_back = -back @ (twist_generators(bones.reference) @ transform) @ back  # eq. 29
     d_moved = np.swapaxes(d_back, 1, 2) @ quadric @ back + back.T @ quadric @ d_back  # eq. 28
     d_dual = -dual @ d_moved @ dual  # eq. 27
-    return camera_matrix @ dual @ camera_matrix.T, camera_matrix @ d_dual @ camera_matrix.T  # eqs. 15, 26
+    return (
+        camera_matrix @ dual @ camera_matrix.T,
+        camera_matrix @ d_dual @ camera_matrix.T,
+    )  # eqs. 15, 26
 
 
 def is_seen(conic_dual, camera_matrix, centre):
@@ -59,7 +62,9 @@ def is_seen(conic_dual, camera_matrix, centre):
     return depth > 0 and conic_dual[2, 2] < -1e-6 * depth**2
 
 
-def dense_field(silhouettes, ellipsoids, bones, levels=None, clamp=False, depth_scaled=False, observed=None):
+def dense_field(
+    silhouettes, ellipsoids, bones, levels=None, clamp=False, depth_scaled=False, observed=None
+):
     """Return the dense field of all valid pixels. levels: (C, E, 2) the ramp's t and s; observed: list of (H, W)."""
     parts = [
         _camera_field(s, ellipsoids, bones, None if levels is None else levels[i], clamp, depth_scaled,
@@ -70,7 +75,7 @@ def dense_field(silhouettes, ellipsoids, bones, levels=None, clamp=False, depth_
 
 
 def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled, observed):
-    width, height = silhouette.camera.size
+    width = silhouette.camera.size[0]
     rows, columns = np.nonzero(
         (np.arange(width) >= silhouette.valid[:, :1]) & (np.arange(width) < silhouette.valid[:, 1:])
     )
@@ -100,7 +105,9 @@ def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled, ob
         wins = value < lowest  # eqs. 19, 23
         lowest[wins] = value[wins]
         jacobian[wins] = 0.0
-        jacobian[wins, 6 * bone : 6 * bone + 6] = np.einsum("pi,kij,pj->pk", m[wins], d_conic, m[wins])  # eq. 24
+        jacobian[wins, 6 * bone : 6 * bone + 6] = np.einsum(
+            "pi,kij,pj->pk", m[wins], d_conic, m[wins]
+        )  # eq. 24
     if clamp:
         jacobian[lowest <= -1.0] = 0.0
         lowest = np.maximum(lowest, -1.0)

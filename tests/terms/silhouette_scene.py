@@ -34,7 +34,9 @@ def ellipsoids_of(rng, count=14, radii=(0.006, 0.025)):
 def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
     """Return a camera that looks at the origin from anywhere."""
     rotation = Rotation.random(rng=rng).as_matrix()
-    matrix = np.array([[focal, 0, size[0] / 2 - 3.3], [0, 1.1 * focal, size[1] / 2 + 2.1], [0, 0, 1.0]])
+    matrix = np.array(
+        [[focal, 0, size[0] / 2 - 3.3], [0, 1.1 * focal, size[1] / 2 + 2.1], [0, 0, 1.0]]
+    )
     return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, distance]))
 
 
@@ -44,9 +46,16 @@ def silhouette_of(rng, camera, full=False):
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     mask = np.zeros((height, width))
     for _ in range(4):
-        cu, cv, r = rng.uniform(0.3, 0.7) * width, rng.uniform(0.3, 0.7) * height, rng.uniform(4, 14)
+        cu, cv, r = (
+            rng.uniform(0.3, 0.7) * width,
+            rng.uniform(0.3, 0.7) * height,
+            rng.uniform(4, 14),
+        )
         mask = np.maximum(mask, np.clip(r - np.hypot(u - cu, v - cv), 0, 1))
-    begin, end = rng.integers(0, width // 4, height), rng.integers(3 * width // 4, width + 1, height)
+    begin, end = (
+        rng.integers(0, width // 4, height),
+        rng.integers(3 * width // 4, width + 1, height),
+    )
     end[rng.random(height) < 0.1] = 0
     valid = np.stack([np.minimum(begin, end), end], axis=1)
     if full:
@@ -56,7 +65,9 @@ def silhouette_of(rng, camera, full=False):
 
 def silhouettes_of(rng, count=3, full=False, **camera):
     """Return silhouettes of several cameras."""
-    return [silhouette_of(rng, camera_of(rng, name=f"cam{i}", **camera), full) for i in range(count)]
+    return [
+        silhouette_of(rng, camera_of(rng, name=f"cam{i}", **camera), full) for i in range(count)
+    ]
 
 
 def assert_same_system(ours, other, tolerance=1e-9):

@@ -37,7 +37,9 @@ def test_moments_equal_the_dense_jacobian(seed, normalised):
 
 
 def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng):
-    radii = np.array([[1e-3] * 3, [2e-3, 4e-3, 1e-3], [0.3, 0.2, 0.3], [0.02, 0.2, 0.02], [0.01] * 3])
+    radii = np.array(
+        [[1e-3] * 3, [2e-3, 4e-3, 1e-3], [0.3, 0.2, 0.3], [0.02, 0.2, 0.02], [0.01] * 3]
+    )
     flesh = Ellipsoids(
         tuple("abcde"),
         np.arange(5),
@@ -45,12 +47,16 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng):
         Rotation.random(5, rng=rng).as_matrix(),
         radii,
     )
-    position = np.array([[0.01, 0, 0], [-0.03, 0.02, 0], [0, 0.1, 0.2], [0.2, 0, 0], [0.24, 0.15, 0]])
+    position = np.array(
+        [[0.01, 0, 0], [-0.03, 0.02, 0], [0, 0.1, 0.2], [0.2, 0, 0], [0.24, 0.15, 0]]
+    )
     bones = BonePoses(position[0], Rotation.random(5, rng=rng).as_matrix(), position)
     seen = silhouettes_of(rng, 4, distance=0.8)
     for normalised in (True, False):
         ours = ConicFieldTerm(seen, flesh, normalised=normalised).linearize(bones)
-        assert_same_system(ours, dense_field(seen, flesh, bones, depth_scaled=not normalised).system())
+        assert_same_system(
+            ours, dense_field(seen, flesh, bones, depth_scaled=not normalised).system()
+        )
 
 
 def test_an_observed_field_takes_the_masks_place(rng):
@@ -81,7 +87,9 @@ def test_gradient_is_the_slope_of_the_cost(rng, normalised):
         direction = rng.normal(size=30)
         step = 1e-9 * direction
         slope = (term.cost(moved_along(bones, step)) - term.cost(moved_along(bones, -step))) / 2e-9
-        assert slope == pytest.approx(gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max())
+        assert slope == pytest.approx(
+            gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max()
+        )
 
 
 def test_moving_hand_and_cameras_together_changes_nothing(rng):
@@ -91,7 +99,9 @@ def test_moving_hand_and_cameras_together_changes_nothing(rng):
     def carried(silhouette):
         camera = silhouette.camera
         rotation = camera.rotation @ turn.T
-        moved = replace(camera, rotation=rotation, translation=camera.translation - rotation @ shift)
+        moved = replace(
+            camera, rotation=rotation, translation=camera.translation - rotation @ shift
+        )
         return replace(silhouette, camera=moved)
 
     there = BonePoses(
@@ -124,7 +134,9 @@ def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
     centre = seen[0].camera.centre
     back = -seen[0].camera.rotation[2]
-    places = np.stack([centre, centre + 0.3 * back, centre - 0.01 * back, centre + 5 * seen[0].camera.rotation[0]])
+    places = np.stack(
+        [centre, centre + 0.3 * back, centre - 0.01 * back, centre + 5 * seen[0].camera.rotation[0]]
+    )
     bones = replace(bones, position=np.concatenate([places, bones.position[:1]]))
     flesh = replace(flesh, centre=np.zeros_like(flesh.centre))
     system = ConicFieldTerm(seen, flesh).linearize(bones)
@@ -151,7 +163,9 @@ def test_nothing_in_view_leaves_the_masks_cost_and_no_slope(rng):
 def test_empty_masks_and_unseen_images_are_no_trouble(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
     black = [replace(s, mask=np.zeros_like(s.mask)) for s in seen]
-    assert_same_system(ConicFieldTerm(black, flesh).linearize(bones), dense_field(black, flesh, bones).system())
+    assert_same_system(
+        ConicFieldTerm(black, flesh).linearize(bones), dense_field(black, flesh, bones).system()
+    )
     unseen = [replace(s, valid=np.zeros_like(s.valid)) for s in seen]
     assert ConicFieldTerm(unseen, flesh).linearize(bones).cost == 0.0
 
@@ -167,13 +181,18 @@ def test_several_terms_share_a_prepared_silhouette(rng):
 def test_each_silhouette_may_have_its_own_weight(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
     together = ConicFieldTerm(seen, flesh, weight=(1.0, 2.0, 0.5)).linearize(bones)
-    apart = [ConicFieldTerm([s], flesh, weight=w).linearize(bones) for s, w in zip(seen, (1.0, 2.0, 0.5), strict=True)]
+    apart = [
+        ConicFieldTerm([s], flesh, weight=w).linearize(bones)
+        for s, w in zip(seen, (1.0, 2.0, 0.5), strict=True)
+    ]
     assert_same_system(together, apart[0] + apart[1] + apart[2], 1e-12)
 
 
 def test_bad_silhouettes_are_refused(rng):
     seen = silhouettes_of(rng, 1)[0]
-    with pytest.raises(HandtrackError, match=r"silhouette of camera 'cam0': expected .* \(72, 96\), found \(5, 5\)"):
+    with pytest.raises(
+        HandtrackError, match=r"silhouette of camera 'cam0': expected .* \(72, 96\), found \(5, 5\)"
+    ):
         prepare(replace(seen, mask=np.zeros((5, 5), np.float32)))
     holed = seen.mask.copy()
     holed[40, 48] = np.nan
@@ -182,7 +201,17 @@ def test_bad_silhouettes_are_refused(rng):
 
 
 @pytest.mark.parametrize(
-    "line", [(1, 0, -10), (-1, 0, 10), (0, 1, -20), (0, -1, 20), (0.3, -1.1, 7.0), (-2.0, 0.7, 31), (0, 0, -1), (0, 0, 1)]
+    "line",
+    [
+        (1, 0, -10),
+        (-1, 0, 10),
+        (0, 1, -20),
+        (0, -1, 20),
+        (0.3, -1.1, 7.0),
+        (-2.0, 0.7, 31),
+        (0, 0, -1),
+        (0, 0, 1),
+    ],
 )
 def test_spans_are_cut_where_the_line_says(rng, line):
     valid = silhouettes_of(rng, 1)[0].valid
@@ -208,11 +237,20 @@ def test_overlap_counts_pixels(rng):
 
 def test_one_circle_by_hand():
     """A sphere seen along the axis: the field at the centre pixel is −1, the gradient has no sideways part."""
-    camera = Camera("c", (41, 41), np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]), np.zeros(5), np.eye(3), np.zeros(3))
+    camera = Camera(
+        "c",
+        (41, 41),
+        np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
+        np.zeros(5),
+        np.eye(3),
+        np.zeros(3),
+    )
     valid = np.tile(np.array([20, 21], np.int32), (41, 1))
     valid[np.arange(41) != 20] = 0
     silhouette = Silhouette(camera, np.zeros((41, 41), np.float32), valid)
-    flesh = Ellipsoids(("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.1))
+    flesh = Ellipsoids(
+        ("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.1)
+    )
     bones = BonePoses(np.array([0, 0, 1.0]), np.eye(3)[None], np.array([[0, 0, 1.0]]))
     system = ConicFieldTerm([silhouette], flesh).linearize(bones)
     assert system.cost == pytest.approx(0.5)

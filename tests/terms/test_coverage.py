@@ -54,7 +54,9 @@ def test_gradient_is_the_slope_of_the_cost(rng, antisymmetric):
         step = 1e-9 * direction
         slope = (term.cost(moved_along(bones, step)) - term.cost(moved_along(bones, -step))) / 2e-9
         # the step is short: the cost has a kink wherever a pixel changes hands or enters a band
-        assert slope == pytest.approx(gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max())
+        assert slope == pytest.approx(
+            gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max()
+        )
 
 
 def test_the_band_reaches_as_far_as_it_says():
@@ -76,7 +78,11 @@ def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):
     mask = np.clip(mask_radius_px - np.hypot(u - 60.3, v - 59.8) + 0.5, 0, 1).astype(np.float32)
     silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (121, 1)))
     flesh = Ellipsoids(
-        ("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), radius_px * far / focal)
+        ("ball",),
+        np.zeros(1, int),
+        np.zeros((1, 3)),
+        np.eye(3)[None],
+        np.full((1, 3), radius_px * far / focal),
     )
     bones = BonePoses(np.array([0, 0, far]), np.eye(3)[None], np.array([[0, 0, far]]))
     return CoverageTerm([silhouette], flesh, band_px, bones, antisymmetric), bones
@@ -85,14 +91,18 @@ def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):
 def test_mask_beside_the_model_pulls_within_the_band():
     """What the 2007 field cannot see: silhouette that no ellipsoid covers, here a larger disc."""
     term, bones = disc(30, 33, 5.0, antisymmetric=False)
-    assert term.linearize(bones).gradient[2] > 0  # nearer is larger: the cost falls towards the camera
+    assert (
+        term.linearize(bones).gradient[2] > 0
+    )  # nearer is larger: the cost falls towards the camera
     beyond, bones = disc(30, 30, 0.1, antisymmetric=False)
     shifted = BonePoses(bones.reference, bones.rotation, bones.position + [50.0, 0, 0])
     assert not beyond.linearize(shifted).gradient.any()
 
 
 @pytest.mark.parametrize(("antisymmetric", "expected"), [(True, 0.0), (False, 6.0**2 / 60.0)])
-def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(antisymmetric, expected):
+def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(
+    antisymmetric, expected
+):
     """The wide form is −½ − α/4 at the outline: one edge alone comes to lie w²/2R off."""
     band, radius, far = 6.0, 30.0, 20.0
     camera = Camera(
@@ -117,5 +127,8 @@ def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric
 def test_bands_may_differ_from_camera_to_camera(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
     together = CoverageTerm(seen, flesh, (1.0, 2.0, 3.0), bones).linearize(bones)
-    apart = [CoverageTerm([s], flesh, w, bones).linearize(bones) for s, w in zip(seen, (1.0, 2.0, 3.0), strict=True)]
+    apart = [
+        CoverageTerm([s], flesh, w, bones).linearize(bones)
+        for s, w in zip(seen, (1.0, 2.0, 3.0), strict=True)
+    ]
     assert_same_system(together, apart[0] + apart[1] + apart[2], 1e-12)

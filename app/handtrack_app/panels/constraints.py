@@ -9,7 +9,7 @@ from typing import Any
 
 import viser
 
-from handtrack_app.messages import SessionSnapshot, SetLimits, SetSetting
+from handtrack_app.messages import FitSize, SessionSnapshot, SetLimits, SetSetting
 from handtrack_app.panels.page import Page, number
 from handtrack_app.panels.pose import GROUPS, group_of, label_of, unit_of
 
@@ -83,9 +83,16 @@ class SettingsPanel:
                 for title, knobs in KNOBS.items():
                     known = [k for k in knobs if k.name in session.settings]
                     if known:
-                        with self.page.gui.add_folder(title, expand_by_default=title in ("Hand", "Silhouettes")):
+                        with self.page.gui.add_folder(
+                            title, expand_by_default=title in ("Hand", "Silhouettes")
+                        ):
                             for knob in known:
                                 self._add(knob, session.settings[knob.name])
+                size = self.page.gui.add_button(
+                    "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
+                    hint="From the frames near the first-frame pose. Done by itself before the first tracking.",
+                )  # fmt: skip
+                size.on_click(self.page.from_user(lambda _: self.page.send(FitSize())))
         for knob, widget in self.knobs.values():
             value: Any = session.settings.get(knob.name)
             shown = shown_value(knob, value)
@@ -96,13 +103,20 @@ class SettingsPanel:
         gui, shown = self.page.gui, shown_value(knob, value)
         if knob.choices:
             words = tuple(knob.choices)
-            widget: Any = gui.add_dropdown(knob.label, words, initial_value=shown or words[0], hint=knob.hint)
+            widget: Any = gui.add_dropdown(
+                knob.label, words, initial_value=shown or words[0], hint=knob.hint
+            )
         elif isinstance(value, bool):
             widget = gui.add_checkbox(knob.label, value, hint=knob.hint)
         else:
             low, high, step = knob.span or (0.0, 100.0, 0.1)
             widget = gui.add_slider(
-                knob.label, min(low, shown), max(high, shown), step, initial_value=shown, hint=knob.hint
+                knob.label,
+                min(low, shown),
+                max(high, shown),
+                step,
+                initial_value=shown,
+                hint=knob.hint,
             )
         widget.on_update(self.page.from_user(lambda event: self._changed(knob, event)))
         self.knobs[knob.name] = (knob, widget)
@@ -126,7 +140,9 @@ def shown_value(knob: Knob, value: Any) -> Any:
     if isinstance(value, bool):
         return value
     if isinstance(value, (int, float)):
-        return int(value) if knob.span is not None and isinstance(knob.span[2], int) else float(value)
+        return (
+            int(value) if knob.span is not None and isinstance(knob.span[2], int) else float(value)
+        )
     return None
 
 
@@ -147,7 +163,9 @@ class LimitsPanel:
                 "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
                 "degrees. The solver stays inside, and so do the pose sliders.</div>"
             )
-            back = gui.add_button("Restore the model's limits", color="gray", icon=viser.Icon.RESTORE)
+            back = gui.add_button(
+                "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE
+            )
         back.on_click(self.page.from_user(lambda _: self._restore()))
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -176,14 +194,23 @@ class LimitsPanel:
             for name in members:
                 low, high = degrees(session.own_interval[self.names.index(name)])
                 widget = self.page.gui.add_multi_slider(
-                    label_of(name), low - 40.0, high + 40.0, 1.0, initial_value=(low, high), min_range=1.0
+                    label_of(name),
+                    low - 40.0,
+                    high + 40.0,
+                    1.0,
+                    initial_value=(low, high),
+                    min_range=1.0,
                 )
-                widget.on_update(self.page.from_user(lambda event, name=name: self._changed(name, event)))
+                widget.on_update(
+                    self.page.from_user(lambda event, name=name: self._changed(name, event))
+                )
                 self.ranges[name] = widget
 
     def _name(self, name: str, interval: tuple[float, float]) -> None:
         """The range itself shows no numbers: they stand in its label."""
-        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}…{interval[1]:.0f}°".replace("-", "−")
+        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}…{interval[1]:.0f}°".replace(
+            "-", "−"
+        )
         if self.ranges[name].label != label:
             self.ranges[name].label = label
 

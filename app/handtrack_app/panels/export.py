@@ -32,7 +32,11 @@ class ExportPanel:
             )
             for label, (kind, hint) in _KINDS.items():
                 button = gui.add_button(label, icon=viser.Icon.DOWNLOAD, color="gray", hint=hint)
-                button.on_click(page.from_user(lambda event, kind=kind: page.send(Export(kind, event.client_id))))
+                button.on_click(
+                    page.from_user(
+                        lambda event, kind=kind: page.send(Export(kind, event.client_id))
+                    )
+                )
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""
@@ -40,4 +44,6 @@ class ExportPanel:
         if client is not None:
             client.send_file_download(download.name, download.data, save_immediately=True)
             size = len(download.data) / 1024
-            self.page.tell("done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client)
+            self.page.tell(
+                "done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client
+            )

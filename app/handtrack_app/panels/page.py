@@ -33,9 +33,13 @@ class Page:
     def gui(self) -> viser.GuiApi:
         return self.server.gui
 
-    def tell(self, level: str, title: str, text: str, client: viser.ClientHandle | None = None) -> None:
+    def tell(
+        self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
+    ) -> None:
         """Show a notification, on one client or on all."""
-        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(level, "gray")
+        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(
+            level, "gray"
+        )
         close = {"info": 8.0, "done": 8.0, "warning": 15.0}.get(level)
         clients = [client] if client is not None else list(self.server.get_clients().values())
         for target in clients:
@@ -52,7 +56,9 @@ class Page:
                 action(event)
             except Exception as error:
                 log.exception("callback failed")
-                self.tell("error", "That did not work", f"{type(error).__name__}: {error}", event.client)
+                self.tell(
+                    "error", "That did not work", f"{type(error).__name__}: {error}", event.client
+                )
 
         return callback
 

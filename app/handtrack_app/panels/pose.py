@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack_app.messages import ForgetPose, PoseSnapshot, SavePose, SessionSnapshot, SetPose, TakePose
+from handtrack_app.messages import (
+    ForgetPose,
+    PoseSnapshot,
+    SavePose,
+    SessionSnapshot,
+    SetPose,
+    TakePose,
+)
 from handtrack_app.panels.page import Page, number
 from handtrack_app.scene.palette import FINGER_COLOURS, STATUS
 
@@ -28,7 +35,7 @@ def group_of(name: str) -> str:
     """Return the folder of a parameter."""
     if name.startswith("root_"):
         return "Hand"
-    first = name.split("_")[0].capitalize()
+    first = name.split("_", maxsplit=1)[0].capitalize()
     return first if first in GROUPS else "Hand"
 
 
@@ -60,15 +67,20 @@ class PosePanel:
         with self.tab:
             self.card = gui.add_html("")
             self.edit_buttons = gui.add_button_group("Edit", ("Undo", "Redo"))
-            take = gui.add_button_group("Pose from", ("Frame before", "First frame", "Tracker"))
+            take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(
-                "Fingers as", (_KEEP,), initial_value=_KEEP, hint="Set the fingers to a pose of the library."
+                "Fingers as",
+                (_KEEP,),
+                initial_value=_KEEP,
+                hint="Set the fingers to a pose of the library.",
             )
             save = gui.add_button(
                 "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
-        self.edit_buttons.on_click(page.from_user(lambda event: travel(page, event.target.value == "Undo")))
+        self.edit_buttons.on_click(
+            page.from_user(lambda event: travel(page, event.target.value == "Undo"))
+        )
         take.on_click(page.from_user(lambda event: self._take(event.target.value)))
         self.library.on_update(page.from_user(self._choose))
         save.on_click(page.from_user(lambda _: page.send(SavePose())))
@@ -76,10 +88,10 @@ class PosePanel:
     def _take(self, choice: str) -> None:
         state = self.page.state
         version = state.begin_edit(choice)
-        if choice == "Tracker":
+        if choice == "Tracked":
             self.page.send(ForgetPose(state.frame, version))
             return
-        source = {"Frame before": "previous", "First frame": "start"}.get(choice, choice)
+        source = {"Before": "previous", "First": "start"}.get(choice, choice)
         self.page.send(TakePose(state.frame, source, version))
 
     def _choose(self, event: Any) -> None:
@@ -122,11 +134,15 @@ class PosePanel:
                 s = self.names.index(name)
                 low, high = session.interval[s] / unit_of(name)
                 if not (math.isfinite(low) and math.isfinite(high)):
-                    low, high = (-_REACH_MM, _REACH_MM) if name.startswith("root_t") else (-180.0, 180.0)
+                    low, high = (
+                        (-_REACH_MM, _REACH_MM) if name.startswith("root_t") else (-180.0, 180.0)
+                    )
                 start = float(np.clip(0.0, low, high))
                 low, high = float(math.floor(low)), float(math.ceil(high))
                 slider = gui.add_slider(label_of(name), low, high, 0.1, start)
-                slider.on_update(self.page.from_user(lambda event, name=name: self._moved(name, event)))
+                slider.on_update(
+                    self.page.from_user(lambda event, name=name: self._moved(name, event))
+                )
                 self.sliders[name] = slider
 
     def _moved(self, name: str, event: viser.GuiEvent) -> None:
@@ -145,7 +161,10 @@ class PosePanel:
             slider = self.sliders[name]
             shown = round(float(value) / unit_of(name), 1)
             if name.startswith("root_t") and not slider.min + 50 <= shown <= slider.max - 50:
-                slider.min, slider.max = min(slider.min, shown - _REACH_MM), max(slider.max, shown + _REACH_MM)
+                slider.min, slider.max = (
+                    min(slider.min, shown - _REACH_MM),
+                    max(slider.max, shown + _REACH_MM),
+                )
             shown = min(max(shown, slider.min), slider.max)
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
@@ -156,7 +175,11 @@ def travel(page: Page, back: bool) -> None:
     """Undo or redo a pose edit."""
     step = page.state.travel(back)
     if step is None:
-        page.tell("info", "Nothing to undo" if back else "Nothing to redo", "The history of pose edits ends here.")
+        page.tell(
+            "info",
+            "Nothing to undo" if back else "Nothing to redo",
+            "The history of pose edits ends here.",
+        )
         return
     page.send(SetPose(step.frame, step.values, page.state.version))
 
@@ -205,11 +228,11 @@ def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
     rows = ""
     for group, row in cells.items():
         if group in heads:
-            titles = "".join(f"<td style='text-align:center;opacity:.6'>{title}</td>" for title in heads[group])
+            titles = "".join(
+                f"<td style='text-align:center;opacity:.6'>{title}</td>" for title in heads[group]
+            )
             rows += f"<tr><td></td>{titles}</tr>"
-        rows += (
-            f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
-        )
+        rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
     return (
         "<div style='padding:.4em .9em;font-size:.8em;line-height:1.5'>"
         "<div style='opacity:.75;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
@@ -230,7 +253,13 @@ def _dot(group: str) -> str:
 def _cell(name: str, std: float) -> str:
     shown = std / unit_of(name)
     unit = " mm" if name.startswith("root_t") else "°"
-    text = "unseen" if not math.isfinite(std) else f"{shown:.1f}{unit}" if shown < 10 else f"{shown:.0f}{unit}"
+    text = (
+        "unseen"
+        if not math.isfinite(std)
+        else f"{shown:.1f}{unit}"
+        if shown < 10
+        else f"{shown:.0f}{unit}"
+    )
     share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
     red, green, blue = (low + share * (high - low)).astype(int)

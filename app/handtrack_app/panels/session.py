@@ -24,7 +24,12 @@ _STATES = {
     "tracking": ("tracking", "#56b4e9"),
     "paused": ("paused", "#cc79a7"),
 }
-_PAINT_WORDS = {"plain": "nothing", "outline": "model's outline", "residual": "silhouette residual", "field": "model's field"}
+_PAINT_WORDS = {
+    "plain": "nothing",
+    "outline": "model's outline",
+    "residual": "silhouette residual",
+    "field": "model's field",
+}
 
 
 @dataclass
@@ -50,7 +55,10 @@ class SessionPanel:
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
-                    "Look through", (FREE, *cameras), initial_value=FREE, hint="See the hand over a camera's image."
+                    "Look through",
+                    (FREE, *cameras),
+                    initial_value=FREE,
+                    hint="See the hand over a camera's image.",
                 )
                 self.paint = gui.add_dropdown(
                     "Paint over it", tuple(_PAINT_WORDS.values()), initial_value=_PAINT_WORDS[display.paint],

@@ -53,7 +53,11 @@ class TimelinePanel:
             return
         state.playing = False
         target = dict(
-            zip(_PLAY, (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1), strict=True)
+            zip(
+                _PLAY,
+                (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1),
+                strict=True,
+            )
         ).get(key)
         if target is not None:
             self.page.go_to(target)

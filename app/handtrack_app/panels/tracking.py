@@ -8,7 +8,15 @@ from typing import Any
 
 import viser
 
-from handtrack_app.messages import Cancel, Follow, Pause, ProgressSnapshot, SaveTrack, SessionSnapshot, Track
+from handtrack_app.messages import (
+    Cancel,
+    Follow,
+    Pause,
+    ProgressSnapshot,
+    SaveTrack,
+    SessionSnapshot,
+    Track,
+)
 from handtrack_app.panels.constraints import clean_interval
 from handtrack_app.panels.page import Page
 
@@ -35,8 +43,12 @@ class TrackingPanel:
         with self.tab:
             self.status = gui.add_html(progress_card(self.progress))
             self.bar = gui.add_progress_bar(0.0, visible=False)
-            self.pause = gui.add_button("Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False)
-            self.cancel = gui.add_button("Cancel", icon=icon.PLAYER_STOP, color="red", visible=False)
+            self.pause = gui.add_button(
+                "Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False
+            )
+            self.cancel = gui.add_button(
+                "Cancel", icon=icon.PLAYER_STOP, color="red", visible=False
+            )
             everything = gui.add_button(
                 "Track all frames", icon=icon.PLAYER_PLAY,
                 hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`.",
@@ -46,17 +58,26 @@ class TrackingPanel:
             onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
             with gui.add_folder("Range"):
                 self.range = gui.add_multi_slider(
-                    "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
+                    "Frames",
+                    session.start,
+                    last,
+                    1,
+                    initial_value=(session.start, last),
+                    min_range=0,
                 )
                 ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
-            self.follow = gui.add_checkbox("Follow the tracker", True, visible=False, hint="Show each frame as it is tracked.")
+            self.follow = gui.add_checkbox(
+                "Follow the tracker", True, visible=False, hint="Show each frame as it is tracked."
+            )
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         everything.on_click(page.from_user(lambda _: self._start("all")))
         here.on_click(page.from_user(lambda _: self._start("here")))
         onward.on_click(page.from_user(lambda event: self._start(event.target.value)))
         ranged.on_click(page.from_user(lambda _: self._start("range")))
-        self.pause.on_click(page.from_user(lambda _: page.send(Pause(self.progress.state != "paused"))))
+        self.pause.on_click(
+            page.from_user(lambda _: page.send(Pause(self.progress.state != "paused")))
+        )
         self.cancel.on_click(page.from_user(lambda _: page.send(Cancel())))
         self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
         save.on_click(page.from_user(lambda _: page.send(SaveTrack())))

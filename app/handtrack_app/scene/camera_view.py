@@ -13,7 +13,10 @@ from handtrack_app.messages import CameraCard, SessionSnapshot
 from handtrack_app.state import Display
 
 _FRUSTUM = 0.05  # [m] height of a drawn frustum's image: it does not hide the hand
-_WIDER, _RAISED = 1.4, 0.27  # of a view through a camera: field of view, and half heights the image is moved up
+_WIDER, _RAISED = (
+    1.4,
+    0.27,
+)  # of a view through a camera: field of view, and half heights the image is moved up
 _SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 
 
@@ -95,7 +98,9 @@ def place_screen(view: CameraRigView, camera: str | None, hand: Floats) -> None:
     view.screen_depth[camera] = depth
     (width, height), matrix = card.size, card.matrix
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    middle = np.array([(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth])
+    middle = np.array(
+        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
+    )
     view.screen.render_width = depth * width / fx
     view.screen.render_height = depth * height / fy
     view.screen.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
@@ -153,7 +158,9 @@ def first_view(session: SessionSnapshot, hand: Floats, everything: bool = False)
         points = np.array([hand, *(card.centre for card in session.cameras)])
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         radius = float(np.linalg.norm(points - middle, axis=1).max()) + 0.1
-        return Viewpoint(middle - 0.25 * radius * up + 3.4 * radius * away, middle - 0.25 * radius * up, up)
+        return Viewpoint(
+            middle - 0.25 * radius * up + 3.4 * radius * away, middle - 0.25 * radius * up, up
+        )
     aim = hand - 0.06 * up  # the hand stands in the upper part: below is the timeline
     return Viewpoint(aim + 0.8 * away, aim, up)
 

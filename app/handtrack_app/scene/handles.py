@@ -9,7 +9,12 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack.geometry.rotation import matrix_from_quaternion, quaternion_wxyz, rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import (
+    matrix_from_quaternion,
+    quaternion_wxyz,
+    rotation_matrix,
+    rotation_vector,
+)
 
 RootEdit = Callable[[dict[str, float]], None]
 _ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
@@ -32,7 +37,13 @@ class RootHandle:
 def add_root_handle(server: viser.ViserServer, name: str, on_edit: RootEdit) -> RootHandle:
     """Add the control; `on_edit` receives root parameters by name while it is dragged."""
     control = server.scene.add_transform_controls(
-        name, scale=0.09, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9, visible=False
+        name,
+        scale=0.09,
+        line_width=2.5,
+        disable_sliders=True,
+        depth_test=False,
+        opacity=0.9,
+        visible=False,
     )
     handle = RootHandle(control)
 
@@ -67,7 +78,9 @@ class TipHandles:
             control.visible = visible
 
 
-def add_tip_handles(server: viser.ViserServer, name: str, tips: tuple[str, ...], on_edit: TipEdit) -> TipHandles:
+def add_tip_handles(
+    server: viser.ViserServer, name: str, tips: tuple[str, ...], on_edit: TipEdit
+) -> TipHandles:
     """Add a control for each fingertip; `on_edit(tip, place)` is called while one is dragged."""
     handles = TipHandles({})
     for tip in tips:
@@ -95,7 +108,12 @@ def root_parameters(position: object, wxyz: object) -> dict[str, float]:
     except (TypeError, ValueError):
         return {}
     length = float(np.linalg.norm(turn))
-    if not (np.isfinite(place).all() and np.isfinite(length) and length > 1e-6 and np.abs(place).max() < 100):
+    if not (
+        np.isfinite(place).all()
+        and np.isfinite(length)
+        and length > 1e-6
+        and np.abs(place).max() < 100
+    ):
         return {}
     rotvec = rotation_vector(matrix_from_quaternion(turn / length))
     return dict(zip(_ROOT, [*place.tolist(), *rotvec.tolist()], strict=True))

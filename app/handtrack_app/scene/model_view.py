@@ -17,7 +17,9 @@ from handtrack_app.state import Display
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
 _CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
-KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)])
+KEYPOINT_LINKS = np.array(
+    [pair for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)]
+)
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         lod="off",
         visible=False,
     )
-    scales = np.stack([np.full(bones, _BONE_RADIUS), session.bone_length, np.full(bones, _BONE_RADIUS)], 1)
+    scales = np.stack(
+        [np.full(bones, _BONE_RADIUS), session.bone_length, np.full(bones, _BONE_RADIUS)], 1
+    )
     rods = scene.add_batched_meshes_simple(
         f"{name}/bones",
         rod.vertices,
@@ -117,7 +121,9 @@ def update_hand(view: HandView, pose: PoseSnapshot) -> None:
 def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     """Show the true keypoints of the pose's frame, where there are 21 of them."""
     truth = pose.truth
-    shown = display.truth and truth is not None and len(truth) == 21 and bool(np.isfinite(truth).all())
+    shown = (
+        display.truth and truth is not None and len(truth) == 21 and bool(np.isfinite(truth).all())
+    )
     if shown and truth is not None:
         view.truth_lines.points = truth[KEYPOINT_LINKS].astype(np.float32)
         view.truth_points.batched_positions = truth.astype(np.float32)

@@ -30,7 +30,9 @@ BRAND = (0, 114, 178)
 def finger_of(name: str) -> str:
     """Return the finger that a bone or parameter belongs to, or `palm`; metacarpals of fingers are palm."""
     first, _, rest = name.partition("_")
-    if first in FINGER_COLOURS and ("carpal" not in rest or (first == "thumb" and rest == "metacarpal")):
+    if first in FINGER_COLOURS and (
+        "carpal" not in rest or (first == "thumb" and rest == "metacarpal")
+    ):
         return first
     return "palm"
 

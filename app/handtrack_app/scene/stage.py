@@ -6,7 +6,14 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack_app.messages import PictureSnapshot, PoseSnapshot, PullTip, SessionSnapshot, SetPose, WantPictures
+from handtrack_app.messages import (
+    PictureSnapshot,
+    PoseSnapshot,
+    PullTip,
+    SessionSnapshot,
+    SetPose,
+    WantPictures,
+)
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.camera_view import (
     CameraRigView,
@@ -21,7 +28,14 @@ from handtrack_app.scene.camera_view import (
     update_thumbnails,
 )
 from handtrack_app.scene.handles import RootHandle, TipHandles, add_root_handle, add_tip_handles
-from handtrack_app.scene.model_view import HandView, add_hand, remove_hand, show_hand, update_hand, update_truth
+from handtrack_app.scene.model_view import (
+    HandView,
+    add_hand,
+    remove_hand,
+    show_hand,
+    update_hand,
+    update_truth,
+)
 from handtrack_app.state import Display
 
 
@@ -49,8 +63,14 @@ class Stage:
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved)
-            self.tips = add_tip_handles(self.page.server, "/tips", session.tip_names, self._tip_moved)
-        if before is None or before.bone_names != session.bone_names or before.model != session.model:
+            self.tips = add_tip_handles(
+                self.page.server, "/tips", session.tip_names, self._tip_moved
+            )
+        if (
+            before is None
+            or before.bone_names != session.bone_names
+            or before.model != session.model
+        ):
             if self.hand is not None:
                 remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
@@ -127,7 +147,11 @@ class Stage:
         server = self.page.server
         server.scene.set_up_direction(self.view.up)
         start = server.initial_camera
-        start.up, start.position, start.look_at = self.view.up, self.view.position, self.view.look_at
+        start.up, start.position, start.look_at = (
+            self.view.up,
+            self.view.position,
+            self.view.look_at,
+        )
         start.fov, start.near, start.far = self.view.fov, 0.005, 50.0
         for client in server.get_clients().values():
             look_from(client, self.view)
@@ -138,7 +162,9 @@ class Stage:
         if through is not None:
             self.look(through, client)
 
-    def look(self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False) -> None:
+    def look(
+        self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
+    ) -> None:
         """Look through a camera, or freely (None) at the hand or at everything."""
         display = self.page.state.display
         display.through = camera

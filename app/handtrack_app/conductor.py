@@ -1,0 +1,200 @@
+"""The conductor: starts, follows and ends the worker's background jobs, one at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from handtrack.errors import HandtrackError
+from handtrack_app import exporting
+from handtrack_app import messages as m
+from handtrack_app.background_job import (
+    BackgroundJob,
+    Ended,
+    Report,
+    Sized,
+    SizingJob,
+    Tracked,
+    TrackingJob,
+    Watch,
+)
+from handtrack_app.document import Document, params_of
+from handtrack_app.keeping import Keeper
+
+_SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
+_STRIP_EVERY_S = 0.25  # and the timeline is redrawn
+_WORDS = {
+    "paused": "Paused",
+    "tracking": "Tracking",
+    "preparing": "Preparing (the first time, code is compiled once) …",
+    "sizing": "Fitting the hand's size (once a session) …",
+}
+
+
+class Conductor:
+    """Lives on the worker's thread; only `cancel`, `pause` and `stop` may come from others."""
+
+    def __init__(
+        self,
+        document: Document,
+        keeper: Keeper,
+        publish: Callable[[m.Snapshot], None],
+        post: Callable[[Report], None],
+        watch: Watch | None = None,
+    ) -> None:
+        self.follow = True
+        """each tracked frame is shown"""
+        self._document, self._keeper = document, keeper
+        self._publish, self._post, self._watch = publish, post, watch
+        self._job: BackgroundJob | None = None
+        self._then: m.Track | None = None
+        self._count = 0
+        self._shown = self._stripped = 0.0
+
+    @property
+    def busy(self) -> bool:
+        return self._job is not None
+
+    # ---- from any thread
+
+    def cancel(self) -> None:
+        """Ask the job to stop at its next solver step."""
+        job = self._job
+        if job is not None:
+            job.cancel()
+
+    def pause(self, on: bool) -> None:
+        """Hold the job, or let it go on."""
+        job = self._job
+        if job is not None:
+            job.pause(on)
+
+    def stop(self, timeout: float) -> None:
+        """End the job and wait for it."""
+        job = self._job
+        if job is not None:
+            job.cancel()
+            job.join(timeout)
+
+    # ---- starting
+
+    def track(self, order: m.Track) -> None:
+        """Begin to track; a hand's size that is still to be fitted comes first."""
+        document = self._document
+        self._refuse_if_busy()
+        frames = range(
+            max(order.start, document.frames.start), min(order.stop, document.frames.stop)
+        )
+        if not frames or order.first not in document.frames:
+            raise HandtrackError(
+                f"No frames to track: {order.start} to {order.stop} of a session with frames "
+                f"{document.frames.start} to {document.frames.stop - 1}."
+            )
+        if document.size_pending and document.run.first is not None:
+            self.fit_size(order)
+            return
+        start = params_of(document.model, document.pose_at(order.first))
+        self._begin(
+            TrackingJob(
+                self._next(), document.run, frames, order.first, start, self._post, self._watch
+            )
+        )
+
+    def fit_size(self, then: m.Track | None = None) -> None:
+        """Begin to fit the hand's size, and afterwards perhaps to track."""
+        self._refuse_if_busy()
+        if self._document.run.first is None:
+            raise HandtrackError(
+                "The hand's size is fitted from the first-frame pose on, and this session has none yet. Pose the hand "
+                "and press 'Save as first-frame pose'."
+            )
+        self._then = then
+        self._begin(SizingJob(self._next(), self._document.run, self._post))
+
+    def _refuse_if_busy(self) -> None:
+        if self._job is not None:
+            raise HandtrackError("Tracking is already running. Cancel it first.")
+
+    def _next(self) -> int:
+        self._count += 1
+        return self._count
+
+    def _begin(self, job: BackgroundJob) -> None:
+        self._job = job
+        job.start()
+        self.show_progress()
+
+    # ---- following
+
+    def take(self, report: Report) -> None:
+        """Take a report of the job; those of an earlier job are passed over."""
+        job = self._job
+        if job is None or job.number != report.job:
+            return
+        match report:
+            case Tracked():
+                self._tracked(report)
+            case Sized():
+                self._document.set_scale(report.scale)
+                scale = {"overall": report.scale.overall, "parts": report.scale.parts}
+                self._keeper.note("scale", scale)
+                self._publish(self._document.session_snapshot())
+                self._publish(self._document.pose_snapshot())
+            case Ended():
+                self._ended(job, report)
+
+    def _tracked(self, done: Tracked) -> None:
+        document, now = self._document, time.monotonic()
+        document.accept(done.result)
+        self._keeper.note_result(done.result)
+        if self.follow and now - self._shown > _SHOW_EVERY_S:
+            self._shown = now
+            document.show(done.result.frame)
+            self._publish(document.pose_snapshot())
+        if now - self._stripped > _STRIP_EVERY_S:
+            self._stripped = now
+            self._publish(document.strip_snapshot())
+        self.show_progress()
+
+    def _ended(self, job: BackgroundJob, end: Ended) -> None:
+        self._job = None
+        then, self._then = self._then, None
+        document = self._document
+        document.show(document.frame)
+        self._publish(document.pose_snapshot())
+        self._publish(document.strip_snapshot())
+        if job.done:
+            self._keeper.settle()
+        self._tell(job, end)
+        if then is not None and not end.cancelled and not end.error:
+            document.size_pending = False
+            self.track(then)
+        else:
+            self.show_progress()
+
+    def _tell(self, job: BackgroundJob, end: Ended) -> None:
+        if end.internal:
+            text = exporting.internal_error_text(end.error)
+            self._publish(m.Notice("error", "Internal error while tracking", text))
+        elif end.error:
+            self._publish(m.Notice("error", "Tracking stopped", end.error))
+        elif job.kind == "sizing":
+            size = self._document.model.scale.overall
+            text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
+            title = "Cancelled" if end.cancelled else "Hand size fitted"
+            self._publish(m.Notice("done", title, text))
+        else:
+            took = time.monotonic() - job.began - job.waited
+            title = "Cancelled" if end.cancelled else "Tracking finished"
+            text = exporting.summary(self._document, job.frames, job.done, took)
+            self._publish(m.Notice("done", title, text))
+
+    def show_progress(self) -> None:
+        """Say what is going on."""
+        job = self._job
+        if job is None:
+            self._publish(m.ProgressSnapshot("idle", "Ready"))
+            return
+        state = "paused" if job.paused else "tracking" if job.done else "preparing"
+        words = _WORDS["sizing" if job.kind == "sizing" and not job.paused else state]
+        self._publish(m.ProgressSnapshot(state, words, job.done, len(job.frames), job.eta_s()))

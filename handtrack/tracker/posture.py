@@ -1,0 +1,37 @@
+"""How the joints of a hand go together: soft knowledge that decides only what is not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.terms.priors import LinearPrior
+
+# (parameter, ratio, other, sigma in degrees): parameter ≈ ratio · other. The last two joints of a finger share
+# a tendon (2/3: the 2004 paper; Lin, Wu & Huang 2000). Neighbouring fingers move each other, index and thumb
+# least, ring most: Häger-Ross & Schieber (2000), "Quantifying the independence of human finger movements",
+# J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures.
+_TOGETHER = (
+    [("thumb_ip_flex", 2 / 3, "thumb_mcp_flex", 25.0)]
+    + [(f"{f}_dip_flex", 2 / 3, f"{f}_pip_flex", 14.0) for f in ("index", "middle", "ring", "little")]
+    + [
+        (f"{a}_{joint}_flex", 1.0, f"{b}_{joint}_flex", sigma)
+        for a, b, sigma in (("index", "middle", 35.0), ("middle", "ring", 20.0), ("ring", "little", 20.0))
+        for joint in ("mcp", "pip")
+    ]
+)
+
+
+def posture_prior(model: ArticulatedModel, strength: float) -> LinearPrior | None:
+    """Return the prior for a model's joint parameters; None for a model without fingers."""
+    names = model.parameter_names
+    known = [row for row in _TOGETHER if row[0] in names and row[2] in names]
+    if not known:
+        return None
+    rows: Floats = np.zeros((len(known), len(names)))
+    for row, (name, ratio, other, sigma) in zip(rows, known, strict=True):
+        row[names.index(name)] = 1.0
+        row[names.index(other)] = -ratio
+        row *= np.sqrt(strength) / np.deg2rad(sigma)
+    return LinearPrior(rows)

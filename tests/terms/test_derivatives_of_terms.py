@@ -1,0 +1,101 @@
+"""Every term, every bone, every direction: gradient against finite differences of the cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.solver.problem import Problem
+from handtrack.terms.conic_field import ConicFieldTerm
+from handtrack.terms.coverage import CoverageTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import GemanMcClure, Quadratic
+from handtrack.terms.priors import GaussianPrior, LinearPrior
+from tests.derivatives import check_observation_term, check_parameter_term, check_problem
+from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of
+
+# Pixels change hands between ellipsoids and enter bands: the cost has a kink there, so steps are short.
+KINKED = {"step": 1e-9, "rtol": 1e-3}
+LOSSES = [Quadratic(), GemanMcClure(3.0)]
+
+
+def seen_by(rng, model, params, camera=None):
+    """Return keypoints 5 mm or 3 pixels off, one of them unknown."""
+    points = model.joint_positions(model.bones(params))
+    if camera is None:
+        points = points + rng.normal(scale=0.005, size=points.shape)
+        points[4] = np.nan
+        return Keypoints(model.joint_names, points, 0.004)
+    pixels = camera.project(points) + rng.normal(scale=3.0, size=(len(points), 2))
+    pixels[4] = np.nan
+    return ImageKeypoints(camera, model.joint_names, pixels, 2.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model(coupling="18")
+
+
+@pytest.fixture
+def params(rng, model):
+    return model.clipped(model.rest_params() + rng.normal(scale=0.2, size=len(model.rest_params())))
+
+
+@pytest.fixture
+def camera(rng) -> Camera:
+    matrix = np.array([[500.0, 0, 310], [0, 510, 250], [0, 0, 1]])
+    return Camera("cam0", (640, 480), matrix, np.zeros(5), np.eye(3), np.array([0.1, 0.0, 0.9]))
+
+
+@pytest.mark.parametrize("normalised", [True, False])
+def test_conic_field(rng, normalised):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    seen = silhouettes_of(rng, focal=300.0, size=(260, 220))
+    check_observation_term(ConicFieldTerm(seen, flesh, normalised=normalised), bones, **KINKED)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_coverage(rng, antisymmetric):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    seen = silhouettes_of(rng, focal=300.0, size=(260, 220))
+    check_observation_term(CoverageTerm(seen, flesh, 4.0, bones, antisymmetric), bones, **KINKED)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("view", ["space", "image"])
+def test_keypoints(rng, model, params, camera, view, loss):
+    observed = seen_by(rng, model, params, camera if view == "image" else None)
+    term = KeypointTerm(model, observed, 0.7, loss)
+    bones = model.bones(model.clipped(params + rng.normal(scale=0.02, size=len(params))))
+    check_observation_term(term, bones, model.skeleton.bone_names)
+
+
+def test_gaussian_prior(rng, model):
+    count = len(model.parameter_names)
+    sigma = rng.uniform(0.05, 0.5, count)
+    sigma[:6] = np.inf
+    term = GaussianPrior(model.rest, sigma)
+    check_parameter_term(term, rng.normal(size=count), model.parameter_names)
+
+
+def test_linear_prior(rng, model):
+    count = len(model.parameter_names)
+    term = LinearPrior(rng.normal(size=(5, count)))
+    check_parameter_term(term, rng.normal(size=count), model.parameter_names)
+
+
+@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+def test_whole_problem(rng, camera, coupling):
+    """Kinematics, couplings and both ledgers together."""
+    hand = load_model(coupling=coupling)
+    params = hand.clipped(rng.normal(scale=0.3, size=len(hand.rest_params())))
+    terms = [
+        KeypointTerm(hand, seen_by(rng, hand, params)),
+        KeypointTerm(hand, seen_by(rng, hand, params, camera), loss=GemanMcClure(3.0)),
+    ]
+    prior = GaussianPrior(hand.rest, np.full(len(hand.rest), 0.3))
+    off = params + rng.normal(scale=0.05, size=len(params))
+    check_problem(Problem(hand, terms, (prior,)), off)
