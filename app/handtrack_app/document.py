@@ -240,6 +240,7 @@ class Document:
             std=result.parameter_std if result is not None and not by_hand else None,
             truth=truth,
             error_mm=mean_error_mm(found, truth),
+            note=result.note if result is not None and not by_hand else "",
         )
 
     def strip_snapshot(self) -> StripSnapshot:

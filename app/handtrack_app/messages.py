@@ -217,6 +217,8 @@ class PoseSnapshot:
     """(K, 3) true keypoints, world [m]"""
     error_mm: float
     """mean distance to the truth; NaN without"""
+    note: str = ""
+    """why the frame is doubtful or lost"""
 
 
 @dataclass(frozen=True)

@@ -57,4 +57,4 @@ def nearest_to_axes(cameras: list[Any]) -> Floats:
         guess = camera.centre + 0.5 * axis
         system += across
         right += across @ camera.centre + 1e-3 * guess / len(cameras)
-    return np.linalg.solve(system, right)
+    return np.asarray(np.linalg.solve(system, right), dtype=float)

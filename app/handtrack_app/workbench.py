@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import sys
 import threading
 import time
 import webbrowser
 from pathlib import Path
+from typing import Any
 
 import viser
 
+from handtrack.tracker.result import FrameResult
 from handtrack_app import messages as m
 from handtrack_app.background_job import Watch
 from handtrack_app.exporting import LOG_FILE
@@ -25,6 +28,7 @@ from handtrack_app.state import UserState
 from handtrack_app.worker import Opener, Worker
 
 log = logging.getLogger(__name__)
+_PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
 
 
 class Workbench:
@@ -140,6 +144,7 @@ class Workbench:
                         self.state.values = ()
                         self.state.undo.past.clear()
                         self.state.undo.future.clear()
+                self.player.fps = snapshot.fps
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)
                 self.redraw()
@@ -183,7 +188,8 @@ def run_workbench(
 ) -> None:
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
-    port: the one asked for; the usual one gives way to the next free one.
+    port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
+    to rerun's viewer. demo: say what to try first.
     """
     warning = host_warning(host)
     if warning:
@@ -191,18 +197,50 @@ def run_workbench(
     records = logging.FileHandler(LOG_FILE, delay=True)
     records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.getLogger("handtrack_app").addHandler(records)
-    bench = Workbench(
-        session_folder, host, choose_port(host, None if port == FIRST_PORT else port)
-    ).start()
-    print(
-        f"handtrack: {Path(session_folder).name} is open at {bench.url} (Ctrl-C ends)", flush=True
-    )
-    if open_browser:
-        webbrowser.open(bench.url)
+    recorder = _Recorder() if rerun else None
+    chosen = choose_port(host, None if port == FIRST_PORT else port)
+    watch = recorder.show if recorder is not None else None
+    bench = Workbench(session_folder, host, chosen, watch=watch).start()
     try:
+        failure = bench.worker.wait_opened(_PATIENCE_S)
+        if failure is not None:
+            raise failure
+        print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+        if demo:
+            print(
+                "Try: tab Track, 'Track all frames'; then tab View, 'Look through' a camera.",
+                flush=True,
+            )
+        if open_browser:
+            webbrowser.open(bench.url)
         while True:
             time.sleep(3600)
     except KeyboardInterrupt:
         pass
     finally:
         bench.stop()
+        if recorder is not None:
+            recorder.close()
+
+
+class _Recorder:
+    """Streams tracked frames to a live rerun viewer, one recording for each state of the settings."""
+
+    def __init__(self) -> None:
+        self._run: Any = None
+        self._recorder: Any = None
+
+    def show(self, run: Any, result: FrameResult) -> None:
+        """Show one tracked frame."""
+        if run is not self._run:
+            self.close()
+            module = importlib.import_module("handtrack_app.residual_recorder")  # rerun is heavy
+            self._run = run
+            self._recorder = module.ResidualRecorder(run, live=True, path=None, closely=False)
+        self._recorder.show(result)
+
+    def close(self) -> None:
+        """End the recording."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = None

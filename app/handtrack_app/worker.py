@@ -53,6 +53,8 @@ class Worker:
         self._mail: Mailbox[Request] = Mailbox(_kind)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
+        self._opened = threading.Event()
+        self._failure: Exception | None = None
         self._document: Document | None = None
         self._keeper: Keeper | None = None
         self._pictures: PictureMaker | None = None
@@ -66,6 +68,11 @@ class Worker:
 
     def start(self) -> None:
         self._thread.start()
+
+    def wait_opened(self, timeout: float) -> Exception | None:
+        """Wait for the session to open, a while at most; return why it could not."""
+        self._opened.wait(timeout)
+        return self._failure
 
     def send(self, command: m.Command) -> None:
         """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
@@ -126,7 +133,9 @@ class Worker:
         self._publish(m.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
         try:
             self._document = self._opener(self.folder, {})
-        except Exception:
+        except Exception as error:
+            self._failure = error
+            self._opened.set()
             self._publish(m.ProgressSnapshot("failed", "The session could not be opened."))
             raise
         document = self._document
@@ -144,6 +153,7 @@ class Worker:
         for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
             self._publish(m.Notice("warning", "About this session", str(warning)))
         self._conductor.show_progress()
+        self._opened.set()
 
     def _serve(self, request: Request) -> None:
         document, conductor = self._document, self._conductor

@@ -21,6 +21,8 @@ from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 
 _MM = 1e-3
+_LEAST_BAND_PX = 0.75  # a pixel is that coarse
+_FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
 
 
@@ -41,6 +43,10 @@ class FrameTerms:
         points = tuple(replace(term, model=model) for term in self.keypoints)
         return replace(self, model=model, keypoints=points)
 
+    def without_motion(self) -> FrameTerms:
+        """Return the terms without the pull to the predicted pose."""
+        return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))
+
     @property
     def stages(self) -> int:
         """How many bands the schedule has; one for the 2007 field, or where no silhouette is seen."""
@@ -52,29 +58,36 @@ class FrameTerms:
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         terms: list[ObservationTerm] = list(self.keypoints)
-        for silhouette, scale in zip(self.prepared, self.pixels_per_m, strict=True):
-            sigma = settings.outline_sigma_mm * _MM * scale
-            stretch = settings.outline_correlation_mm * _MM * scale
-            if settings.term == "conic_field":
-                # The field falls from the outline to the centre over about a finger's radius.
-                width = 0.5 * 9.0 * _MM * scale
-                weight = settings.weight * 2 * width / (stretch * sigma**2)
-                terms.append(ConicFieldTerm((silhouette,), flesh, weight=weight))
-                continue
-            band = max(settings.bands_mm[index] * _MM * scale, 0.75)
-            # ½Σr² grows by 1/(2·band) a pixel of outline and pixel² of shift: in units of the outline's error
-            weight = settings.weight * 2 * band / (stretch * sigma**2)
-            terms.append(
-                CoverageTerm(
-                    (silhouette,),
-                    flesh,
-                    band_px=band,
-                    antisymmetric=index == len(settings.bands_mm) - 1,
-                    bones_at_start=start,
-                    weight=weight,
-                )
+        if not self.prepared or settings.weight == 0:
+            return terms
+        scale = np.array(self.pixels_per_m) * _MM
+        if settings.term == "conic_field":
+            weight = self._weight(_FIELD_BAND_MM * scale)
+            terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
+            return terms
+        band = np.maximum(settings.bands_mm[index] * scale, _LEAST_BAND_PX)
+        terms.append(
+            CoverageTerm(
+                self.prepared,
+                flesh,
+                band_px=band,
+                bones_at_start=start,
+                antisymmetric=index == len(settings.bands_mm) - 1,
+                weight=self._weight(band),
             )
+        )
         return terms
+
+    def _weight(self, band_px: Floats) -> Floats:
+        """Return weights (C,) that make the cost a negative log-likelihood.
+
+        ½ Σ r² grows by 1/(2·band) for each pixel of outline and pixel² of shift. An outline that is off by sigma,
+        the same error over a stretch of it, should cost ½ for each stretch.
+        """
+        settings = self.settings.silhouettes
+        scale = np.array(self.pixels_per_m) * _MM
+        sigma, stretch = settings.outline_sigma_mm * scale, settings.outline_correlation_mm * scale
+        return settings.weight * 2 * band_px / (stretch * sigma**2)
 
 
 def frame_terms(

@@ -9,7 +9,7 @@ from handtrack.observation.observation import Observation
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.tracker import Tracker
 
-_REMEMBERED = 4  # results that a step may look back on
+_REMEMBERED = 30  # results that a step may look back on
 
 
 def track_frames(

@@ -72,6 +72,8 @@ class FollowSettings:
     """`constant_velocity` or `none` (start where the last frame ended)"""
     smoothing: float = 1.0
     """strength of the pull towards the prediction; 0 switches it off"""
+    escape: bool = True
+    """look for lost fingers over their whole range when a frame fits worse than usual"""
     jumps: bool = False
     """restart a doubtful frame from kinematic jumps"""
     doubtful_overlap: float = 0.70

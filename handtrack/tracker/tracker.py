@@ -15,6 +15,7 @@ from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracker.assessment import assess
+from handtrack.tracker.escape import escape, is_suspicious
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
 from handtrack.tracker.prediction import predict
@@ -65,6 +66,18 @@ class Tracker:
                 self.model, self.settings, observation, self.model.bones(params), expected, ahead
             )
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
+        if self.settings.tracker.escape and is_suspicious(summary.cost, previous):
+            free = terms.without_motion()
+            found = escape(
+                self._problem(free, 0, summary.params),
+                self._problem(free, free.stages - 1, summary.params),
+                summary.params,
+                lambda x: self._descend(free, x, should_stop, None)[0].params,
+                should_stop,
+            )
+            if found is not summary.params:
+                summary, problem, more = self._descend(free, found, should_stop, on_iteration)
+                count += more
         return self._result(observation, terms, problem, summary, count)
 
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:

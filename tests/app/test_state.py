@@ -10,8 +10,7 @@ from handtrack_app.state import PoseStep, UndoStack, UserState
 
 
 def _state() -> UserState:
-    state = UserState(names=("a", "b"), values=(0.0, 1.0), start=0, stop=10)
-    return state
+    return UserState(names=("a", "b"), values=(0.0, 1.0), start=0, stop=10)
 
 
 def test_an_edit_changes_one_value_and_can_be_undone_and_redone() -> None:

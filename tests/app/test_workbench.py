@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack_app import messages as m
-from handtrack_app.workbench import Workbench
+from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.wire import WireClient
 
@@ -181,3 +182,17 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
     bench.stop()
     assert busy in ("preparing", "tracking")
     assert np.quantile(waits, 0.95) <= 0.1, f"95 %: {1000 * np.quantile(waits, 0.95):.0f} ms"
+
+
+def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match="does not exist; expected a session folder"):
+        run_workbench(tmp_path / "nothing", port=0, open_browser=False)
+
+
+def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
+    bench._snapshots.put(m.Notice("info", "Welcome back", "Brought back: 3 poses."))
+    time.sleep(0.1)
+    with WireClient(bench.port) as client:
+        eventually(
+            lambda: any("Welcome back" in str(message) for _, message in client.messages), "told"
+        )

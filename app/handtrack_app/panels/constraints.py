@@ -208,7 +208,7 @@ class LimitsPanel:
 
     def _name(self, name: str, interval: tuple[float, float]) -> None:
         """The range itself shows no numbers: they stand in its label."""
-        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}…{interval[1]:.0f}°".replace(
+        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
             "-", "−"
         )
         if self.ranges[name].label != label:

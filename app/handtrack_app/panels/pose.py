@@ -27,7 +27,7 @@ _ROOT_LABELS = {
     "root_rx": "turn x °", "root_ry": "turn y °", "root_rz": "turn z °",
 }  # fmt: skip
 _MOTIONS = {"flex": "flex °", "abd": "spread °"}
-_KEEP = "choose …"
+_KEEP: str = "choose …"
 _REACH_MM = 500.0  # sliders of the hand's place reach this far from where it first was
 
 
@@ -199,6 +199,8 @@ def pose_card(pose: PoseSnapshot) -> str:
         f"<b>{html.escape(v)}</b></div>"
         for k, v in facts
     )
+    if pose.note:
+        rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
     return (
         "<div style='padding:.35em .9em .2em;font-size:.85em;line-height:1.6'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"

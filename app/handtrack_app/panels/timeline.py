@@ -13,7 +13,7 @@ from handtrack_app.messages import SessionSnapshot, StripSnapshot
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.palette import STATUS
 
-_PLAY = ("First", "Back", "Play / Pause", "Next", "Last")
+_PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
 _WIDTH, _CURVE, _BAR = 1000, 46, 12  # of the picture, in its own units
 

@@ -56,7 +56,7 @@ class TrackingPanel:
             here = gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
                                   hint="Fit the pose you see to this frame.")  # fmt: skip
             onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
-            with gui.add_folder("Range"):
+            with gui.add_folder("Range") as span:
                 self.range = gui.add_multi_slider(
                     "Frames",
                     session.start,
@@ -81,7 +81,7 @@ class TrackingPanel:
         self.cancel.on_click(page.from_user(lambda _: page.send(Cancel())))
         self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
         save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
-        self.starters = [everything, here, onward, ranged]
+        self.starters = [everything, here, onward, span]
 
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -17,9 +18,7 @@ from handtrack_app.state import Display
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
 _CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
-KEYPOINT_LINKS = np.array(
-    [pair for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)]
-)
+KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)])
 
 
 @dataclass(frozen=True)

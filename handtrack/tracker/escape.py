@@ -1,0 +1,84 @@
+"""Out of wrong minima: a finger that was lost is looked for over its whole range, and kept only if energy agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.solver.problem import Problem
+from handtrack.tracker.result import FrameResult, Status
+
+# Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
+_FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
+_ROUNDS = 3
+_TRIED = 2  # candidates that are solved in a round
+_GAIN = 2.0  # [log-likelihood] a pose must be this much better to be taken
+_SUSPICIOUS = 1.4  # times the usual energy
+_HISTORY = 30
+
+
+def is_suspicious(energy: float, previous: Sequence[FrameResult]) -> bool:
+    """Return whether a frame fits clearly worse than the better ones before it did."""
+    known = [r.energy for r in previous[-_HISTORY:] if r.status == Status.TRACKED and r.energy > 0]
+    return not known or energy > _SUSPICIOUS * float(np.percentile(known, 25))
+
+
+def escape(
+    far: Problem,
+    near: Problem,
+    params: Floats,
+    descend: Callable[[Floats], Floats],
+    should_stop: Callable[[], bool] | None = None,
+) -> Floats:
+    """Return params (P,), or a pose with some finger elsewhere whose cost in `near` is clearly lower.
+
+    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
+    near: decides. descend: solves the frame from a start. Never returns a pose that costs more in `near`.
+    """
+    cost = near.cost(params)
+    for _ in range(_ROUNDS):
+        found = None
+        for start in _candidates(far, params):
+            if should_stop is not None and should_stop():
+                return params
+            trial = descend(start)
+            trial_cost = near.cost(trial)
+            if trial_cost < cost - _GAIN:
+                found, cost = trial, trial_cost
+                break
+        if found is None:
+            return params
+        params = found
+    return params
+
+
+def _candidates(far: Problem, params: Floats) -> list[Floats]:
+    """Return the most promising starts, the best first: each with one finger moved."""
+    here = far.cost(params)
+    best = []
+    for finger in FINGERS:
+        costs = [(far.cost(start), start) for start in _placements(far.model, params, finger)]
+        if costs:
+            best.append(min(costs, key=lambda pair: pair[0]))
+    best = [pair for pair in best if pair[0] < here]
+    return [start for _, start in sorted(best, key=lambda pair: pair[0])[:_TRIED]]
+
+
+def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterator[Floats]:
+    """Yield params with one finger put everywhere in its range."""
+    base = "cmc" if finger == "thumb" else "mcp"
+    after = ("mcp", "ip") if finger == "thumb" else ("pip", "dip")
+    names = [f"{finger}_{base}_flex", f"{finger}_{base}_abd", *(f"{finger}_{j}_flex" for j in after)]
+    if any(name not in model.parameter_names for name in names):
+        return
+    at = [model.skeleton.parameter(name) for name in names]
+    joint = model.joint_params(params)
+    for flex, spread, curl in product(_FLEX, _SPREAD, _CURL):
+        trial = joint.copy()
+        low, high = model.limits.bounds(trial)[at].T
+        trial[at] = low + np.array([flex, spread, curl, curl]) * (high - low)
+        yield model.clipped(model.transform.solver_params(trial))
