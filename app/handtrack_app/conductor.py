@@ -76,6 +76,12 @@ class Conductor:
             job.cancel()
             job.join(timeout)
 
+    def leave(self) -> None:
+        """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
+        job = self._job
+        if job is not None and job.kind == "sizing":
+            self._ended(job, Ended(job.number, cancelled=True))
+
     # ---- starting
 
     def track(self, order: m.Track) -> None:

@@ -193,8 +193,10 @@ class Worker:
                 conductor.fit_size()
             case m.Pause():
                 conductor.show_progress()
-            case m.Cancel() | m.Follow():
-                pass  # acted on in `send`; the job's end is reported by the job
+            case m.Cancel():
+                conductor.leave()  # acted on in `send` already; most jobs report their end themselves
+            case m.Follow():
+                pass  # acted on in `send`
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
             case m.SavePose():

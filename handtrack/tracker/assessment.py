@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.outline_overlap import outline_overlap
 from handtrack.tracker.frame_terms import FrameTerms
-from handtrack.tracker.result import Status
+from handtrack.tracker.result import FrameResult, Status
+
+_HISTORY = 30  # frames that tell what is usual
+_LEAST_USUAL = 15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
+_SUSPICIOUS = 1.4  # times the usual energy: worth looking for a lost finger
+_DOUBTFUL = 2.0  # times the usual energy: say so
 
 
-def assess(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> float:
+    """Return a frame's energy in units of what is usual: the lower quartile of the tracked frames before it.
+
+    1 where nothing came before. A floor keeps nearly perfect fits from calling each other bad.
+    """
+    known = [r.energy for r in previous[-_HISTORY:] if r.status == Status.TRACKED]
+    if not known:
+        return 1.0
+    return energy / max(float(np.percentile(known, 25)), _LEAST_USUAL * max(views, 1))
+
+
+def is_suspicious(energy: float, views: int, previous: Sequence[FrameResult]) -> bool:
+    """Return whether a frame fits worse than usual, or is the first, which nothing vouches for."""
+    return not previous or energy_ratio(energy, views, previous) > _SUSPICIOUS
+
+
+def assess(
+    terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
+) -> tuple[Status, str]:
     """Return a frame's status and, unless it is tracked, the reason."""
     if not terms.prepared:
         return Status.DOUBTFUL, "no silhouette was seen; only given keypoints hold the pose"
     limits = terms.settings.tracker
     share = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones).iou
     worst = int(np.argmin(share))
-    reason = (
-        f"model and silhouette overlap by {100 * share[worst]:.0f} % in {terms.prepared[worst].camera.name}"
-    )
+    camera = terms.prepared[worst].camera.name
+    overlap = f"model and silhouette overlap by {100 * share[worst]:.0f} % in {camera}"
     if np.median(share) < limits.lost_overlap:
-        return Status.LOST, reason
+        return Status.LOST, overlap
     if share[worst] < limits.doubtful_overlap:
-        return Status.DOUBTFUL, reason
+        return Status.DOUBTFUL, overlap
+    ratio = energy_ratio(energy, len(terms.prepared), previous)
+    if ratio > _DOUBTFUL:
+        return Status.DOUBTFUL, f"the model fits {ratio:.1f} times worse than usual; a finger may be lost"
     return Status.TRACKED, ""

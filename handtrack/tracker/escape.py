@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
@@ -10,21 +10,12 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.solver.problem import Problem
-from handtrack.tracker.result import FrameResult, Status
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
 _ROUNDS = 3
 _TRIED = 2  # candidates that are solved in a round
 _GAIN = 2.0  # [log-likelihood] a pose must be this much better to be taken
-_SUSPICIOUS = 1.4  # times the usual energy
-_HISTORY = 30
-
-
-def is_suspicious(energy: float, previous: Sequence[FrameResult]) -> bool:
-    """Return whether a frame fits clearly worse than the better ones before it did."""
-    known = [r.energy for r in previous[-_HISTORY:] if r.status == Status.TRACKED and r.energy > 0]
-    return not known or energy > _SUSPICIOUS * float(np.percentile(known, 25))
 
 
 def escape(

@@ -14,8 +14,8 @@ from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
-from handtrack.tracker.assessment import assess
-from handtrack.tracker.escape import escape, is_suspicious
+from handtrack.tracker.assessment import assess, is_suspicious
+from handtrack.tracker.escape import escape
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
 from handtrack.tracker.prediction import predict
@@ -66,7 +66,8 @@ class Tracker:
                 self.model, self.settings, observation, self.model.bones(params), expected, ahead
             )
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
-        if self.settings.tracker.escape and is_suspicious(summary.cost, previous):
+        views = len(terms.prepared)
+        if self.settings.tracker.escape and is_suspicious(summary.cost, views, previous):
             free = terms.without_motion()
             found = escape(
                 self._problem(free, 0, summary.params),
@@ -78,7 +79,7 @@ class Tracker:
             if found is not summary.params:
                 summary, problem, more = self._descend(free, found, should_stop, on_iteration)
                 count += more
-        return self._result(observation, terms, problem, summary, count)
+        return self._result(observation, terms, problem, summary, count, previous)
 
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
         if not previous:
@@ -125,11 +126,12 @@ class Tracker:
         problem: Problem,
         summary: SolveSummary,
         iterations: int,
+        previous: Sequence[FrameResult],
     ) -> FrameResult:
         params = summary.params.copy()
         system = problem.linearize(params)
         spread = uncertainty(self.model, params, system.hessian)
-        status, note = assess(terms, self.model.bones(params))
+        status, note = assess(terms, self.model.bones(params), system.cost, previous)
         std = np.full_like(spread.parameter_std, np.inf) if status == Status.LOST else spread.parameter_std
         return self._filled(
             observation, params, status, system.cost, iterations, std, spread.joint_covariance, note

@@ -72,6 +72,7 @@ class FakeRun:
     first: FirstPose | None = None
     step_s: float = 0.02
     broken: bool = False
+    sizing_s: float = 0.0
 
     def with_values(self, values: Mapping[str, Any]) -> FakeRun:
         settings = self.settings.with_values(values)
@@ -86,6 +87,7 @@ class FakeRun:
         return replace(self, model=load_model("hand26", coupling=self.model.coupling, scale=scale))
 
     def fit_size(self, should_stop: Callable[[], bool] | None = None) -> FakeRun:
+        time.sleep(self.sizing_s)  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 
     def initial(self) -> tuple[int, Floats]:

@@ -271,3 +271,17 @@ def test_a_pose_of_the_library_moves_the_fingers_only(desk: tuple[Worker, Listen
 
 def session_index(listener: Listener, name: str) -> int:
     return listener.wait(m.SessionSnapshot).parameter_names.index(name)
+
+
+def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True, sizing_s=2.0):
+        worker.send(m.Track(0, FRAMES, 3))
+        listener.wait(m.ProgressSnapshot, lambda p: p.state == "preparing")
+        asked = time.monotonic()
+        worker.send(m.Cancel())
+        listener.wait(m.Notice, lambda n: n.title == "Cancelled")
+        assert time.monotonic() - asked < 0.5
+        time.sleep(2.2)
+        assert not [
+            s for s in listener.seen if isinstance(s, m.Notice) and s.title == "Hand size fitted"
+        ]
