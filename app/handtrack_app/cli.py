@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import logging
+import io
 import os
 import sys
 import tempfile
 import traceback
 from pathlib import Path
+from typing import Any
 
 from handtrack.errors import HandtrackError
 
@@ -21,39 +22,69 @@ def main(argv: list[str] | None = None) -> int:
     # Matrices here are small: threads of BLAS only get in each other's way, and change the order of sums.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
     parser = build_parser()
-    args = parser.parse_args(sys.argv[1:] if argv is None else argv)
+    try:
+        args = parser.parse_args(sys.argv[1:] if argv is None else argv)
+    except SystemExit as asked:  # --help, --version: 0; usage: 2
+        return int(asked.code or EXIT_OK)
     if args.command is None:
-        args = parser.parse_args(["open", *(sys.argv[1:] if argv is None else argv)])
+        args = parser.parse_args(["open"])
+    return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         command = importlib.import_module(f"handtrack_app.commands.{args.module}")
-        return int(command.run(args) or EXIT_OK)
+        code = int(command.run(args) or EXIT_OK)
+        sys.stdout.flush()
+        return code
     except HandtrackError as error:
-        print(f"handtrack {args.command}: {error}", file=sys.stderr)
-        return EXIT_USAGE
+        return _told(args, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
-        print(f"\nhandtrack {args.command}: interrupted.", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        return _told(args, "interrupted.", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
+    except OSError as error:
+        if error.filename is None:
+            return _told(args, _internal(error), EXIT_INTERNAL)
+        return _told(args, f"{error.filename}: {error.strerror}.", EXIT_USAGE)
     except Exception as error:
-        print(f"handtrack {args.command}: {_internal(error)}", file=sys.stderr)
-        return EXIT_INTERNAL
+        return _told(args, _internal(error), EXIT_INTERNAL)
+
+
+def _told(args: argparse.Namespace, text: str, code: int) -> int:
+    paragraph = " ".join(text.splitlines())
+    print(f"handtrack {args.command}: {paragraph}", file=sys.stderr)
+    return code
 
 
 def _internal(error: Exception) -> str:
-    log = Path(tempfile.gettempdir()) / f"handtrack_error_{os.getpid()}.log"
-    detail = "".join(traceback.format_exception(error))
+    """Return what the user is told of a mistake of ours; the traceback goes to a file."""
+    what = f"an error inside handtrack, not in your data: {type(error).__name__}: {error}."
     try:
-        log.write_text(detail)
+        handle, name = tempfile.mkstemp(prefix="handtrack_error_", suffix=".log")
+        with os.fdopen(handle, "w", encoding="utf-8") as log:
+            log.write("".join(traceback.format_exception(error)))
     except OSError:
-        logging.getLogger(__name__).error(detail)
-        return f"an error inside handtrack, not in your data: {error!r}."
-    return (
-        f"an error inside handtrack, not in your data: {error!r}. The details are in {log}; please report them "
-        "with the command you gave. Your session folder was not changed by this."
-    )
+        return what
+    return f"{what} Please report it with the command you gave and the details in {name}."
+
+
+class _Version(argparse.Action):
+    """Look the version up only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"handtrack {version('handtrack')}")
+        except PackageNotFoundError:
+            print("handtrack (a checkout that is not installed)")
+        parser.exit()
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -62,8 +93,9 @@ def build_parser() -> argparse.ArgumentParser:
         prog="handtrack",
         description="Track the full 3D pose of a hand by fitting an articulated model to what calibrated cameras saw.",
         epilog="Without a command, the workbench opens in the browser. `handtrack COMMAND --help` tells more.",
+        allow_abbrev=False,
     )
-    parser.add_argument("--version", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     _add_workbench(commands)
     _add_new(commands)
@@ -74,13 +106,15 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _command(commands, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(name, help=help_text, description=help_text)
+def _command(commands: Any, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(
+        name, help=help_text, description=help_text, allow_abbrev=False
+    )
     command.set_defaults(module=module)
     return command
 
 
-def _add_workbench(commands) -> None:
+def _add_workbench(commands: Any) -> None:
     for name, text in (
         ("open", "Open the workbench in the browser, on a session folder or on the bundled one."),
         ("demo", "Open the workbench on the bundled session and track it."),
@@ -94,7 +128,7 @@ def _add_workbench(commands) -> None:
         command.add_argument("--rerun", action="store_true", help="also stream residuals to rerun's viewer")
 
 
-def _add_new(commands) -> None:
+def _add_new(commands: Any) -> None:
     new = _command(commands, "new", "new", "Make a session folder from videos and a calibration.")
     new.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
     new.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="Anipose-form calibration.toml")
@@ -105,23 +139,29 @@ def _add_new(commands) -> None:
     new.add_argument("--side", choices=("right", "left"), default="right")
     new.add_argument("--fps", type=float, help="frames a second (default: the first video's)")
     new.add_argument("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration")
+    new.add_argument(
+        "--masks",
+        choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
+        default="skin_ycrcb",
+        help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)",
+    )
 
 
-def _add_track(commands) -> None:
+def _add_track(commands: Any) -> None:
     track = _command(commands, "track", "track", "Track a session and save poses.npz; the workbench's engine and numbers.")
     track.add_argument("session", type=Path, help="session folder")
     track.add_argument("--init", metavar="FILE|auto", help="first-frame pose (default: the session's init.json)")
     track.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
     track.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated")
     track.add_argument("--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated")
-    track.add_argument("--seed", type=int, default=0, help="of everything random")
+    track.add_argument("--seed", type=int, default=0, help="of everything random; nothing is in this version")
     track.add_argument("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)")
     track.add_argument("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser")
     track.add_argument("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file")
     track.add_argument("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame")
 
 
-def _add_results(commands) -> None:
+def _add_results(commands: Any) -> None:
     export = _command(commands, "export", "export", "Convert a tracked sequence.")
     export.add_argument("poses", type=Path, metavar="POSES.npz")
     export.add_argument("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints")
@@ -132,7 +172,7 @@ def _add_results(commands) -> None:
     evaluate.add_argument("--json", action="store_true", help="print JSON")
 
 
-def _add_simulate(commands) -> None:
+def _add_simulate(commands: Any) -> None:
     simulate = _command(commands, "simulate", "simulate", "Make a simulated recording with truth.")
     simulate.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
     simulate.add_argument("--cameras", type=int, default=3)
@@ -147,10 +187,10 @@ def _add_simulate(commands) -> None:
     simulate.add_argument("--no-images", action="store_true", help="masks alone, no videos")
     simulate.add_argument("--distortion", action="store_true", help="lenses with distortion")
     simulate.add_argument("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose")
-    simulate.add_argument("--seed", type=int, default=0)
+    simulate.add_argument("--seed", type=int, default=0, help="of motion and noise")
 
 
-def _add_checks(commands) -> None:
+def _add_checks(commands: Any) -> None:
     doctor = _command(commands, "doctor", "doctor", "Check a session folder and say what is odd.")
     doctor.add_argument("session", type=Path, help="session folder")
     bench = _command(commands, "bench", "bench", "Run the benchmarks: each figure beside its reference, in one run.")

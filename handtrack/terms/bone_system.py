@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.terms.bone_kernels import pull_back_blocks
 
 
 @dataclass(frozen=True)
@@ -57,5 +58,4 @@ class BoneSystem:
 
     def pull_back(self, twist_jacobian: Floats) -> JointSystem:
         """Return the system of joint parameters. twist_jacobian: (B, 6, S)."""
-        flat = twist_jacobian.reshape(-1, twist_jacobian.shape[2])
-        return JointSystem(self.cost, flat.T @ self.gradient, flat.T @ (self.hessian @ flat))
+        return JointSystem(self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian))

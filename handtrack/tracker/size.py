@@ -23,6 +23,7 @@ _FOREARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANS
 _SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS) + [_FOREARM_SIGMA])
 SIZES = len(_SIGMAS)
 """how many numbers make a person's hand: overall, five fingers, forearm"""
+_FARTHEST = 4.0  # standard deviations from the mean adult
 _STEP = 0.03  # of the difference quotient, in standard deviations
 _POSE_ITERATIONS = 8
 
@@ -59,6 +60,10 @@ def refine_scale(
     return scale_from_deviations(deviations)
 
 
+class _StoppedError(Exception):
+    """Leaves the minimiser from within."""
+
+
 class _SizeFit:
     """Cost of a hand size with the poses solved for it (variable projection), and its derivative.
 
@@ -92,9 +97,16 @@ class _SizeFit:
     def minimum(self) -> tuple[Floats, list[Floats]]:
         """Return the best deviations (SIZES,) found, and its poses."""
         options = {"maxiter": 20, "ftol": 1e-4}
-        start = self.best[1]
-        minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=[(-4, 4)] * SIZES, options=options)
+        start, limits = self.best[1], [(-_FARTHEST, _FARTHEST)] * SIZES
+        try:
+            minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+        except _StoppedError:
+            pass  # asked to: the best so far is what there is
         return self.best[1], self.best[2]
+
+    def _look_out(self) -> None:
+        if self.should_stop is not None and self.should_stop():
+            raise _StoppedError
 
     def _problems(self, deviations: Floats) -> list[Problem]:
         model = self.build(scale_from_deviations(deviations))
@@ -112,5 +124,6 @@ class _SizeFit:
         return cost, (np.array(ahead) - np.array(behind)) / (2 * _STEP)
 
     def _at(self, deviations: Floats, poses: list[Floats]) -> float:
+        self._look_out()
         pairs = zip(self._problems(deviations), poses, strict=True)
         return sum(p.cost(pose) for p, pose in pairs) + 0.5 * float(deviations @ deviations)

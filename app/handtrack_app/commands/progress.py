@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from tqdm import tqdm
@@ -16,19 +17,37 @@ def progress_bar(total: int, what: str) -> tqdm:
     return tqdm(total=total, desc=what, unit="frame", mininterval=interval, dynamic_ncols=True)
 
 
-@contextmanager
-def stoppable() -> Iterator[Callable[[], bool]]:
-    """Give a function that turns true at the first Ctrl-C; the second one interrupts at once."""
-    stopped = False
+def say(text: str) -> None:
+    """Print a line about what goes on, on stderr."""
+    print(text, file=sys.stderr, flush=True)
 
-    def stop(*_: object) -> None:
-        nonlocal stopped
-        if stopped:
+
+class Stop:
+    """Whether the user wants to stop; called, it answers. Set by `stoppable`."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.shielded = False
+        """while true, no Ctrl-C breaks in: results are being saved"""
+
+    def __call__(self) -> bool:
+        return self.asked
+
+    def interrupt(self, *_: object) -> None:
+        """Handle one Ctrl-C."""
+        if self.asked and not self.shielded:
             raise KeyboardInterrupt
-        stopped = True
+        if not self.asked:
+            os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")  # print is not safe in a handler
+        self.asked = True
 
-    before = signal.signal(signal.SIGINT, stop)
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Give a Stop that turns true at the first Ctrl-C; the second one raises KeyboardInterrupt at once."""
+    stop = Stop()
+    before = signal.signal(signal.SIGINT, stop.interrupt)
     try:
-        yield lambda: stopped
+        yield stop
     finally:
         signal.signal(signal.SIGINT, before)

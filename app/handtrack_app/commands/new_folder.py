@@ -1,0 +1,69 @@
+"""A folder made whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from handtrack.errors import HandtrackError
+
+
+def check_new(folder: Path) -> None:
+    """Raise HandtrackError unless a folder can be made at `folder`: nothing there, or an empty folder."""
+    if folder.exists() and not folder.is_dir():
+        raise HandtrackError(
+            f"--out {folder} is a file; nothing was written. Name a new folder with --out."
+        )
+    if folder.is_dir() and any(folder.iterdir()):
+        raise HandtrackError(
+            f"--out {folder} is not empty; nothing was written. Name a new folder with --out."
+        )
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill; it becomes `folder` when the block ends well, and goes otherwise.
+
+    Raises HandtrackError when something is there already, or nothing can be written there.
+    """
+    check_new(folder)
+    target = folder.resolve()
+    made = _missing_parents(target.parent)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
+    except OSError as error:
+        raise HandtrackError(
+            f"--out {folder}: no folder can be made there ({error.strerror}). Name another with --out."
+        ) from None
+    try:
+        yield part
+        part.chmod(0o777 & ~_umask())
+        if target.is_dir():
+            target.rmdir()  # it is empty
+        part.rename(target)
+    except OSError as error:
+        raise HandtrackError(
+            f"--out {folder}: writing failed ({error.strerror or error}); nothing was kept."
+        ) from None
+    finally:
+        if part.exists():
+            shutil.rmtree(part, ignore_errors=True)
+            for parent in made:
+                parent.rmdir()
+
+
+def _missing_parents(folder: Path) -> list[Path]:
+    """Return the folders that are not there yet, the innermost first."""
+    return [path for path in (folder, *folder.parents) if not path.exists()]
+
+
+def _umask() -> int:
+    import os
+
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
