@@ -107,9 +107,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _command(commands: Any, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(
-        name, help=help_text, description=help_text, allow_abbrev=False
-    )
+    command = commands.add_parser(name, help=help_text, description=help_text, allow_abbrev=False)
     command.set_defaults(module=module)
     return command
 
@@ -122,23 +120,43 @@ def _add_workbench(commands: Any) -> None:
         command = _command(commands, name, "workbench", text)
         if name == "open":
             command.add_argument("session", nargs="?", type=Path, help="session folder")
-        command.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
-        command.add_argument("--port", type=int, default=8080, help="port; the next free one unless given")
-        command.add_argument("--no-browser", action="store_true", help="do not open a browser window")
-        command.add_argument("--rerun", action="store_true", help="also stream residuals to rerun's viewer")
+        command.add_argument(
+            "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+        )
+        command.add_argument(
+            "--port", type=int, default=8080, help="port; the next free one unless given"
+        )
+        command.add_argument(
+            "--no-browser", action="store_true", help="do not open a browser window"
+        )
+        command.add_argument(
+            "--rerun", action="store_true", help="also stream residuals to rerun's viewer"
+        )
 
 
 def _add_new(commands: Any) -> None:
     new = _command(commands, "new", "new", "Make a session folder from videos and a calibration.")
     new.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
-    new.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="Anipose-form calibration.toml")
     new.add_argument(
-        "--video", action="append", required=True, metavar="CAMERA=FILE", help="a camera's video; once per camera"
+        "--calibration",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="Anipose-form calibration.toml",
+    )
+    new.add_argument(
+        "--video",
+        action="append",
+        required=True,
+        metavar="CAMERA=FILE",
+        help="a camera's video; once per camera",
     )
     new.add_argument("--name", default="", help="the session's name")
     new.add_argument("--side", choices=("right", "left"), default="right")
     new.add_argument("--fps", type=float, help="frames a second (default: the first video's)")
-    new.add_argument("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration")
+    new.add_argument(
+        "--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration"
+    )
     new.add_argument(
         "--masks",
         choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
@@ -148,25 +166,56 @@ def _add_new(commands: Any) -> None:
 
 
 def _add_track(commands: Any) -> None:
-    track = _command(commands, "track", "track", "Track a session and save poses.npz; the workbench's engine and numbers.")
+    track = _command(
+        commands,
+        "track",
+        "track",
+        "Track a session and save poses.npz; the workbench's engine and numbers.",
+    )
     track.add_argument("session", type=Path, help="session folder")
-    track.add_argument("--init", metavar="FILE|auto", help="first-frame pose (default: the session's init.json)")
+    track.add_argument(
+        "--init", metavar="FILE|auto", help="first-frame pose (default: the session's init.json)"
+    )
     track.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
-    track.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated")
-    track.add_argument("--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated")
-    track.add_argument("--seed", type=int, default=0, help="of everything random; nothing is in this version")
-    track.add_argument("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)")
-    track.add_argument("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser")
-    track.add_argument("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file")
-    track.add_argument("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame")
+    track.add_argument(
+        "--use",
+        metavar="NAMES",
+        help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated",
+    )
+    track.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="section.key=value",
+        help="a setting; may be repeated",
+    )
+    track.add_argument(
+        "--seed", type=int, default=0, help="of everything random; nothing is in this version"
+    )
+    track.add_argument(
+        "--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"
+    )
+    track.add_argument(
+        "--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"
+    )
+    track.add_argument(
+        "--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"
+    )
+    track.add_argument(
+        "--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"
+    )
 
 
 def _add_results(commands: Any) -> None:
     export = _command(commands, "export", "export", "Convert a tracked sequence.")
     export.add_argument("poses", type=Path, metavar="POSES.npz")
-    export.add_argument("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints")
+    export.add_argument(
+        "--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints"
+    )
     export.add_argument("--out", type=Path, metavar="FILE", help="default: beside the poses")
-    evaluate = _command(commands, "evaluate", "evaluate", "Compare a tracked sequence with the truth.")
+    evaluate = _command(
+        commands, "evaluate", "evaluate", "Compare a tracked sequence with the truth."
+    )
     evaluate.add_argument("poses", type=Path, metavar="POSES.npz")
     evaluate.add_argument("--truth", type=Path, required=True, metavar="truth.npz")
     evaluate.add_argument("--json", action="store_true", help="print JSON")
@@ -174,11 +223,17 @@ def _add_results(commands: Any) -> None:
 
 def _add_simulate(commands: Any) -> None:
     simulate = _command(commands, "simulate", "simulate", "Make a simulated recording with truth.")
-    simulate.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
+    simulate.add_argument(
+        "--out", type=Path, required=True, metavar="SESSION", help="folder to make"
+    )
     simulate.add_argument("--cameras", type=int, default=3)
     simulate.add_argument("--frames", type=int, default=100)
-    simulate.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels")
-    simulate.add_argument("--motion", default="open_fist_open", help="open_fist_open, curl, gestures or still")
+    simulate.add_argument(
+        "--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"
+    )
+    simulate.add_argument(
+        "--motion", default="open_fist_open", help="open_fist_open, curl, gestures or still"
+    )
     simulate.add_argument("--side", choices=("right", "left"), default="right")
     simulate.add_argument("--scale", type=float, default=1.0, help="of the hand; 1 is 187 mm long")
     simulate.add_argument("--forearm", action="store_true", help="with a bare forearm")
@@ -186,14 +241,24 @@ def _add_simulate(commands: Any) -> None:
     simulate.add_argument("--fps", type=float, default=25.0)
     simulate.add_argument("--no-images", action="store_true", help="masks alone, no videos")
     simulate.add_argument("--distortion", action="store_true", help="lenses with distortion")
-    simulate.add_argument("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose")
+    simulate.add_argument(
+        "--init-noise-mm",
+        type=float,
+        default=5.0,
+        help="of the keypoints in init.json; 0: exact pose",
+    )
     simulate.add_argument("--seed", type=int, default=0, help="of motion and noise")
 
 
 def _add_checks(commands: Any) -> None:
     doctor = _command(commands, "doctor", "doctor", "Check a session folder and say what is odd.")
     doctor.add_argument("session", type=Path, help="session folder")
-    bench = _command(commands, "bench", "bench", "Run the benchmarks: each figure beside its reference, in one run.")
+    bench = _command(
+        commands,
+        "bench",
+        "bench",
+        "Run the benchmarks: each figure beside its reference, in one run.",
+    )
     bench.add_argument("name", nargs="?", help="one benchmark (default: all quick ones)")
     bench.add_argument("--json", action="store_true", help="print JSON")
 

@@ -100,6 +100,11 @@ class RerunStream:
         """Where the live viewer's page is; empty without one."""
         return "" if self._viewer is None else self._viewer.page
 
+    @property
+    def waiting(self) -> int:
+        """How many entries are not written yet."""
+        return len(self._waiting)
+
     def log(self, entry: FrameEntry | IterationEntry) -> None:
         """Hand in an entry; returns at once. The arrays must not be changed afterwards."""
         with self._changed:

@@ -236,7 +236,7 @@ class _Recorder:
             self.close()
             module = importlib.import_module("handtrack_app.residual_recorder")  # rerun is heavy
             self._run = run
-            self._recorder = module.ResidualRecorder(run, live=True, path=None, closely=False)
+            self._recorder = module.ResidualRecorder(run, live=True, path=None, closely=None)
         self._recorder.show(result)
 
     def close(self) -> None:

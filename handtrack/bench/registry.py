@@ -19,6 +19,6 @@ BENCHMARKS = {
     "silhouette_iteration_vs_blas": Benchmark(
         "handtrack.bench.silhouettes", "silhouette_iteration_vs_blas"
     ),
-    "field_recovery": Benchmark("handtrack.bench.experiments", "field_recovery", quick=False),
-    "binary_fist": Benchmark("handtrack.bench.experiments", "binary_fist", quick=False),
+    "field_recovery": Benchmark("handtrack.bench.field_recovery", "field_recovery", quick=False),
+    "binary_fist": Benchmark("handtrack.bench.binary_fist", "binary_fist", quick=False),
 }

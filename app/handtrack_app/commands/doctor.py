@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import argparse
 
+from handtrack.session.finding import SEVERITIES
 from handtrack.session.session import Session
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the findings, the gravest first."""
     session = Session.open(args.session)
-    print(
-        f"{session.name}: {len(session.camera_names)} cameras, {session.frame_count} frames, {session.fps:g} frames a second"
-    )
     findings = session.doctor()
-    for finding in findings:
+    for finding in sorted(findings, key=lambda found: -SEVERITIES.index(found.severity)):
         print(f"{finding.severity}: {finding.text}")
-    if not findings:
-        print("nothing odd was found.")
+    counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
+    odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
+    print(f"{session.name}: {' and '.join(odd) or 'nothing odd was found'}.")
     return 0

@@ -6,16 +6,22 @@ import argparse
 import json
 
 from handtrack.diagnostics.metrics import evaluate
+from handtrack.errors import HandtrackError
 from handtrack.session.tables import read_npz
 from handtrack.session.truth import read_truth
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the metrics, as a table or JSON."""
-    metrics = evaluate(read_npz(args.poses), read_truth(args.truth))
+    track, truth = read_npz(args.poses), read_truth(args.truth)
+    try:
+        metrics = evaluate(track, truth)
+    except HandtrackError as error:
+        raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
     if args.json:
-        print(json.dumps(metrics, indent=1))
+        print(json.dumps(metrics, indent=1, allow_nan=False))
         return 0
     for name, value in metrics.items():
-        print(f"{name:22s} {value:.4g}" if isinstance(value, float) else f"{name:22s} {value}")
+        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        print(f"{name:22s} {shown}")
     return 0

@@ -8,19 +8,26 @@ from pathlib import Path
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import EXPORTS, read_npz
 
+_LATER = ("bvh", "glb", "trc", "mot", "urdf", "anipose", "html")
+
 
 def run(args: argparse.Namespace) -> int:
     """Write the converted file and name it."""
     if args.to not in EXPORTS:
-        raise HandtrackError(f"--to {args.to}: known formats are {', '.join(EXPORTS)}.")
+        why = "this version does not write it yet" if args.to in _LATER else "no such format"
+        raise HandtrackError(f"--to {args.to}: {why}; known: {', '.join(EXPORTS)}.")
     write, suffix = EXPORTS[args.to]
     track = read_npz(args.poses)
     out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{suffix}")
     if out.resolve() == args.poses.resolve():
-        raise HandtrackError(f"export would write over its own input {out}; name another file with --out.")
+        raise HandtrackError(
+            f"--out {out}: that is the file that is read; nothing was written. Name another one."
+        )
     try:
         write(out, track)
     except OSError as error:
-        raise HandtrackError(f"cannot write {out}: {error.strerror}. Name another place with --out.") from None
-    print(f"{len(track.frame)} frames written to {out}")
+        raise HandtrackError(
+            f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."
+        ) from None
+    print(f"{len(track)} frames written to {out}")
     return 0

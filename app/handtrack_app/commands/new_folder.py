@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
@@ -31,39 +32,31 @@ def new_folder(folder: Path) -> Iterator[Path]:
     """
     check_new(folder)
     target = folder.resolve()
-    made = _missing_parents(target.parent)
+    made = [path for path in target.parents if not path.exists()]  # the innermost first
+    part = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
-    except OSError as error:
-        raise HandtrackError(
-            f"--out {folder}: no folder can be made there ({error.strerror}). Name another with --out."
-        ) from None
-    try:
         yield part
         part.chmod(0o777 & ~_umask())
         if target.is_dir():
             target.rmdir()  # it is empty
         part.rename(target)
+        made = []
     except OSError as error:
         raise HandtrackError(
-            f"--out {folder}: writing failed ({error.strerror or error}); nothing was kept."
+            f"--out {folder}: writing there failed ({error.strerror or error}); nothing was kept. "
+            "Name another folder with --out."
         ) from None
     finally:
-        if part.exists():
+        if part is not None:
             shutil.rmtree(part, ignore_errors=True)
-            for parent in made:
+        for parent in made:
+            with suppress(OSError):
                 parent.rmdir()
 
 
-def _missing_parents(folder: Path) -> list[Path]:
-    """Return the folders that are not there yet, the innermost first."""
-    return [path for path in (folder, *folder.parents) if not path.exists()]
-
-
 def _umask() -> int:
-    import os
-
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import math
 
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.motion import MOTIONS
 from handtrack.session.simulate import Simulation, simulate
+from handtrack_app.commands.new_folder import check_new, new_folder
 from handtrack_app.commands.progress import progress_bar
+
+_LARGEST_IMAGE = 8192
+_SCALES = (0.3, 3.0)
+_MOST_NOISE_MM = 100.0
 
 
 def run(args: argparse.Namespace) -> int:
     """Render the session folder and name it."""
+    _check(args)
     what = Simulation(
         cameras=args.cameras,
         frames=args.frames,
@@ -26,7 +35,29 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
     )
     what.check()
-    with progress_bar(args.frames * args.cameras, "rendering") as bar:
-        simulate(args.out, what, lambda _done, _total: bar.update())
+    check_new(args.out)
+    total = args.frames * args.cameras
+    with new_folder(args.out) as folder, progress_bar(total, "rendering") as bar:
+        simulate(folder, what, lambda _done, _total: bar.update())
     print(f"simulated session in {args.out}; open it with: handtrack open {args.out}")
     return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raise HandtrackError for numbers that Simulation.check lets pass."""
+    if args.motion not in MOTIONS:
+        raise unknown_name("motion", args.motion, tuple(MOTIONS), "--motion")
+    if max(args.size) > _LARGEST_IMAGE:
+        raise HandtrackError(
+            f"--size {args.size[0]} {args.size[1]}: expected at most {_LARGEST_IMAGE} pixels each."
+        )
+    if not _SCALES[0] <= args.scale <= _SCALES[1]:
+        raise HandtrackError(
+            f"--scale {args.scale:g}: expected a factor on a hand of 187 mm, {_SCALES[0]:g} to {_SCALES[1]:g}."
+        )
+    if not math.isfinite(args.init_noise_mm) or not 0 <= args.init_noise_mm <= _MOST_NOISE_MM:
+        raise HandtrackError(
+            f"--init-noise-mm {args.init_noise_mm:g}: expected 0 to {_MOST_NOISE_MM:g} mm."
+        )
+    if args.seed < 0:
+        raise HandtrackError(f"--seed {args.seed}: expected a whole number from 0.")

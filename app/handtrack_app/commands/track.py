@@ -3,129 +3,176 @@
 from __future__ import annotations
 
 import argparse
-import os
-import re
 import sys
 import tempfile
-from contextlib import ExitStack
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.session import layout
-from handtrack.session.first_pose import read_first_pose
+from handtrack.session.finding import listed
+from handtrack.session.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.session_file import dotted
 from handtrack.session.tables import write_result
-from handtrack_app.commands.progress import progress_bar, stoppable
+from handtrack.tracker.result import FrameResult, Status, TrackResult
+from handtrack.tracker.sequence import track_frames
+from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.commands.compiling import compiling_told
+from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
+from handtrack_app.commands.track_options import (
+    check_recording,
+    check_seen,
+    first_pose,
+    parse_frames,
+    parse_settings,
+    parse_sources,
+    writable,
+)
+from handtrack_app.residual_recorder import ResidualRecorder
 
-_SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
-_AVAILABLE = ("silhouettes", "keypoints")
+_INTERRUPTED = 130
 
 
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
-    first = None
-    if args.init is not None:
-        if args.init == "auto":
-            raise HandtrackError(
-                "--init auto: automatic first frames are not available in this version. Pose the first frame in the workbench, "
-                "or give a file with 21 keypoints (contracts §4)."
-            )
-        first = read_first_pose(Path(args.init))
-    settings = parse_settings(args.set) | _sources(args.use)
-    run_ = TrackingRun.open(session, settings, first)
+    overrides = parse_settings(args.set) | parse_sources(args.use)
+    settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
+    check_seen(session, settings)
+    first = first_pose(args.init, session, settings)
+    frames = parse_frames(args.frames, session)
+    check_recording(args, frames)
+    out = writable(args.out, session.folder)
+    fits = session.hand_scale == "fit" and settings.model.fit_size
+    with stoppable() as stop, compiling_told():
+        run_ = _opened(session, overrides, first, fits, stop)
+        if run_ is None:
+            say("handtrack track: interrupted before the first frame; nothing was saved.")
+            return _INTERRUPTED
+        recorder = None
+        if args.rerun or args.rerun_save:
+            recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
+        try:
+            code = _save(run_, _track(run_, frames, recorder, stop), frames, out, stop())
+        finally:
+            if recorder is not None:
+                recorder.close(keep_viewer=args.rerun)
+                _tell(recorder, args)
+    if recorder is not None and args.rerun:
+        _show_until_interrupted(recorder)
+    return code
+
+
+def _opened(
+    session: Session,
+    overrides: Mapping[str, Any],
+    first: FirstPose | None,
+    fits: bool,
+    stop: Stop,
+) -> TrackingRun | None:
+    """Return the run with its hand, None when the user stopped it."""
+    if fits:
+        say("fitting the hand's size …")
+    try:
+        run_ = TrackingRun.open(session, overrides, first, stop)
+    except KeyboardInterrupt:
+        return None
+    return None if stop() else run_
+
+
+def _track(
+    run_: TrackingRun, frames: range, recorder: ResidualRecorder | None, stop: Stop
+) -> list[FrameResult]:
+    """Return the frames that were tracked before the end, or before the user stopped it."""
     start_frame, start = run_.initial()
-    frames = parse_frames(args.frames, session.frame_count)
-    out = args.out or session.folder / layout.POSES_FILE
-    check_writable(out)
-    results, stopped = [], False
-    with ExitStack() as stack:
-        should_stop = stack.enter_context(stoppable())
-        bar = stack.enter_context(progress_bar(len(frames), "tracking"))
-        stream = _rerun(args, run_, stack)
-        for result in run_.track(frames, start_frame, start, should_stop):
-            results.append(result)
-            if stream is not None:
-                stream.show(result)
-            bar.update()
-        stopped = should_stop()
+    tracker = run_.tracker if recorder is None else recorder.watched(run_.tracker)
+    results: list[FrameResult] = []
+    with progress_bar(len(frames), "tracking") as bar:
+        try:
+            for result in track_frames(tracker, run_.observation, start_frame, start, frames, stop):
+                results.append(result)
+                if recorder is not None:
+                    recorder.show(result)
+                bar.update()
+        except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
+            stop.asked = True
+        stop.shielded = True  # from here on it is saved
+    return results
+
+
+def _save(
+    run_: TrackingRun, results: Sequence[FrameResult], frames: range, out: Path, stopped: bool
+) -> int:
     if not results:
-        print("handtrack track: interrupted before the first frame was done; nothing was saved.", file=sys.stderr)
-        return 130
-    write_result(out, run_.result(results))
-    counts = [sum(r.status == status for r in results) for status in (0, 1, 2)]
+        say("handtrack track: interrupted before the first frame was done; nothing was saved.")
+        return _INTERRUPTED
+    place, problem = _write(out, run_.result(results))
+    counts = [sum(r.status == status for r in results) for status in Status]
     print(
         f"{len(results)} of {len(frames)} frames: {counts[0]} tracked, {counts[1]} doubtful, {counts[2]} lost. "
-        f"Saved to {out}"
+        f"Saved to {place}",
+        flush=True,
     )
-    for warning in session.warnings:
-        print(f"note: {warning}", file=sys.stderr)
+    for note in [*dict.fromkeys(run_.session.warnings), *_doubts(results)]:
+        say(f"note: {note}")
+    if problem:
+        raise HandtrackError(problem)
     if stopped:
-        print(f"handtrack track: interrupted; the frames tracked so far are in {out}.", file=sys.stderr)
-        return 130
+        say(
+            f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}."
+        )
+        return _INTERRUPTED
     return 0
 
 
-def parse_settings(pairs: list[str]) -> dict[str, str]:
-    """Return dotted settings from `section.key=value` strings."""
-    values = {}
-    for pair in pairs:
-        key, equals, value = pair.partition("=")
-        if not equals or not key.strip():
-            raise HandtrackError(f"--set {pair}: expected section.key=value, as in --set solver.iterations=20.")
-        values[key.strip()] = value.strip()
-    return values
-
-
-def parse_frames(text: str | None, count: int) -> range:
-    """Return the frames of `A:B` (half-open), within a session of `count` frames."""
-    if text is None:
-        return range(count)
-    match = re.fullmatch(r"(\d*):(\d*)", text)
-    if match is None:
-        raise HandtrackError(f"--frames {text}: expected A:B, the frames from A up to but not B, as in 0:100.")
-    first, last = int(match[1] or 0), int(match[2] or count)
-    if first >= last or last > count:
-        raise HandtrackError(
-            f"--frames {text}: this session has frames 0 to {count - 1}; expected A < B ≤ {count}."
-        )
-    return range(first, last)
-
-
-def check_writable(path: Path) -> None:
-    """Raise HandtrackError unless a file can be written at `path`; makes its folder."""
-    if path.suffix != ".npz":
-        raise HandtrackError(f"--out {path}: results are .npz files.")
+def _write(out: Path, track: TrackResult) -> tuple[Path, str]:
+    """Save the result; return where, and what was wrong with the place asked for."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent)
-        os.close(handle)
-        os.unlink(name)
-    except OSError as error:
-        raise HandtrackError(
-            f"results cannot be written to {path.parent}: {error.strerror}. Nothing was tracked; name another place with --out."
-        ) from None
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_result(out, track)
+    except (
+        OSError
+    ) as error:  # full, or gone, since it was checked: hours of work may be in our hands
+        other = Path(tempfile.mkdtemp(prefix="handtrack_")) / out.name
+        write_result(other, track)
+        return other, f"--out {out}: writing failed ({error.strerror}); the result is in {other}."
+    return out, ""
 
 
-def _sources(text: str | None) -> dict[str, float]:
-    """Return the settings that switch off what is not to be used."""
-    if text is None:
-        return {}
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in _SOURCES:
-            raise HandtrackError(f"--use {name}: known are {', '.join(_SOURCES)}.")
-        if name not in _AVAILABLE:
-            raise HandtrackError(f"--use {name}: not available in this version; available: {', '.join(_AVAILABLE)}.")
-    return {f"{name}.weight": 0.0 for name in _AVAILABLE if name not in names}
+def _doubts(results: Sequence[FrameResult]) -> list[str]:
+    """Return a sentence on the lost frames and one on the doubtful, with the first one's reason."""
+    notes = []
+    for status, word in ((Status.LOST, "lost"), (Status.DOUBTFUL, "doubtful")):
+        found = sorted((r for r in results if r.status == status), key=lambda r: r.frame)
+        if found:
+            frames = listed([r.frame for r in found])
+            notes.append(
+                f"{word}: frames {frames}; the first: {found[0].note or 'no reason told'}."
+            )
+    return notes
 
 
-def _rerun(args: argparse.Namespace, run_: TrackingRun, stack: ExitStack):
-    if not (args.rerun or args.rerun_save):
-        return None
-    from handtrack_app.residual_recorder import ResidualRecorder
+def _tell(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
+    """Say how recording went."""
+    if recorder.problem:
+        say(f"note: {recorder.problem}")
+    elif args.rerun_save:
+        say(f"residuals are in {args.rerun_save}; look at them with: rerun {args.rerun_save}")
+    if recorder.without_pictures:
+        say(
+            f"note: {recorder.without_pictures} frames were recorded without pictures; tracking was faster."
+        )
 
-    recorder = ResidualRecorder(run_, live=args.rerun, path=args.rerun_save, closely=args.rerun_frame)
-    stack.callback(recorder.close)
-    return recorder
+
+def _show_until_interrupted(recorder: ResidualRecorder) -> None:
+    """Leave rerun's viewer open while somebody sits at the terminal."""
+    if sys.stdin.isatty() and sys.stderr.isatty() and not recorder.problem:
+        say(f"the residuals stay at {recorder.url} until Ctrl-C.")
+        with suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(3600)
+    recorder.close()

@@ -1,0 +1,115 @@
+"""`handtrack new`: a session folder from videos and a calibration."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from handtrack.capture.calibration import read_rig
+from handtrack.capture.segmentation import METHODS, MaskMethod
+from handtrack.capture.toml_table import TableReader
+from handtrack.capture.video import VideoFile
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import CameraRig
+from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.session import Session
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    write_session_file,
+)
+from handtrack_app.commands.new_folder import check_new, new_folder
+from handtrack_app.commands.progress import say
+
+_RATE_TOLERANCE = 0.01
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the folder; whatever is wrong is found before anything is written."""
+    if not args.world_unit_m > 0:
+        raise HandtrackError(f"--world-unit-m {args.world_unit_m:g}: expected metres above 0.")
+    videos = parse_videos(args.video)
+    check_new(args.out)
+    rig = read_rig(args.calibration, args.world_unit_m)
+    fps = _frame_rate(args.fps, _checked(videos, rig, args.calibration))
+    files = {camera: _file_name(i, camera, path) for i, (camera, path) in enumerate(videos.items())}
+    masks = mask_method(args.masks)
+    cameras = tuple(CameraSettings(name, images=file, masks=masks) for name, file in files.items())
+    recording = RecordingSettings(
+        args.name or args.out.resolve().name, fps, None, args.world_unit_m
+    )
+    hand = HandSettings(side=args.side, scale="fit")
+    with new_folder(args.out) as folder:
+        shutil.copyfile(args.calibration, folder / CALIBRATION_FILE)
+        for camera, path in videos.items():
+            say(f"copying {path} …")
+            shutil.copyfile(path, folder / files[camera])
+        write_session_file(folder / SESSION_FILE, SessionFile(recording, hand, cameras))
+        count = Session.open(folder).frame_count
+    print(
+        f"session of {len(videos)} cameras and {count} frames in {args.out}. Look at it with: handtrack doctor "
+        f"{args.out}; then pose the hand in its first frame with: handtrack open {args.out}"
+    )
+    return 0
+
+
+def parse_videos(pairs: list[str]) -> dict[str, Path]:
+    """Return videos by camera from `CAMERA=FILE` texts."""
+    videos: dict[str, Path] = {}
+    for pair in pairs:
+        camera, equals, file = pair.partition("=")
+        if not (equals and camera and file):
+            raise HandtrackError(
+                f"--video {pair}: expected CAMERA=FILE, as in --video cam0=left.mp4, with the camera's name "
+                "in the calibration."
+            )
+        if camera in videos:
+            raise HandtrackError(f"--video {pair}: a second video of the camera '{camera}'.")
+        videos[camera] = Path(file)
+    return videos
+
+
+def mask_method(name: str) -> MaskMethod | None:
+    """Return a mask method with its usual settings; None for `none`."""
+    return None if name == "none" else METHODS[name].read(TableReader({}, f"--masks {name}"))
+
+
+def _checked(videos: Mapping[str, Path], rig: CameraRig, calibration: Path) -> dict[str, float]:
+    """Return what each video says of its frame rate, 0 when it says nothing. Raises HandtrackError."""
+    rates = {}
+    for camera, path in videos.items():
+        if camera not in rig:
+            raise HandtrackError(
+                f"--video {camera}={path}: {calibration} has no camera '{camera}'; cameras there: "
+                f"{', '.join(rig.names)}."
+            )
+        video = VideoFile(path, rig[camera].size, f"--video {camera}={path}")
+        rates[camera] = video.nominal_fps
+        video.close()
+    return rates
+
+
+def _frame_rate(asked: float | None, rates: Mapping[str, float]) -> float:
+    if asked is not None:
+        if not 0 < asked < float("inf"):
+            raise HandtrackError(f"--fps {asked:g}: expected frames a second, above 0.")
+        return asked
+    known = [rate for rate in rates.values() if rate > 0]
+    if not known:
+        raise HandtrackError("no video says how many frames a second it has; give it with --fps.")
+    if max(known) / min(known) > 1 + _RATE_TOLERANCE:
+        shown = ", ".join(f"{camera} {rate:g}" for camera, rate in rates.items())
+        raise HandtrackError(
+            f"the videos differ in their frames a second ({shown}); frames of equal number must show the same "
+            "moment. Make them equal, or say with --fps what is right."
+        )
+    return known[0]
+
+
+def _file_name(index: int, camera: str, path: Path) -> str:
+    plain = camera.isascii() and camera.replace("_", "").replace("-", "").isalnum()
+    return f"{camera if plain else f'video{index}'}{path.suffix.lower()}"

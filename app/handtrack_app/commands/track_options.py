@@ -1,0 +1,144 @@
+"""What `handtrack track` is asked for, checked before anything is tracked or written."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
+from handtrack.session.first_pose import FirstPose, read_first_pose
+from handtrack.session.layout import POSES_FILE, SESSION_FILE
+from handtrack.session.session import Session
+from handtrack.tracker.settings import TrackerSettings
+
+_SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
+_AVAILABLE = ("silhouettes", "keypoints")
+
+
+def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
+    """Return dotted settings from `section.key=value` texts."""
+    values = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key.strip():
+            raise HandtrackError(
+                f"--set {pair}: expected section.key=value, as in --set solver.iterations=20."
+            )
+        values[key.strip()] = value.strip()
+    return values
+
+
+def parse_sources(text: str | None) -> dict[str, float]:
+    """Return the settings that switch off what is not to be used."""
+    if text is None:
+        return {}
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise HandtrackError(f"--use '{text}': expected names such as {', '.join(_AVAILABLE)}.")
+    for name in names:
+        if name not in _SOURCES:
+            raise HandtrackError(
+                f"--use {name}: no such observation; known: {', '.join(_SOURCES)}."
+            )
+        if name not in _AVAILABLE:
+            raise HandtrackError(
+                f"--use {name}: this version cannot track by that yet; it has {', '.join(_AVAILABLE)}."
+            )
+    return {f"{name}.weight": 0.0 for name in _AVAILABLE if name not in names}
+
+
+def check_seen(session: Session, settings: TrackerSettings) -> None:
+    """Raise HandtrackError for a session in which nothing can be tracked."""
+    if settings.silhouettes.weight == 0 and settings.keypoints.weight == 0:
+        raise HandtrackError(
+            "silhouettes.weight and keypoints.weight are both 0: nothing is left to track by."
+        )
+    if settings.silhouettes.weight > 0 and not any(view.has_masks for view in session.views):
+        raise HandtrackError(
+            f"{session.folder}: no camera has masks, and this version tracks by silhouettes; depth and clouds "
+            f"alone come in a later one. Give at least one [[camera]] in {SESSION_FILE} `masks`: files such as "
+            '"masks/cam0/*.png", or a method such as { method = "skin_ycrcb" } where there are images, '
+            '{ method = "depth_range", near_m = 0.3, far_m = 0.8 } where there is depth.'
+        )
+
+
+def first_pose(init: str | None, session: Session, settings: TrackerSettings) -> FirstPose | None:
+    """Return the pose of --init, None when the session's own is to be used. It belongs to the session."""
+    if init is None:
+        if session.init is None:
+            raise HandtrackError(
+                f"{session.folder}: no init.json, so tracking has no first pose. Pose the hand in the workbench "
+                f"(`handtrack open {session.folder}`) and save the first-frame pose, or give a file with --init."
+            )
+        return None
+    if init == "auto":
+        raise HandtrackError(
+            "--init auto: this version cannot find the first pose by itself yet. Pose the first frame in the "
+            "workbench, or give a file with 21 keypoints."
+        )
+    model = load_model(settings.model.name or session.hand_model, forearm=True)
+    pose = read_first_pose(Path(init), model.parameter_names)
+    if pose.frame not in session.frame_range:
+        raise HandtrackError(
+            f"--init {init}: it is about frame {pose.frame}, but {session.folder} has the frames 0 to "
+            f"{session.frame_count - 1}."
+        )
+    return pose
+
+
+def parse_frames(text: str | None, session: Session) -> range:
+    """Return the frames of `A:B` (half-open), all of the session's without a text."""
+    count = session.frame_count
+    if text is None:
+        return range(count)
+    match = re.fullmatch(r"([0-9]*):([0-9]*)", text)
+    if match is None:
+        raise HandtrackError(
+            f"--frames {text}: expected A:B, the frames from A up to but not B, as in --frames 0:100."
+        )
+    first, last = int(match[1] or 0), int(match[2] or count)
+    if first >= last or last > count:
+        raise HandtrackError(
+            f"--frames {text}: {session.folder} has the frames 0 to {count - 1}; expected A < B ≤ {count}."
+        )
+    return range(first, last)
+
+
+def check_recording(args: argparse.Namespace, frames: range) -> None:
+    """Raise HandtrackError for options of rerun that do not go together."""
+    closely = args.rerun_frame
+    if closely is None:
+        return
+    if not (args.rerun or args.rerun_save):
+        raise HandtrackError(
+            f"--rerun-frame {closely}: it needs --rerun or --rerun-save FILE.rrd, where its iterations go."
+        )
+    if closely not in frames:
+        raise HandtrackError(
+            f"--rerun-frame {closely}: not among the frames that are tracked, {frames.start} to {frames.stop - 1}."
+        )
+
+
+def writable(asked: Path | None, folder: Path) -> Path:
+    """Return where the result goes. Raises HandtrackError unless it can be written there; writes nothing."""
+    out = folder / POSES_FILE if asked is None else asked
+    if out.suffix != ".npz":
+        raise HandtrackError(f"--out {out}: results are .npz files; expected such a name.")
+    if out.is_dir():
+        raise HandtrackError(f"--out {out}: that is a folder; expected the name of a file.")
+    standing = next(path for path in (out.parent, *out.parent.resolve().parents) if path.exists())
+    try:
+        handle, name = tempfile.mkstemp(dir=standing, prefix=".handtrack_", suffix=".part")
+        os.close(handle)
+        os.unlink(name)
+    except OSError as error:
+        raise HandtrackError(
+            f"results cannot be written to {out}: {standing}: {error.strerror}. Nothing was tracked; name "
+            "another place with --out."
+        ) from None
+    return out
