@@ -93,10 +93,15 @@ class ArticulatedModel:
         """Return (J, 3) the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
 
+    @property
+    def has_keypoints21(self) -> bool:
+        """Whether the model has all 21 joints of a hand."""
+        return set(keypoint_names()) <= set(self.joint_names)
+
     def keypoints21(self, bones: BonePoses) -> Floats:
-        """Return (21, 3) world [m] in the order of contracts §5; only hands have them."""
+        """Return (21, 3) world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
-        if any(name not in self.joint_names for name in names):
+        if not self.has_keypoints21:
             raise HandtrackError(f"the model '{self.name}' has no 21 hand keypoints; its joints: {self.joint_names}")
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 

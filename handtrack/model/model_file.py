@@ -20,7 +20,7 @@ from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.transform import Follows, build_transform
 
-MODELS = ("hand26",)
+MODELS = ("hand26", "glove9", "ball6")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
 
@@ -142,18 +142,18 @@ def _build(
     length *= [factor[name] for name in names]
 
     hinges = [(b, f) for b, row in enumerate(rows) for f in row.get("freedoms", [])]
-    axis = np.array([f["axis"] for _, f in hinges], dtype=float)
+    axis = np.array([f["axis"] for _, f in hinges], dtype=float).reshape(-1, 3)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     if side == "left":
         axis *= (1.0, -1.0, -1.0)  # axes are pseudo-vectors: mirrored, then reversed
     parameters = ROOT_PARAMETERS + tuple(f["name"] for _, f in hinges)
-    hinge_bone = np.array([b for b, _ in hinges])
+    hinge_bone = np.array([b for b, _ in hinges], dtype=int)
     skeleton = Skeleton(
         names, parent, offset, rest_rotation, length, parameters, hinge_bone, axis
     )
 
     free = np.tile((-np.inf, np.inf), (6, 1))
-    interval = np.concatenate([free, np.deg2rad([f["limits_deg"] for _, f in hinges])])
+    interval = np.concatenate([free, np.deg2rad([f["limits_deg"] for _, f in hinges]).reshape(-1, 2)])
     rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
     narrowing = table.get("narrowing", {"pairs": [], "at_deg": 90.0, "to": 1.0})
     pairs = np.array(
@@ -171,9 +171,9 @@ def _build(
     }
     joints = [j for j in table["joints"].items() if j[1][0] in names]
     joint_bone = np.array([names.index(bone) for _, (bone, _) in joints])
-    ends = np.array([0.0 if end == "head" else 1.0 for _, (_, end) in joints])
-    joint_point = np.zeros((len(joints), 3))
-    joint_point[:, 1] = ends * length[joint_bone]
+    joint_point = np.stack(
+        [_place(place, side, length[b], factor[names[b]]) for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)]
+    )
     return ArticulatedModel(
         name=table["name"],
         side=side,
@@ -188,6 +188,15 @@ def _build(
         joint_bone=joint_bone,
         joint_point=joint_point,
     )
+
+
+def _place(place: Any, side: str, length: float, factor: float) -> Floats:
+    """Return a joint's place in its bone's frame (3,) [m]: the bone's head or tail, or a point [mm]."""
+    if place == "head":
+        return np.zeros(3)
+    if place == "tail":
+        return np.array([0.0, length, 0.0])
+    return _mirror(place, side) * factor * _MM
 
 
 def _couplings(table: dict[str, Any], coupling: str, spread: dict[str, float]) -> tuple[Follows, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from handtrack.arrays import Array, Floats, Ints
+from handtrack.capture.point_cloud import PointCloud as PointCloud  # also known from here
 from handtrack.geometry.camera import Camera
 
 
@@ -40,16 +41,6 @@ class ImageKeypoints:
     pixels: Floats
     """(J, 2) [px], NaN where unknown."""
     sigma_px: float
-
-
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """Measured surface points."""
-
-    points: Floats
-    """(N, 3) world [m]."""
-    colors: Array | None = None
-    """(N, 3) uint8 RGB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.first_pose import FirstPose
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
-from handtrack.tracker.initialize import fit_keypoints, fit_scale, forearm_in_view
+from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale, forearm_in_view
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.settings import TrackerSettings
@@ -125,6 +125,8 @@ class TrackingRun:
         seen = self.session.observation(frame)
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
+        if not self.model.has_keypoints21:
+            return seen
         return replace(seen, keypoints=(_keypoints(self.first, self.settings),))
 
     def track(
@@ -179,6 +181,9 @@ def _keypoints(first: FirstPose, settings: TrackerSettings) -> Keypoints:
 def _first_params(
     model: ArticulatedModel, first: FirstPose, settings: TrackerSettings
 ) -> Floats:
+    if not model.has_keypoints21:  # a simpler hand stands where the whole one would
+        whole = load_model("hand26", model.side, model.scale, forearm=True)
+        return carried_over(whole, _first_params(whole, first, settings), model)
     if first.xyz is not None:
         return fit_keypoints(model, _keypoints(first, settings))
     return model.params_from(dict(first.parameters))

@@ -60,6 +60,16 @@ def laid_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) ->
     return model.transform.solver_params(joint)
 
 
+def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedModel) -> Floats:
+    """Return solver parameters (P,) of `model` with all joint parameters that it shares with `source` by name.
+
+    The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
+    """
+    given = dict(zip(source.parameter_names, source.joint_params(params), strict=True))
+    joint = [given.get(name, rest) for name, rest in zip(model.parameter_names, model.rest, strict=True)]
+    return model.clipped(model.transform.solver_params(np.array(joint)))
+
+
 def fit_scale(
     build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
 ) -> tuple[HandScale, Floats]:

@@ -169,6 +169,6 @@ class Tracker:
             joint_covariance=joint_covariance,
             T_world_bone=bones.T_world_bone,
             joint_positions=self.model.joint_positions(bones),
-            keypoints21=self.model.keypoints21(bones) if self.model.name.startswith("hand") else None,
+            keypoints21=self.model.keypoints21(bones) if self.model.has_keypoints21 else None,
             note=note,
         )

@@ -38,7 +38,11 @@ def run(args: argparse.Namespace) -> int:
     check_new(args.out)
     total = args.frames * args.cameras
     with new_folder(args.out) as folder, progress_bar(total, "rendering") as bar:
-        simulate(folder, what, lambda _done, _total: bar.update())
+
+        def show(_done: int, _total: int) -> None:
+            bar.update()
+
+        simulate(folder, what, show)
     print(f"simulated session in {args.out}; open it with: handtrack open {args.out}")
     return 0
 

@@ -1,0 +1,264 @@
+"""Which points of a cloud are the hand: each filter a pure function points → keep, and their chain.
+
+After the point cloud paper, §2.3: distance to the previous hand, skin ellipse; and mission B4.
+Every filter is deterministic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.capture.point_cloud import PointCloud
+from handtrack.capture.skin_ellipse import SkinEllipse
+
+HandDistance = Callable[[Floats], Floats]
+"""points (N, 3) world [m] → distance (N,) [m] to the hand of the frame before."""
+
+COMPONENTS = ("all", "nearest", "largest")
+_AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
+_TREE_MOST = 60_000  # points that the outlier test looks at
+_LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
+_LEAST_SHARE = 0.05  # of the points: a smaller component is no hand
+
+
+@dataclass(frozen=True)
+class FilterReport:
+    """What one filter did to a cloud, for the screen."""
+
+    name: str
+    before: int
+    after: int
+    text: str
+    """the filter with its settings, in words."""
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.before} → {self.after} points"
+
+
+@dataclass(frozen=True)
+class CloudFilters:
+    """The filters' settings, by their names in [clouds] of session.toml; None switches one off."""
+
+    near_m: float | None = 0.1
+    """points nearer to every camera are dropped."""
+    far_m: float | None = 1.5
+    """points farther from every camera are dropped."""
+    crop_m: float | None = 0.1
+    """largest distance to the hand of the frame before; without such a hand nothing is cropped."""
+    skin: SkinEllipse | None = None
+    """colours that count as skin; clouds without colours pass."""
+    component: str = "all"
+    """of the parts that hang together: all, the nearest to the cameras, or the largest."""
+    voxel_m: float | None = 0.002
+    """side of the cells of the thinning."""
+    per_voxel: int = 1
+    """points that stay in each cell."""
+    outlier_neighbours: int | None = 8
+    """neighbours whose mean distance is looked at."""
+    outlier_ratio: float = 2.5
+    """mean distance, in units of the cloud's median one, from which a point is an outlier."""
+    max_points: int | None = 4000
+    """a random part of this many stays."""
+
+    def apply(
+        self,
+        cloud: PointCloud,
+        hand_distance: HandDistance | None = None,
+        eyes: Floats | None = None,
+    ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
+        """Return the hand's points, and what each filter did, in order.
+
+        hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
+        cameras' centres; None skips what depends on the distance to them.
+        """
+        reports: list[FilterReport] = []
+        for name, text, keep in self._steps(hand_distance, eyes):
+            before = len(cloud)
+            if before:
+                cloud = cloud.select(keep(cloud))
+            reports.append(FilterReport(name, before, len(cloud), text))
+        return cloud, tuple(reports)
+
+    def _steps(
+        self, hand_distance: HandDistance | None, eyes: Floats | None
+    ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
+        """Return name, words and function of the filters that are on: the cheap ones first, so
+        that the dear ones see few points."""
+        steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
+
+        def add(on: object, name: str, text: str, keep: Callable[[PointCloud], Array]) -> None:
+            if on:
+                steps.append((name, text, keep))
+
+        near, far = self.near_m or 0.0, self.far_m or np.inf
+        ranged = eyes is not None and (self.near_m or self.far_m)
+        sight = eyes if eyes is not None else np.zeros((1, 3))
+        add(
+            ranged,
+            "range",
+            f"{near:g} to {far:g} m from a camera",
+            lambda c: within_range(c.points, sight, near, far),
+        )
+        crop, distance = self.crop_m, hand_distance
+        if crop is not None and distance is not None:
+            add(
+                True,
+                "crop",
+                f"within {crop * 1e3:g} mm of the previous hand",
+                lambda c: near_hand(c.points, distance, crop),
+            )
+        skin = self.skin
+        if skin is not None:
+            add(
+                True,
+                "skin",
+                f"skin colour, ellipse of {skin.size:g} standard deviations",
+                lambda c: skin_coloured(c.colors, len(c), skin),
+            )
+        add(
+            self.component == "largest" or (self.component == "nearest" and eyes is not None),
+            "component",
+            f"the {self.component} part",
+            lambda c: one_component(c.points, sight if self.component == "nearest" else None),
+        )
+        voxel = self.voxel_m
+        if voxel is not None:
+            add(
+                True,
+                "voxel",
+                f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm",
+                lambda c: thinned(c.points, voxel, self.per_voxel),
+            )
+        neighbours = self.outlier_neighbours
+        if neighbours is not None:
+            add(
+                True,
+                "outliers",
+                f"mean distance to {neighbours} neighbours below {self.outlier_ratio:g} times the usual",
+                lambda c: inliers(c.points, neighbours, self.outlier_ratio),
+            )
+        most = self.max_points
+        if most is not None:
+            add(
+                True,
+                "most",
+                f"at most {most}, at random",
+                lambda c: random_part(len(c), most),
+            )
+        return steps
+
+
+def finite(points: Floats) -> Array:
+    """Return which points (N, 3) have three finite coordinates."""
+    return np.isfinite(points).all(axis=1)
+
+
+def within_range(points: Floats, eyes: Floats, near_m: float, far_m: float) -> Array:
+    """Return which points (N, 3) lie in the range [m] of at least one camera at `eyes` (C, 3)."""
+    keep = np.zeros(len(points), bool)
+    for eye in eyes:
+        square = ((points - eye) ** 2).sum(axis=1)
+        keep |= (square >= near_m**2) & (square <= far_m**2)
+    return keep
+
+
+def near_hand(points: Floats, hand_distance: HandDistance, crop_m: float) -> Array:
+    """Return which points (N, 3) lie within crop_m [m] of the hand of the frame before."""
+    parts = range(0, len(points), _AT_ONCE)
+    return np.concatenate(
+        [hand_distance(points[i : i + _AT_ONCE]) <= crop_m for i in parts] or [np.zeros(0, bool)]
+    )
+
+
+def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
+    """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
+    if colors is None:
+        return np.ones(count, bool)
+    return skin.distance(colors) <= skin.size
+
+
+def one_component(points: Floats, eyes: Floats | None, link_m: float = _LINK_M) -> Array:
+    """Return which points (N, 3) belong to the largest part that hangs together, or with `eyes`
+    (C, 3) to the nearest one.
+
+    Parts hang together by touching cells of side link_m. Parts with less than a twentieth of the
+    points are not chosen. A part's distance to the cameras is that of its nearest twentieth.
+    """
+    if len(points) == 0:
+        return np.zeros(0, bool)
+    part = _parts(points, link_m)
+    sizes = np.bincount(part)
+    if eyes is None:
+        return part == np.argmax(sizes)
+    distance = np.min([np.linalg.norm(points - eye, axis=1) for eye in eyes], axis=0)
+    candidates = np.flatnonzero(sizes >= max(_LEAST_SHARE * len(points), 1))
+    if len(candidates) == 0:
+        candidates = np.array([np.argmax(sizes)])
+    near = [np.quantile(distance[part == c], 0.05) for c in candidates]
+    return part == candidates[int(np.argmin(near))]
+
+
+def thinned(points: Floats, voxel_m: float, per_voxel: int = 1) -> Array:
+    """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
+    order = np.random.default_rng(0).permutation(len(points))
+    cells = cell_numbers(points, voxel_m)[order]
+    by_cell = np.argsort(cells, kind="stable")
+    sorted_cells = cells[by_cell]
+    starts = np.flatnonzero(np.r_[True, sorted_cells[1:] != sorted_cells[:-1]])
+    rank = np.arange(len(points)) - np.repeat(starts, np.diff(np.r_[starts, len(points)]))
+    keep = np.zeros(len(points), bool)
+    keep[order[by_cell[rank < per_voxel]]] = True
+    return keep
+
+
+def random_part(count: int, most: int) -> Array:
+    """Return a mask (count,) with at most `most` true, evenly at random, the same each time."""
+    keep = np.ones(count, bool)
+    if count > most:
+        keep[:] = False
+        keep[np.random.default_rng(0).choice(count, most, replace=False)] = True
+    return keep
+
+
+def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
+    """Return which points (N, 3) have their neighbours about as near as points usually have.
+
+    The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
+    distance to those.
+    """
+    if len(points) <= neighbours:
+        return np.ones(len(points), bool)  # too few to tell
+    seen = random_part(len(points), _TREE_MOST)
+    tree = cKDTree(points[seen])
+    distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
+    return distance <= ratio * np.median(distance)
+
+
+def cell_numbers(points: Floats, side_m: float) -> Ints:
+    """Return one whole number (N,) per point (N, 3), equal within a cell of the world's grid."""
+    cells = np.floor(points / side_m).astype(np.int64)
+    cells -= cells.min(axis=0, initial=np.iinfo(np.int64).max) if len(cells) else 0
+    size = cells.max(axis=0, initial=0) + 1
+    return (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
+
+
+def _parts(points: Floats, link_m: float) -> Ints:
+    """Return the number of each point's part (N,), parts being groups of touching cells."""
+    cells, index = np.unique(
+        np.floor(points / link_m).astype(np.int64), axis=0, return_inverse=True
+    )
+    pairs = cKDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    return _connected(len(cells), pairs)[index.reshape(-1)]
+
+
+def _connected(count: int, pairs: Array) -> Ints:
+    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+

@@ -1,0 +1,81 @@
+"""Skin as an ellipse in (r, g) chromaticity, fitted from samples; its size is the threshold.
+
+r = R / (R + G + B), g = G / (R + G + B): brightness drops out. After the point cloud paper, §2.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.errors import HandtrackError
+
+_LEAST_SAMPLES = 20
+_LEAST_SIGMA = 0.004  # 8 bit levels are about that far apart in (r, g)
+_DARK = 24  # R + G + B below that has no colour to speak of
+_TRIMS = 3
+_TRIM_SIZE = 3.0
+
+
+@dataclass(frozen=True)
+class SkinEllipse:
+    """Colours within `size` standard deviations of the mean skin colour."""
+
+    mean: tuple[float, float]
+    """r, g of the ellipse's centre."""
+    covariance: tuple[float, float, float]
+    """of rr, rg, gg: ratio and orientation of its axes."""
+    size: float = 2.5
+    """the threshold: half axes in standard deviations."""
+
+    def distance(self, colors: Array) -> Floats:
+        """Return how far colours (N, 3) uint8 RGB lie from the mean, (N,) standard deviations.
+
+        Infinite for colours too dark to have one.
+        """
+        rg, bright = chromaticity(colors)
+        rr, cross, gg = self.covariance
+        inverse = np.linalg.inv(np.array([[rr, cross], [cross, gg]]))
+        off = rg - np.array(self.mean)
+        distance = np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off))
+        return np.where(bright, distance, np.inf)
+
+    def with_size(self, size: float) -> SkinEllipse:
+        """Return the ellipse with another threshold."""
+        return replace(self, size=size)
+
+
+def chromaticity(colors: Array) -> tuple[Floats, Array]:
+    """Return (r, g) (N, 2) of colours (N, 3) uint8 RGB, and whether each is bright enough."""
+    values = np.asarray(colors, dtype=float)
+    total = values.sum(axis=-1)
+    return values[:, :2] / np.maximum(total, 1.0)[:, None], total >= _DARK
+
+
+def fit_skin_ellipse(samples: Array, size: float = 2.5) -> SkinEllipse:
+    """Return the ellipse of skin samples (N, 3) uint8 RGB: painted, boxed, or inside masks.
+
+    Samples far off (a nail's rim, background caught in the box) are trimmed. Raises
+    HandtrackError with fewer than 20 samples that are bright enough.
+    """
+    rg, bright = chromaticity(np.asarray(samples).reshape(-1, 3))
+    rg = rg[bright]
+    if len(rg) < _LEAST_SAMPLES:
+        raise HandtrackError(
+            f"the skin's colour needs at least {_LEAST_SAMPLES} sampled pixels that are not black; "
+            f"found {len(rg)}. Mark a larger patch of skin."
+        )
+    keep = np.ones(len(rg), bool)
+    for _ in range(_TRIMS):
+        mean = rg[keep].mean(axis=0)
+        covariance = np.cov(rg[keep].T) + _LEAST_SIGMA**2 * np.eye(2)
+        off = rg - mean
+        far = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
+        keep = far <= _TRIM_SIZE**2
+    return SkinEllipse(
+        (float(mean[0]), float(mean[1])),
+        (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
+        size,
+    )
