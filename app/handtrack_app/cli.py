@@ -124,7 +124,7 @@ def _add_workbench(commands: Any) -> None:
             "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
         )
         command.add_argument(
-            "--port", type=int, default=8080, help="port; the next free one unless given"
+            "--port", type=int, help="port (default: 8080, or the next free one)"
         )
         command.add_argument(
             "--no-browser", action="store_true", help="do not open a browser window"

@@ -271,7 +271,7 @@ def _complete(
         joint_covariance=np.asarray(spread, dtype=float),
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.name.startswith("hand") else None,
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
     )
 
 

@@ -25,6 +25,7 @@ COMPONENTS = ("all", "nearest", "largest")
 _AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
+_FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
 _LEAST_SHARE = 0.05  # of the points: a smaller component is no hand
 
 
@@ -242,11 +243,12 @@ def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
 
 
 def cell_numbers(points: Floats, side_m: float) -> Ints:
-    """Return one whole number (N,) per point (N, 3), equal within a cell of the world's grid."""
-    cells = np.floor(points / side_m).astype(np.int64)
-    cells -= cells.min(axis=0, initial=np.iinfo(np.int64).max) if len(cells) else 0
-    size = cells.max(axis=0, initial=0) + 1
-    return (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
+    """Return one whole number (N,) per point (N, 3), equal within a cell of one grid."""
+    cells = np.floor(points / side_m)
+    cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0
+    whole = np.clip(cells, -_FAR_CELLS, _FAR_CELLS).astype(np.int64) + _FAR_CELLS
+    size = 2 * _FAR_CELLS + 1
+    return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
 
 
 def _parts(points: Floats, link_m: float) -> Ints:

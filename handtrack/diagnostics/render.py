@@ -72,7 +72,11 @@ def _window(camera: Camera, rays: Floats, centre: Floats, radius: float):
     """Return the rows and columns that a ball around an ellipsoid can reach, or None."""
     if centre[2] <= radius:
         return None
-    reach = radius / np.sqrt(centre[2] ** 2 - radius**2) * np.hypot(1.0, np.hypot(*centre[:2]) / centre[2])
+    reach = (
+        radius
+        / np.sqrt(centre[2] ** 2 - radius**2)
+        * np.hypot(1.0, np.hypot(*centre[:2]) / centre[2])
+    )
     near = (np.abs(rays[..., 0] - centre[0] / centre[2]) < 1.5 * reach) & (
         np.abs(rays[..., 1] - centre[1] / centre[2]) < 1.5 * reach
     )

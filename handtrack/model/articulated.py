@@ -15,8 +15,8 @@ from handtrack.model.limits import Limits
 from handtrack.model.skeleton import Skeleton
 from handtrack.model.transform import ParameterTransform
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
-HAND_PARTS = (*FINGERS, "forearm")
+FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")
+HAND_PARTS: tuple[str, ...] = (*FINGERS, "forearm")
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,9 @@ class ArticulatedModel:
         """Return (21, 3) world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
         if not self.has_keypoints21:
-            raise HandtrackError(f"the model '{self.name}' has no 21 hand keypoints; its joints: {self.joint_names}")
+            raise HandtrackError(
+                f"the model '{self.name}' has no 21 hand keypoints; its joints: {self.joint_names}"
+            )
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 
     def params_from(self, values: dict[str, float]) -> Floats:

@@ -32,7 +32,16 @@ def _multiply(a, b, out):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True)
 def pose_bones(
-    params, root_rotation, parent, offset, rest, hinge_bone, hinge_axis, rotation, position, axis_world
+    params,
+    root_rotation,
+    parent,
+    offset,
+    rest,
+    hinge_bone,
+    hinge_axis,
+    rotation,
+    position,
+    axis_world,
 ):  # pragma: no cover - compiled
     """Fill rotation (B, 3, 3), position (B, 3) and the hinges' world axes (S − 6, 3)."""
     bones, hinges = parent.shape[0], hinge_bone.shape[0]

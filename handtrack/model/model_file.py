@@ -61,7 +61,7 @@ def read_scale(path: Path) -> HandScale:
         size = HandScale(float(data["overall"]), parts)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
-            f"{path}: a saved hand is a JSON file like {{\"overall\": 1.03, \"fingers\": {{\"thumb\": 0.98}}}}; {error}."
+            f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "fingers": {{"thumb": 0.98}}}}; {error}.'
         ) from None
     for part in parts:
         if part not in HAND_PARTS:
@@ -89,7 +89,9 @@ def _read_definition(name: str) -> dict[str, Any]:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise HandtrackError(f"model definition {name}: not valid TOML: {error}.") from None
-    missing = [key for key in ("name", "length_mm", "bone", "joints", "ellipsoids") if key not in table]
+    missing = [
+        key for key in ("name", "length_mm", "bone", "joints", "ellipsoids") if key not in table
+    ]
     if missing:
         raise HandtrackError(f"model definition {name}: the key '{missing[0]}' is missing.")
     return table
@@ -148,12 +150,12 @@ def _build(
         axis *= (1.0, -1.0, -1.0)  # axes are pseudo-vectors: mirrored, then reversed
     parameters = ROOT_PARAMETERS + tuple(f["name"] for _, f in hinges)
     hinge_bone = np.array([b for b, _ in hinges], dtype=int)
-    skeleton = Skeleton(
-        names, parent, offset, rest_rotation, length, parameters, hinge_bone, axis
-    )
+    skeleton = Skeleton(names, parent, offset, rest_rotation, length, parameters, hinge_bone, axis)
 
     free = np.tile((-np.inf, np.inf), (6, 1))
-    interval = np.concatenate([free, np.deg2rad([f["limits_deg"] for _, f in hinges]).reshape(-1, 2)])
+    interval = np.concatenate(
+        [free, np.deg2rad([f["limits_deg"] for _, f in hinges]).reshape(-1, 2)]
+    )
     rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
     narrowing = table.get("narrowing", {"pairs": [], "at_deg": 90.0, "to": 1.0})
     pairs = np.array(
@@ -172,7 +174,10 @@ def _build(
     joints = [j for j in table["joints"].items() if j[1][0] in names]
     joint_bone = np.array([names.index(bone) for _, (bone, _) in joints])
     joint_point = np.stack(
-        [_place(place, side, length[b], factor[names[b]]) for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)]
+        [
+            _place(place, side, length[b], factor[names[b]])
+            for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)
+        ]
     )
     return ArticulatedModel(
         name=table["name"],
@@ -199,7 +204,9 @@ def _place(place: Any, side: str, length: float, factor: float) -> Floats:
     return _mirror(place, side) * factor * _MM
 
 
-def _couplings(table: dict[str, Any], coupling: str, spread: dict[str, float]) -> tuple[Follows, ...]:
+def _couplings(
+    table: dict[str, Any], coupling: str, spread: dict[str, float]
+) -> tuple[Follows, ...]:
     chosen = {"26": (), "21": ("21",), "18": ("21", "18")}[coupling]
     rows = [row for key in chosen for row in table.get("couplings", {}).get(key, [])]
     follows = []

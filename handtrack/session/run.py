@@ -178,20 +178,23 @@ def _keypoints(first: FirstPose, settings: TrackerSettings) -> Keypoints:
     return Keypoints(keypoint_names(), first.xyz, settings.keypoints.sigma_mm * 1e-3)
 
 
-def _first_params(
-    model: ArticulatedModel, first: FirstPose, settings: TrackerSettings
-) -> Floats:
+def _first_params(model: ArticulatedModel, first: FirstPose, settings: TrackerSettings) -> Floats:
     if not model.has_keypoints21:  # a simpler hand stands where the whole one would
-        whole = load_model("hand26", model.side, model.scale, forearm=True)
+        whole = _whole(model)
         return carried_over(whole, _first_params(whole, first, settings), model)
     if first.xyz is not None:
         return fit_keypoints(model, _keypoints(first, settings))
     return model.params_from(dict(first.parameters))
 
 
-def _hand_scale(
-    session: Session, settings: TrackerSettings, first: FirstPose | None
-) -> HandScale:
+def _whole(model: ArticulatedModel) -> ArticulatedModel:
+    """Return a hand with all its joints, of the same person: keypoints and names refer to it."""
+    if model.has_keypoints21:
+        return model
+    return load_model("hand26", model.side, model.scale, forearm=True)
+
+
+def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | None) -> HandScale:
     given = session.hand_scale
     if isinstance(given, Path):
         return read_scale(given)
@@ -200,7 +203,7 @@ def _hand_scale(
     if first is None or first.xyz is None:
         return HandScale()  # nothing to fit to: an adult's mean hand
     seen = _keypoints(first, settings)
-    return fit_scale(lambda scale: _model(session, settings, scale, False), seen)[0]
+    return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)[0]
 
 
 def _forearm(

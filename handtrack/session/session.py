@@ -11,12 +11,15 @@ from typing import TypeVar
 
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.calibration import read_rig
+from handtrack.capture.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.frames import files_by_frame
+from handtrack.capture.point_cloud import PointCloud
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import Keypoints, Observation
+from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source
 from handtrack.session.doctor import Finding, examine
 from handtrack.session.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import (
@@ -33,7 +36,9 @@ from handtrack.session.truth import Truth, read_truth
 from handtrack.session.views import View
 
 _T = TypeVar("_T")
+_K = TypeVar("_K")
 _OBSERVATIONS_KEPT = 12
+_CLOUDS_KEPT = 12  # before filtering; some have a million points
 _INIT_SIGMA_M = 0.005  # a detector's or a person's error in placing a keypoint
 
 
@@ -49,12 +54,16 @@ class Session:
         self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
+        self.cloud_filters = CloudFilters() if file.clouds is None else cloud_filters(file.clouds)
+        """how the hand's points are told from the others, by [clouds]."""
+        self._clouds: CloudSource | None = self._open_clouds()
         self._times = self._read_times()
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
         self._observations: OrderedDict[tuple[int, bool], Observation] = OrderedDict()
+        self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
         self._lock = threading.Lock()
 
     @classmethod
@@ -133,7 +142,8 @@ class Session:
     @property
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
-        return [text for view in self.views for text in view.warnings]
+        clouds = [] if self._clouds is None else self._clouds.warnings
+        return [text for view in self.views for text in view.warnings] + clouds
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""
@@ -155,9 +165,41 @@ class Session:
         missing."""
         return self.view(camera).mask(frame)
 
+    @property
+    def has_clouds(self) -> bool:
+        """Whether session.toml names a source of point clouds."""
+        return self._clouds is not None
+
+    def measured_cloud(self, frame: int) -> PointCloud | None:
+        """Return the frame's cloud before any filter; None where none was taken."""
+        if self._clouds is None:
+            return None
+        with self._lock:
+            known, cloud = frame in self._measured, self._measured.get(frame)
+        if not known:
+            cloud = self._clouds.read(frame)
+        _remember(self._measured, frame, cloud, _CLOUDS_KEPT, self._lock)
+        return cloud
+
+    def cloud(
+        self,
+        frame: int,
+        hand_distance: HandDistance | None = None,
+        filters: CloudFilters | None = None,
+    ) -> tuple[PointCloud | None, tuple[FilterReport, ...]]:
+        """Return the hand's points of a frame, and what each filter did.
+
+        hand_distance: points (N, 3) → distance (N,) [m] to the hand of the frame before, for the
+        crop. filters: instead of those of session.toml. Not kept.
+        """
+        measured = self.measured_cloud(frame)
+        if measured is None or self._clouds is None:
+            return None, ()
+        return (filters or self.cloud_filters).apply(measured, hand_distance, self._clouds.eyes)
+
     def observation(self, frame: int, keypoints: bool = False) -> Observation:
         """Return what was seen of one frame. Missing views are absent; an empty mask is seen
-        emptiness.
+        emptiness. The cloud is filtered, but not cropped to a hand: see `cloud`.
 
         keypoints: add those of init.json at its own frame. Raises HandtrackError outside the
         session's frames.
@@ -171,11 +213,9 @@ class Session:
             known = self._observations.get((frame, keypoints))
         if known is None:
             known = self._observe(frame, keypoints)
-        with self._lock:
-            self._observations[frame, keypoints] = known
-            self._observations.move_to_end((frame, keypoints))
-            while len(self._observations) > _OBSERVATIONS_KEPT:
-                self._observations.popitem(last=False)
+        _remember(
+            self._observations, (frame, keypoints), known, _OBSERVATIONS_KEPT, self._lock
+        )
         return known
 
     def doctor(self) -> list[Finding]:
@@ -193,7 +233,13 @@ class Session:
             and self.init.xyz is not None
         ):
             points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
-        return Observation(frame, self.time_s(frame), seen, points)
+        return Observation(frame, self.time_s(frame), seen, points, self.cloud(frame)[0])
+
+    def _open_clouds(self) -> CloudSource | None:
+        settings = self.file.clouds
+        if settings is None:
+            return None
+        return cloud_source(settings, self.cloud_files, self.views, self.rig)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files
@@ -239,3 +285,14 @@ class Session:
     def _hand_file(self, key: str, setting: str) -> Path:
         where = f"{self.folder / SESSION_FILE}, [hand], {key}"
         return matching_files(self.folder, setting, where)[0]
+
+
+def _remember(
+    kept: OrderedDict[_K, _T], key: _K, value: _T, most: int, lock: threading.Lock
+) -> None:
+    """Keep a value, forgetting those longest not used."""
+    with lock:
+        kept[key] = value
+        kept.move_to_end(key)
+        while len(kept) > most:
+            kept.popitem(last=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from handtrack.capture.cloud_filters import COMPONENTS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
@@ -14,8 +15,10 @@ from handtrack.errors import HandtrackError
 
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
+STEREO_METHODS = ("sgbm", "correlation")
 _CLOUD_SOURCES = ("files", "stereo", "depth")
-_CLOUD_NUMBERS = ("crop_m", "voxel_m", "near_m", "far_m")
+_CLOUD_NUMBERS = {"crop_m": "m", "voxel_m": "m", "near_m": "m", "far_m": "m", "outlier_ratio": ""}
+_CLOUD_COUNTS = ("max_points", "outlier_neighbours", "per_voxel")
 
 
 @dataclass(frozen=True)
@@ -73,12 +76,17 @@ class CloudSettings:
     """pairs of cameras to match."""
     depth: tuple[str, ...] = ()
     """cameras whose depth is used."""
-    crop_m: float | None = None
-    voxel_m: float | None = None
-    max_points: int | None = None
+    stereo_method: str = "sgbm"
+    """how pairs are matched: sgbm, or correlation."""
     near_m: float | None = None
     far_m: float | None = None
+    crop_m: float | None = None
+    component: str | None = None
+    voxel_m: float | None = None
+    per_voxel: int | None = None
     outlier_neighbours: int | None = None
+    outlier_ratio: float | None = None
+    max_points: int | None = None
 
 
 @dataclass(frozen=True)
@@ -251,21 +259,26 @@ def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSet
             f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
             f"{', '.join(given) or 'none'}."
         )
-    numbers: dict[str, Any] = {
-        key: table.number(key, above=0.0, unit="m")
-        for key in _CLOUD_NUMBERS
+    filters: dict[str, Any] = {
+        key: table.number(key, above=0.0, unit=unit)
+        for key, unit in _CLOUD_NUMBERS.items()
         if table.raw(key) is not None
     }
-    for key in ("max_points", "outlier_neighbours"):
+    for key in _CLOUD_COUNTS:
         if table.raw(key) is not None:
-            numbers[key] = table.whole(key, None, 1)
+            filters[key] = table.whole(key, None, 1)
+    if table.raw("component") is not None:
+        filters["component"] = table.choice("component", COMPONENTS, COMPONENTS[0])
+    if filters.get("far_m", 1e9) <= filters.get("near_m", 0.0):
+        raise table.error("far_m", filters["far_m"], f"more than near_m = {filters['near_m']:g}")
     settings = CloudSettings(
         files=table.text("files") if given == ["files"] else None,
         stereo=_pairs(table, cameras) if given == ["stereo"] else (),
         depth=_names(table, "depth", table.raw("depth"), cameras, "depth")
         if given == ["depth"]
         else (),
-        **numbers,
+        stereo_method=table.choice("stereo_method", STEREO_METHODS, STEREO_METHODS[0]),
+        **filters,
     )
     table.finish()
     return settings

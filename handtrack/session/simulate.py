@@ -64,7 +64,10 @@ class Simulation:
 
 
 def simulated_rig(
-    count: int, size: tuple[int, int] = (640, 480), distance_m: float = 0.5, distortion: bool = False
+    count: int,
+    size: tuple[int, int] = (640, 480),
+    distance_m: float = 0.5,
+    distortion: bool = False,
 ) -> CameraRig:
     """Return cameras around the world's origin, looking at it.
 

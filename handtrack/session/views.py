@@ -79,6 +79,20 @@ class View:
         image = None if self.depth is None else self.depth.read(frame)
         return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
 
+    def hand_pixels(self, frame: int) -> Bytes | None:
+        """Return where the hand may be (H, W) uint8, by mask and region of interest; None: all.
+
+        A camera that has masks, but none of this frame, says nothing of it: also None.
+        """
+        mask = self.mask(frame) if self.has_masks else None
+        if self.settings.roi is None:
+            return mask
+        x, y, width, height = self.settings.roi
+        inside = np.zeros(self.camera.size[::-1], np.uint8)
+        part = slice(y, y + height), slice(x, x + width)
+        inside[part] = 255 if mask is None else mask[part]
+        return inside
+
     def silhouette(self, frame: int) -> Silhouette | None:
         """Return the frame's silhouette in the undistorted image; None where there is no mask."""
         mask = self.mask(frame)

@@ -89,7 +89,7 @@ def solve(
     system = problem.linearize(params)
     costs.append(system.cost)
     why, count = "iterations", 0
-    for count in range(1, settings.iterations + 1):  # noqa: B007 - reported after the loop
+    for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
             why = "stopped"
             break

@@ -25,9 +25,7 @@ class JointSystem:
 
     def pull_back(self, matrix: Floats) -> JointSystem:
         """Return the system of q where these parameters are matrix · q + offset. matrix: (S, P)."""
-        return JointSystem(
-            self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix
-        )
+        return JointSystem(self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix)
 
 
 @dataclass(frozen=True)
@@ -58,4 +56,6 @@ class BoneSystem:
 
     def pull_back(self, twist_jacobian: Floats) -> JointSystem:
         """Return the system of joint parameters. twist_jacobian: (B, 6, S)."""
-        return JointSystem(self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian))
+        return JointSystem(
+            self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian)
+        )

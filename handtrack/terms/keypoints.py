@@ -20,7 +20,9 @@ def _known(model: ArticulatedModel, names: tuple[str, ...], seen: np.ndarray) ->
     for name in names:
         if name not in model.joint_names:
             raise unknown_name("joint", name, model.joint_names, f"the keypoints of {model.name}")
-    return np.array([model.joint_names.index(n) for n, s in zip(names, seen, strict=True) if s], int)
+    return np.array(
+        [model.joint_names.index(n) for n, s in zip(names, seen, strict=True) if s], int
+    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,9 @@ from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.result import FrameResult, Status
 
 _HISTORY = 30  # frames that tell what is usual
-_LEAST_USUAL = 15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
+_LEAST_USUAL = (
+    15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
+)
 _SUSPICIOUS = 1.4  # times the usual energy: worth looking for a lost finger
 _DOUBTFUL = 2.0  # times the usual energy: say so
 
@@ -50,5 +52,8 @@ def assess(
         return Status.DOUBTFUL, overlap
     ratio = energy_ratio(energy, len(terms.prepared), previous)
     if ratio > _DOUBTFUL:
-        return Status.DOUBTFUL, f"the model fits {ratio:.1f} times worse than usual; a finger may be lost"
+        return (
+            Status.DOUBTFUL,
+            f"the model fits {ratio:.1f} times worse than usual; a finger may be lost",
+        )
     return Status.TRACKED, ""

@@ -63,7 +63,11 @@ def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterato
     """Yield params with one finger put everywhere in its range."""
     base = "cmc" if finger == "thumb" else "mcp"
     after = ("mcp", "ip") if finger == "thumb" else ("pip", "dip")
-    names = [f"{finger}_{base}_flex", f"{finger}_{base}_abd", *(f"{finger}_{j}_flex" for j in after)]
+    names = [
+        f"{finger}_{base}_flex",
+        f"{finger}_{base}_abd",
+        *(f"{finger}_{j}_flex" for j in after),
+    ]
     if any(name not in model.parameter_names for name in names):
         return
     at = [model.skeleton.parameter(name) for name in names]

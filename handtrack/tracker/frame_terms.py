@@ -70,7 +70,7 @@ class FrameTerms:
             CoverageTerm(
                 self.prepared,
                 flesh,
-                band_px=band,
+                band_px=band.tolist(),
                 bones_at_start=start,
                 antisymmetric=index == len(settings.bands_mm) - 1,
                 weight=self._weight(band),
@@ -78,8 +78,8 @@ class FrameTerms:
         )
         return terms
 
-    def _weight(self, band_px: Floats) -> Floats:
-        """Return weights (C,) that make the cost a negative log-likelihood.
+    def _weight(self, band_px: Floats) -> list[float]:
+        """Return a weight for each camera that make the cost a negative log-likelihood.
 
         ½ Σ r² grows by 1/(2·band) for each pixel of outline and pixel² of shift. An outline that is off by sigma,
         the same error over a stretch of it, should cost ½ for each stretch.
@@ -87,7 +87,7 @@ class FrameTerms:
         settings = self.settings.silhouettes
         scale = np.array(self.pixels_per_m) * _MM
         sigma, stretch = settings.outline_sigma_mm * scale, settings.outline_correlation_mm * scale
-        return settings.weight * 2 * band_px / (stretch * sigma**2)
+        return (settings.weight * 2 * band_px / (stretch * sigma**2)).tolist()
 
 
 def frame_terms(
@@ -111,7 +111,8 @@ def frame_terms(
     if settings.keypoints.weight > 0:
         loss = GemanMcClure(_ROBUST_SIGMAS)
         keypoints = [
-            KeypointTerm(model, seen, settings.keypoints.weight, loss) for seen in observation.keypoints
+            KeypointTerm(model, seen, settings.keypoints.weight, loss)
+            for seen in observation.keypoints
         ]
     return FrameTerms(
         model,
@@ -165,6 +166,8 @@ def _forearm_cut(
     ends = start.to_world(np.array([bone, bone]), np.array([[0.0, 0.0, 0.0], [0.0, reach, 0.0]]))
     wrist, far = silhouette.camera.project(ends)
     along = wrist - far
-    if not np.linalg.norm(along) > 5.0:  # seen along the arm, or behind the camera: no side to cut off
+    if (
+        not np.linalg.norm(along) > 5.0
+    ):  # seen along the arm, or behind the camera: no side to cut off
         return None
     return float(along[0]), float(along[1]), -float(along @ far)

@@ -66,7 +66,9 @@ def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedMod
     The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
     """
     given = dict(zip(source.parameter_names, source.joint_params(params), strict=True))
-    joint = [given.get(name, rest) for name, rest in zip(model.parameter_names, model.rest, strict=True)]
+    joint = [
+        given.get(name, rest) for name, rest in zip(model.parameter_names, model.rest, strict=True)
+    ]
     return model.clipped(model.transform.solver_params(np.array(joint)))
 
 
@@ -118,7 +120,9 @@ def forearm_in_view(
     for silhouette in silhouettes:
         covered, known = _mask_at(silhouette, points)
         if known.mean() > 0.5:
-            shares.append(np.where(known, covered, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+            shares.append(
+                np.where(known, covered, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+            )
     if not shares:
         return False
     together = np.mean(shares, axis=0)
@@ -132,7 +136,10 @@ def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Floats, np.ndarray
     pixel = np.rint(np.where(np.isfinite(seen), seen, -1)).astype(int)
     width, height = camera.size
     inside = (
-        (pixel[..., 0] >= 0) & (pixel[..., 0] < width) & (pixel[..., 1] >= 0) & (pixel[..., 1] < height)
+        (pixel[..., 0] >= 0)
+        & (pixel[..., 0] < width)
+        & (pixel[..., 1] >= 0)
+        & (pixel[..., 1] < height)
     )
     column = np.clip(pixel[..., 0], 0, width - 1)
     row = np.clip(pixel[..., 1], 0, height - 1)
@@ -147,8 +154,8 @@ def aimed_forearm(problem: Problem, params: Floats) -> Floats:
     flex, abd = names.index("wrist_flex"), names.index("wrist_abd")
     bounds = problem.bounds(params)
     best, least = params, np.inf
-    for bend in np.linspace(*bounds[flex], 13):
-        for tilt in np.linspace(*bounds[abd], 7):
+    for bend in np.linspace(bounds[flex, 0], bounds[flex, 1], 13):
+        for tilt in np.linspace(bounds[abd, 0], bounds[abd, 1], 7):
             trial = params.copy()
             trial[[flex, abd]] = bend, tilt
             cost = problem.cost(trial)

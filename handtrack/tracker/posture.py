@@ -14,10 +14,17 @@ from handtrack.terms.priors import LinearPrior
 # J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures.
 _TOGETHER = (
     [("thumb_ip_flex", 2 / 3, "thumb_mcp_flex", 25.0)]
-    + [(f"{f}_dip_flex", 2 / 3, f"{f}_pip_flex", 14.0) for f in ("index", "middle", "ring", "little")]
+    + [
+        (f"{f}_dip_flex", 2 / 3, f"{f}_pip_flex", 14.0)
+        for f in ("index", "middle", "ring", "little")
+    ]
     + [
         (f"{a}_{joint}_flex", 1.0, f"{b}_{joint}_flex", sigma)
-        for a, b, sigma in (("index", "middle", 35.0), ("middle", "ring", 20.0), ("ring", "little", 20.0))
+        for a, b, sigma in (
+            ("index", "middle", 35.0),
+            ("middle", "ring", 20.0),
+            ("ring", "little", 20.0),
+        )
         for joint in ("mcp", "pip")
     ]
 )

@@ -136,7 +136,9 @@ def _converted(value: Any, kind: Any, name: str) -> Any:
         return str(value).lower() if isinstance(value, bool) else str(value)
     except (TypeError, ValueError):
         label = getattr(kind, "__name__", str(kind))
-        raise HandtrackError(f"setting '{name}': expected a value of kind {label}, found {value!r}.") from None
+        raise HandtrackError(
+            f"setting '{name}': expected a value of kind {label}, found {value!r}."
+        ) from None
 
 
 def _is_boolean(value: Any) -> bool:
@@ -165,11 +167,15 @@ def _check(settings: TrackerSettings) -> None:
     flat = settings.flat()
     for name, choices in _CHOICES.items():
         if flat[name] not in choices:
-            raise HandtrackError(f"setting '{name}': expected one of {', '.join(choices)}, found '{flat[name]}'.")
+            raise HandtrackError(
+                f"setting '{name}': expected one of {', '.join(choices)}, found '{flat[name]}'."
+            )
     for name, value in flat.items():
         least = 0.0 if name not in _POSITIVE else 1e-12
         if isinstance(value, (int, float)) and value < least:
             raise HandtrackError(f"setting '{name}': expected a number above 0, found {value}.")
     bands = settings.silhouettes.bands_mm
     if not bands or min(bands) <= 0:
-        raise HandtrackError(f"setting 'silhouettes.bands_mm': expected widths above 0, found {bands}.")
+        raise HandtrackError(
+            f"setting 'silhouettes.bands_mm': expected widths above 0, found {bands}."
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,14 @@ from handtrack.solver.problem import Problem
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.settings import TrackerSettings
 
-_OVERALL_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+_OVERALL_SIGMA = (
+    0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+)
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
-_BANDS_MM = (4.0, 1.5)  # narrow enough for the antisymmetric ramp on a finger: no bias towards large hands
+_BANDS_MM = (
+    4.0,
+    1.5,
+)  # narrow enough for the antisymmetric ramp on a finger: no bias towards large hands
 _FOREARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS) + [_FOREARM_SIGMA])
 SIZES = len(_SIGMAS)
@@ -31,7 +37,7 @@ _POSE_ITERATIONS = 8
 def scale_from_deviations(deviations: Floats) -> HandScale:
     """Return the hand that is (SIZES,) standard deviations from the mean adult's."""
     logs = deviations * _SIGMAS
-    parts = dict(zip(HAND_PARTS, np.exp(logs[1:]).tolist(), strict=True))
+    parts: dict[str, float] = dict(zip(HAND_PARTS, np.exp(logs[1:]).tolist(), strict=True))
     return HandScale(float(np.exp(logs[0])), parts)
 
 
@@ -98,10 +104,8 @@ class _SizeFit:
         """Return the best deviations (SIZES,) found, and its poses."""
         options = {"maxiter": 20, "ftol": 1e-4}
         start, limits = self.best[1], [(-_FARTHEST, _FARTHEST)] * SIZES
-        try:
+        with suppress(_StoppedError):  # asked to: the best so far is what there is
             minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=limits, options=options)
-        except _StoppedError:
-            pass  # asked to: the best so far is what there is
         return self.best[1], self.best[2]
 
     def _look_out(self) -> None:

@@ -132,7 +132,11 @@ class Tracker:
         system = problem.linearize(params)
         spread = uncertainty(self.model, params, system.hessian)
         status, note = assess(terms, self.model.bones(params), system.cost, previous)
-        std = np.full_like(spread.parameter_std, np.inf) if status == Status.LOST else spread.parameter_std
+        std = (
+            np.full_like(spread.parameter_std, np.inf)
+            if status == Status.LOST
+            else spread.parameter_std
+        )
         return self._filled(
             observation, params, status, system.cost, iterations, std, spread.joint_covariance, note
         )

@@ -89,7 +89,9 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
 
 def main() -> None:
     data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    figures = compare(read_npz(Path(sys.argv[1])), Session.open(data / "sessions" / "desk_two_view"))
+    figures = compare(
+        read_npz(Path(sys.argv[1])), Session.open(data / "sessions" / "desk_two_view")
+    )
     for frame, (marks, shares) in figures.pop("frames").items():  # type: ignore[union-attr]
         values = np.array(list(marks.values()))
         worst = sorted(marks, key=lambda k: -marks[k])[:3]

@@ -61,7 +61,9 @@ def test_flexion_bends_to_the_palm(finger):
 def test_signs_of_abduction():
     model = load_model()
     for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
-        moved = tip(model, f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3}) - tip(model, f"{finger}_tip")
+        moved = tip(model, f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3}) - tip(
+            model, f"{finger}_tip"
+        )
         assert np.sign(moved[0]) == sign, finger
     thumb = tip(model, "thumb_tip", thumb_cmc_abd=0.3) - tip(model, "thumb_tip")
     assert thumb[2] < -0.01  # away from the palm: to its side
@@ -97,7 +99,10 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
 
 def test_scale_per_hand_and_per_finger():
     big, plain = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
-    a, b = big.joint_positions(big.bones(np.zeros(26))), plain.joint_positions(plain.bones(np.zeros(26)))
+    a, b = (
+        big.joint_positions(big.bones(np.zeros(26))),
+        plain.joint_positions(plain.bones(np.zeros(26))),
+    )
     names = plain.joint_names
     i, j = names.index("index_mcp"), names.index("index_tip")
     np.testing.assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
@@ -120,7 +125,10 @@ def test_limits_hold_the_zero_and_the_relaxed_pose():
 
 def test_spread_shrinks_as_the_knuckle_bends():
     model = load_model()
-    flex, abd = model.skeleton.parameter("index_mcp_flex"), model.skeleton.parameter("index_mcp_abd")
+    flex, abd = (
+        model.skeleton.parameter("index_mcp_flex"),
+        model.skeleton.parameter("index_mcp_abd"),
+    )
     straight, bent = np.zeros(26), np.zeros(26)
     bent[flex] = np.deg2rad(90)
     assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])

@@ -23,7 +23,10 @@ def test_compiled_poses_equal_the_plain_form(rng, side, forearm):
     model = load_model(side=side, forearm=forearm)
     for _ in range(5):
         params = random_params(rng, model)
-        fast, plain = bone_poses(model.skeleton, params), reference.bone_poses(model.skeleton, params)
+        fast, plain = (
+            bone_poses(model.skeleton, params),
+            reference.bone_poses(model.skeleton, params),
+        )
         np.testing.assert_allclose(fast.rotation, plain.rotation, atol=1e-13)
         np.testing.assert_allclose(fast.position, plain.position, atol=1e-13)
 

@@ -66,7 +66,9 @@ def test_a_curved_valley_is_followed_to_its_end():
 def test_says_why_it_stopped():
     short = SolverSettings(iterations=2, step_limit_m=10, step_limit_rad=10)
     assert solve(Rosenbrock(), np.array([-1.2, 1.0]), short).why == "iterations"
-    assert solve(Rosenbrock(), np.array([-1.2, 1.0]), FAR, should_stop=lambda: True).why == "stopped"
+    assert (
+        solve(Rosenbrock(), np.array([-1.2, 1.0]), FAR, should_stop=lambda: True).why == "stopped"
+    )
 
 
 def test_a_wrong_gradient_is_no_descent_not_convergence():

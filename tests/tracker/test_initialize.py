@@ -19,7 +19,9 @@ def seen_pose(model, pose, rng, noise=0.0):
     joint = named_pose(model, pose)
     joint[:6] = rng.normal(scale=0.5, size=6)
     points = model.keypoints21(model.bones(model.transform.solver_params(joint)))
-    return Keypoints(keypoint_names(), points + rng.normal(scale=noise, size=points.shape), noise or 1e-3)
+    return Keypoints(
+        keypoint_names(), points + rng.normal(scale=noise, size=points.shape), noise or 1e-3
+    )
 
 
 @pytest.mark.parametrize("pose", ["open", "fist", "point", "pinch"])

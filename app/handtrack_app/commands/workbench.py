@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import sys
+from pathlib import Path
 
 from handtrack.session.bundled import bundled_session
+from handtrack.session.layout import SESSION_FILE
+from handtrack_app.commands.progress import say
+from handtrack_app.guard import FIRST_PORT, choose_port
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve the workbench until Ctrl-C."""
     demo = args.command == "demo"
-    folder = None if demo else args.session
-    if folder is None:
-        folder = bundled_session("open_fist_open")
-    print("handtrack: starting the workbench …", file=sys.stderr)
+    folder = bundled_session() if demo or args.session is None else args.session
+    if not (folder / SESSION_FILE).is_file():
+        _refuse(folder)
+    if args.port is not None:
+        choose_port(args.host, args.port)  # says what is wrong with it before anything starts
+    say("handtrack: starting the workbench …")
     from handtrack_app.workbench import run_workbench
 
     run_workbench(
         folder,
         host=args.host,
-        port=args.port,
+        port=FIRST_PORT if args.port is None else args.port,
         open_browser=not args.no_browser,
         rerun=args.rerun,
         demo=demo,
     )
     return 0
+
+
+def _refuse(folder: Path) -> None:
+    from handtrack.session.session import Session
+
+    Session.open(folder)

@@ -1,0 +1,92 @@
+"""Compiled distance to the merged surface. The plain form: tests/model/metaballs_reference.py."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+CENTRE, AXES, LEAST, REACH, STRETCH = 0, 3, 12, 13, 14
+"""Columns of the table of an ellipsoid: centre (3); diag(1/r) Rᵀ (9, row by row), which makes it the unit ball; r_min;
+r_max; a bound on |∇d|."""
+TINY = 1e-9
+"""Level k below which a point counts as the centre, where directions are undefined."""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def pose_table(rotation, position, bone, centre, turn, radii, table):  # pragma: no cover - compiled
+    """Fill table (E, 16) with the ellipsoids where the bones have carried them."""
+    for e in range(bone.shape[0]):
+        b = bone[e]
+        for i in range(3):
+            table[e, CENTRE + i] = position[b, i]
+            for j in range(3):
+                table[e, CENTRE + i] += rotation[b, i, j] * centre[e, j]
+                axis = 0.0
+                for k in range(3):
+                    axis += rotation[b, j, k] * turn[e, k, i]
+                table[e, AXES + 3 * i + j] = axis / radii[e, i]
+        least = min(radii[e, 0], radii[e, 1], radii[e, 2])
+        most = max(radii[e, 0], radii[e, 1], radii[e, 2])
+        table[e, LEAST], table[e, REACH] = least, most
+        # at the surface |∇d2| ≤ (r_max/r_min + r_min/r_max)/2 (Kantorovich); farther out it tends to 1, inside it is ≤ 1
+        table[e, STRETCH] = 0.5 * (most / least + least / most)
+        table[e, 15] = 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def ellipsoid_distance(table, e, turning, x, y, z):  # pragma: no cover - compiled
+    """Return the distance of a point to ellipsoid e: (k − 1) r_min where k < turning, else ρ (1 − 1/k)."""
+    x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
+    u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
+    v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
+    w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
+    k = max(np.sqrt(u * u + v * v + w * w), TINY)
+    if k < turning or k <= TINY:
+        return (k - 1.0) * table[e, LEAST]
+    return np.sqrt(x * x + y * y + z * z) * (1.0 - 1.0 / k)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compiled
+    """Return (d, nx, ny, nz)."""
+    x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
+    u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
+    v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
+    w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
+    gx = table[e, 3] * u + table[e, 6] * v + table[e, 9] * w
+    gy = table[e, 4] * u + table[e, 7] * v + table[e, 10] * w
+    gz = table[e, 5] * u + table[e, 8] * v + table[e, 11] * w
+    k = max(np.sqrt(u * u + v * v + w * w), TINY)
+    if k < turning or k <= TINY:
+        a = table[e, LEAST] / k
+        return (k - 1.0) * table[e, LEAST], a * gx, a * gy, a * gz
+    rho = np.sqrt(x * x + y * y + z * z)
+    a, b = rho / (k * k * k), (1.0 - 1.0 / k) / rho
+    return rho * (1.0 - 1.0 / k), a * gx + b * x, a * gy + b * y, a * gz + b * z
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def merged_distance(
+    points, table, start, members, sharpness, turning, want_gradient, distance, closest, gradient
+):  # pragma: no cover - compiled
+    """Fill distance (N,), closest (N,) and, if wanted, gradient (N, 3) of the merged surface at points (N, 3)."""
+    each = np.empty(table.shape[0])
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        best, least = 0, np.inf
+        for e in range(table.shape[0]):
+            each[e] = ellipsoid_distance(table, e, turning, x, y, z)
+            if each[e] < least:
+                best, least = e, each[e]
+        total, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+        for n in range(start[best], start[best + 1]):
+            e = members[n]
+            share = np.exp(-sharpness * (each[e] - least))
+            total += share
+            if want_gradient:
+                _, nx, ny, nz = ellipsoid_gradient(table, e, turning, x, y, z)
+                gx, gy, gz = gx + share * nx, gy + share * ny, gz + share * nz
+        closest[i] = best
+        distance[i] = each[best] - np.log(total) / sharpness
+        if want_gradient:
+            gradient[i, 0], gradient[i, 1], gradient[i, 2] = gx / total, gy / total, gz / total
