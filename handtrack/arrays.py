@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from handtrack.errors import HandtrackError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
 Bytes = NDArray[np.uint8]
 Array = NDArray[Any]
 

@@ -123,9 +123,7 @@ def _add_workbench(commands: Any) -> None:
         command.add_argument(
             "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
         )
-        command.add_argument(
-            "--port", type=int, help="port (default: 8080, or the next free one)"
-        )
+        command.add_argument("--port", type=int, help="port (default: 8080, or the next free one)")
         command.add_argument(
             "--no-browser", action="store_true", help="do not open a browser window"
         )

@@ -14,6 +14,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
 from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.document import Document
 
 
@@ -36,7 +37,9 @@ def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
 def placed_in_view(run: TrackingRun) -> Floats:
     """Return solver parameters (P,) of the relaxed hand where the cameras look, its back to the first one."""
     cameras = list(run.session.rig.cameras)
-    centre = nearest_to_axes(cameras)
+    centre = nearest_to_axes(
+        np.array([c.centre for c in cameras]), np.array([c.rotation[2] for c in cameras])
+    )
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
     turn = np.stack(
@@ -46,15 +49,3 @@ def placed_in_view(run: TrackingRun) -> Floats:
     joint[3:6] = rotation_vector(turn)
     joint[:3] = centre - 0.09 * up  # the wrist, half a hand below
     return run.model.clipped(run.model.transform.solver_params(joint))
-
-
-def nearest_to_axes(cameras: list[Any]) -> Floats:
-    """Return the point (3,) closest to all optical axes [m]; for one camera, half a metre before it."""
-    system, right = 1e-3 * np.eye(3), np.zeros(3)
-    for camera in cameras:
-        axis = camera.rotation[2]
-        across = np.eye(3) - np.outer(axis, axis)
-        guess = camera.centre + 0.5 * axis
-        system += across
-        right += across @ camera.centre + 1e-3 * guess / len(cameras)
-    return np.asarray(np.linalg.solve(system, right), dtype=float)

@@ -8,6 +8,7 @@ from handtrack_app.panels.export import ExportPanel
 from handtrack_app.panels.page import Page
 from handtrack_app.panels.pose import PosePanel, certainty_table, travel
 from handtrack_app.panels.session import SessionPanel, head
+from handtrack_app.panels.style_sheet import STYLE_SHEET
 from handtrack_app.panels.timeline import TimelinePanel
 from handtrack_app.panels.tracking import TrackingPanel
 from handtrack_app.scene.palette import BRAND
@@ -29,6 +30,7 @@ class PageLayout:
         )
         self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
+        gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
         tabs = gui.add_tab_group()
         self.session = SessionPanel(page, tabs.add_tab("View"), stage.look)
@@ -49,7 +51,7 @@ class PageLayout:
 
         below = gui.add_panel()
         self.timeline = TimelinePanel(page, below.add_tab("Timeline"))
-        below.float(x=16, y=-16, width=760)
+        below.float(x=16, y=-16, width=560)
         self._commands()
 
     def _commands(self) -> None:

@@ -16,6 +16,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.session.motion import motion
 from handtrack.session.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
@@ -68,6 +69,14 @@ def field_recovery(seeds: int = 200) -> dict[str, float | int | str]:
             f"{scale}_converged_nearer_half": float(found[near].mean()),
             f"{scale}_converged_farther_half": float(found[~near].mean()),
         }
+    gesture = motion(model, "open_fist_open", 100, np.random.default_rng(0))
+    solver = model.transform.solver_params
+    followed = [
+        joint_error_mm(model, solver(found), solver(true))
+        for found, true in zip(follow(model, cameras, gesture), gesture, strict=True)
+    ]
+    figures["gesture_median_mm"] = float(np.median(followed))
+    figures["gesture_max_mm"] = float(np.max(followed))
     return figures
 
 
@@ -84,6 +93,20 @@ def recover(
     end = solve(Problem(model, [term]), start, _SETTINGS)
     start_mm, error_mm = (joint_error_mm(model, x, truth) for x in (start, end.params))
     return Recovery(seed, start_mm, error_mm, end.iterations, truth, start, end.params)
+
+
+def follow(model: ArticulatedModel, cameras: Sequence[Camera], joint_params: Floats) -> Floats:
+    """Return what is found of a gesture (F, S), joint parameters, from field images: ten iterations a frame,
+    each from the last frame's estimate, the first from the true pose."""
+    settings = SolverSettings(iterations=10)
+    params = model.transform.solver_params(joint_params[0])
+    found = []
+    for joint in joint_params:
+        seen = field_views(model, model.transform.solver_params(joint), cameras)
+        problem = Problem(model, [ConicFieldTerm(seen, model.flesh["fine"])])
+        params = solve(problem, params, settings).params
+        found.append(model.joint_params(params))
+    return np.stack(found)
 
 
 def joint_error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:

@@ -253,14 +253,14 @@ def cell_numbers(points: Floats, side_m: float) -> Ints:
 
 def _parts(points: Floats, link_m: float) -> Ints:
     """Return the number of each point's part (N,), parts being groups of touching cells."""
-    cells, index = np.unique(
-        np.floor(points / link_m).astype(np.int64), axis=0, return_inverse=True
+    _, first, index = np.unique(
+        cell_numbers(points, link_m), return_index=True, return_inverse=True
     )
+    cells = np.floor(points[first] / link_m)
     pairs = cKDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    return _connected(len(cells), pairs)[index.reshape(-1)]
+    return _connected(len(cells), pairs)[index]
 
 
 def _connected(count: int, pairs: Array) -> Ints:
     graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (count, count))
     return connected_components(graph, directed=False)[1].astype(np.int64)
-

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, check_shape
+from handtrack.arrays import Floats, Ints, check_shape
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
 from handtrack.model.skeleton import Skeleton
@@ -32,7 +32,7 @@ class BonePoses:
         transforms[:, 3, 3] = 1.0
         return transforms
 
-    def to_world(self, bone: int | Floats, points: Floats) -> Floats:
+    def to_world(self, bone: int | Ints, points: Floats) -> Floats:
         """Return points (..., 3) of a bone's frame in the world [m]."""
         turned = np.einsum("...ij,...j->...i", self.rotation[bone], points)
         return self.position[bone] + turned

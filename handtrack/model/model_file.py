@@ -175,7 +175,7 @@ def _build(
     joint_bone = np.array([names.index(bone) for _, (bone, _) in joints])
     joint_point = np.stack(
         [
-            _place(place, side, length[b], factor[names[b]])
+            _place(place, side, float(length[b]), factor[names[b]])
             for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)
         ]
     )
@@ -211,9 +211,10 @@ def _couplings(
     rows = [row for key in chosen for row in table.get("couplings", {}).get(key, [])]
     follows = []
     for row in rows:
-        finger = row["name"].split("_")[0]
-        own = spread.get(finger, row["ratio"]) if row["leader"] == "spread" else row["ratio"]
-        follows.append(Follows(row["name"], row["leader"], float(own)))
+        finger, ratio = row["name"].split("_")[0], float(row["ratio"])
+        if row["leader"] == "spread":
+            ratio = spread.get(finger, ratio)
+        follows.append(Follows(row["name"], row["leader"], ratio))
     return tuple(follows)
 
 

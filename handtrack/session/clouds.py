@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,12 +10,16 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Bytes, Floats
+from handtrack.capture.cloud_files import read_cloud
 from handtrack.capture.cloud_filters import CloudFilters
 from handtrack.capture.depth import depth_cloud
+from handtrack.capture.disparity import StereoSettings
 from handtrack.capture.point_cloud import PointCloud, merged
+from handtrack.capture.stereo import StereoMatcher, StereoView
+from handtrack.capture.stereo_check import check_pair
 from handtrack.geometry.camera import CameraRig
-from handtrack.session.session_file import CloudSettings
+from handtrack.session.session_file import CloudSettings, SessionFile
 from handtrack.session.views import View
 
 
@@ -55,6 +60,95 @@ class DepthClouds:
         return merged(clouds) if clouds else None
 
 
+class StereoClouds:
+    """Clouds of calibrated pairs, merged; where a camera has masks, only their pixels.
+
+    The first frame matched of a pair is also looked at for why it might not fit.
+    """
+
+    def __init__(self, pairs: tuple[tuple[View, View], ...], settings: StereoSettings) -> None:
+        """Raises HandtrackError for cameras that cannot make a pair."""
+        self._pairs = tuple((a, b, StereoMatcher(a.camera, b.camera, settings)) for a, b in pairs)
+        self._warnings: dict[tuple[int, int], str] = {}
+        self._checked: set[int] = set()
+        self._lock = threading.Lock()
+
+    @property
+    def warnings(self) -> list[str]:
+        with self._lock:
+            return [self._warnings[key] for key in sorted(self._warnings)]
+
+    @property
+    def eyes(self) -> Floats:
+        return np.stack([view.camera.centre for a, b, _ in self._pairs for view in (a, b)])
+
+    def read(self, frame: int) -> PointCloud | None:
+        clouds = [
+            cloud
+            for index in range(len(self._pairs))
+            if (cloud := self._read(index, frame)) is not None
+        ]
+        return merged(clouds) if clouds else None
+
+    def _read(self, index: int, frame: int) -> PointCloud | None:
+        first, second, matcher = self._pairs[index]
+        images = first.image(frame), second.image(frame)
+        if images[0] is None or images[1] is None:
+            return None
+        taken = (images[0], images[1], first.hand_pixels(frame), second.hand_pixels(frame))
+        view = matcher.match(*taken)
+        if view.asked > 0:  # an empty mask is no fault of the pair
+            self._check(index, frame, matcher, view, taken)
+        return matcher.triangulate(view)
+
+    def _check(
+        self,
+        index: int,
+        frame: int,
+        matcher: StereoMatcher,
+        view: StereoView,
+        taken: tuple[Bytes, Bytes, Bytes | None, Bytes | None],
+    ) -> None:
+        with self._lock:
+            if index in self._checked:
+                return
+            self._checked.add(index)
+        problem = check_pair(matcher, view, *taken[:2])
+        if problem is not None:
+            with self._lock:
+                self._warnings[index, frame] = f"[clouds] stereo, frame {frame}, {problem}"
+
+
+class FileClouds:
+    """Clouds from files, one a frame."""
+
+    def __init__(self, files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> None:
+        self._files = files
+        self._unit = world_unit_m
+        self._eyes = np.stack([camera.centre for camera in rig])
+        self._warnings: dict[int, tuple[str, ...]] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def warnings(self) -> list[str]:
+        with self._lock:
+            return [text for frame in sorted(self._warnings) for text in self._warnings[frame]]
+
+    @property
+    def eyes(self) -> Floats:
+        return self._eyes
+
+    def read(self, frame: int) -> PointCloud | None:
+        path = self._files.get(frame)
+        if path is None:
+            return None
+        read = read_cloud(path, self._unit)
+        if read.warnings:
+            with self._lock:
+                self._warnings[frame] = read.warnings
+        return read.cloud
+
+
 def _depth_cloud(view: View, frame: int) -> PointCloud | None:
     depth = view.depth_m(frame)
     if depth is None:
@@ -80,8 +174,24 @@ def cloud_filters(settings: CloudSettings) -> CloudFilters:
 
 
 def cloud_source(
-    settings: CloudSettings, files: Mapping[int, Path], views: tuple[View, ...], rig: CameraRig
-) -> CloudSource:
-    """Return the source that [clouds] names."""
+    file: SessionFile, files: Mapping[int, Path], views: tuple[View, ...], rig: CameraRig
+) -> CloudSource | None:
+    """Return the source that [clouds] names, None without one. Raises HandtrackError."""
+    settings = file.clouds
+    if settings is None:
+        return None
     by_name = {view.name: view for view in views}
-    return DepthClouds(tuple(by_name[name] for name in settings.depth))
+    if settings.depth:
+        return DepthClouds(tuple(by_name[name] for name in settings.depth))
+    if settings.stereo:
+        pairs = tuple((by_name[first], by_name[second]) for first, second in settings.stereo)
+        return StereoClouds(pairs, stereo_settings(settings))
+    return FileClouds(files, rig, file.session.world_unit_m)
+
+
+def stereo_settings(settings: CloudSettings) -> StereoSettings:
+    """Return how pairs are matched: what [clouds] sets, the rest as it is usual."""
+    usual = StereoSettings(settings.stereo_method)
+    return replace(
+        usual, near_m=settings.near_m or usual.near_m, far_m=settings.far_m or usual.far_m
+    )

@@ -56,7 +56,7 @@ class Session:
         """point cloud files by frame."""
         self.cloud_filters = CloudFilters() if file.clouds is None else cloud_filters(file.clouds)
         """how the hand's points are told from the others, by [clouds]."""
-        self._clouds: CloudSource | None = self._open_clouds()
+        self._clouds: CloudSource | None = cloud_source(file, self.cloud_files, self.views, rig)
         self._times = self._read_times()
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
         """ground truth, None without truth.npz."""
@@ -213,9 +213,7 @@ class Session:
             known = self._observations.get((frame, keypoints))
         if known is None:
             known = self._observe(frame, keypoints)
-        _remember(
-            self._observations, (frame, keypoints), known, _OBSERVATIONS_KEPT, self._lock
-        )
+        _remember(self._observations, (frame, keypoints), known, _OBSERVATIONS_KEPT, self._lock)
         return known
 
     def doctor(self) -> list[Finding]:
@@ -234,12 +232,6 @@ class Session:
         ):
             points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
         return Observation(frame, self.time_s(frame), seen, points, self.cloud(frame)[0])
-
-    def _open_clouds(self) -> CloudSource | None:
-        settings = self.file.clouds
-        if settings is None:
-            return None
-        return cloud_source(settings, self.cloud_files, self.views, self.rig)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.capture.cloud_filters import COMPONENTS
+from handtrack.capture.disparity import STEREO_METHODS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
@@ -15,7 +16,6 @@ from handtrack.errors import HandtrackError
 
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
-STEREO_METHODS = ("sgbm", "correlation")
 _CLOUD_SOURCES = ("files", "stereo", "depth")
 _CLOUD_NUMBERS = {"crop_m": "m", "voxel_m": "m", "near_m": "m", "far_m": "m", "outlier_ratio": ""}
 _CLOUD_COUNTS = ("max_points", "outlier_neighbours", "per_voxel")

@@ -168,7 +168,7 @@ def _backdrop(size: tuple[int, int]) -> Array:
 
 
 def _video(path: Path, what: Simulation) -> cv2.VideoWriter:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), what.fps, what.size)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), what.fps, what.size)
     if not writer.isOpened():
         raise HandtrackError(
             f"simulate: this OpenCV cannot write the video {path.name}; use --no-images for masks alone."

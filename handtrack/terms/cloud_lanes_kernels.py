@@ -17,6 +17,7 @@ from handtrack.model.metaballs_kernels import AXES, CENTRE, LEAST, TINY
 LANES = 8
 _DOUBLE, _LONG = ir.DoubleType(), ir.IntType(64)
 _DOUBLES, _LONGS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_LONG, LANES)
+_ZEROS = ir.Constant(_DOUBLES, [0.0] * LANES)
 _FUSE = ("contract",)
 
 
@@ -193,6 +194,21 @@ def nearer(typing, points, first, stride, n, table, e, turning, best, who):
 
 
 @intrinsic
+def distances(typing, points, first, stride, n, table, e, turning, near, at_d):
+    """Write d of ellipsoid e to near[at_d : at_d + 8 n]."""
+    signature = types.void(points, first, stride, n, table, e, turning, near, at_d)
+
+    def generate(context, builder, signature, values):
+        code = _Code(context, builder, signature, values)
+        ball = _Ellipsoid(code, 4, values[5], values[6])
+        with code.groups(values[3]) as at:
+            d = ball.distance(_points(code, 0, code.plus(values[1], at), values[2]))
+            code.store(d, 7, code.plus(values[8], at))
+
+    return signature, generate
+
+
+@intrinsic
 def reaches(typing, points, first, stride, n, table, e, turning, margin, near, at_d):
     """Return whether ellipsoid e is anywhere within `margin` of the distances near[at_d : at_d + 8 n]."""
     signature = types.boolean(points, first, stride, n, table, e, turning, margin, near, at_d)
@@ -229,9 +245,7 @@ def gradients(typing, points, first, stride, n, table, e, turning, near, at_d):
             inverse = 1.0 / k
             share = inverse * rho  # ρ/k
             along = (ball.least * inverse).where(inside, share * inverse * inverse)
-            # (1 − 1/k)/ρ, and 0 inside
-            outward = ((rho - share) / (rho * rho)) * 1.0
-            outward = (outward - outward).where(inside, outward)
+            outward = _Eight(builder, _ZEROS).where(inside, (rho - share) / (rho * rho))
             d = ((k - 1.0) * ball.least).where(inside, rho - share)
             place = code.plus(values[8], at)
             code.store(d, 7, place)
@@ -249,7 +263,7 @@ def _exp(x):
     n = (x * (1.0 / math.log(2.0))).rounded()
     r = x - n * 0.6931471803691238
     r = r - n * 1.9082149292705877e-10
-    total = (r - r) + 1.0 / math.factorial(13)
+    total = _Eight(x.builder, _ZEROS) + 1.0 / math.factorial(13)
     for i in range(12, -1, -1):
         total = total * r + 1.0 / math.factorial(i)
     builder = x.builder
@@ -273,7 +287,7 @@ def _log(x):
     )
     s = (m - 1.0) / (m + 1.0)
     z = s * s
-    total = (z - z) + 1.0 / 21
+    total = _Eight(builder, _ZEROS) + 1.0 / 21
     for i in range(19, -1, -2):
         total = total * z + 1.0 / i
     return s * total * 2.0 + _Eight(builder, builder.sitofp(n, _DOUBLES)) * math.log(2.0)
@@ -344,11 +358,10 @@ def twist_rows(typing, points, stride, n, reference, near, at_d, factor, rows, a
 def _sums(code, n, pairs, read, out, first):
     """Store Σ over lanes and groups of the products in `pairs`; read(at) returns the rows they name."""
     builder = code.builder
-    zero = ir.Constant(_DOUBLES, [0.0] * LANES)
     totals = []
     for _ in pairs:
         slot = cgutils.alloca_once(builder, _DOUBLES)
-        builder.store(zero, slot)
+        builder.store(_ZEROS, slot)
         totals.append(slot)
     with code.groups(n) as at:
         rows = read(at)

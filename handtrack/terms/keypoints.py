@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Array, Floats, Ints
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -16,7 +16,7 @@ from handtrack.terms.loss import Loss, Quadratic
 from handtrack.terms.rows import Rows, point_row
 
 
-def _known(model: ArticulatedModel, names: tuple[str, ...], seen: np.ndarray) -> np.ndarray:
+def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints:
     for name in names:
         if name not in model.joint_names:
             raise unknown_name("joint", name, model.joint_names, f"the keypoints of {model.name}")
@@ -41,7 +41,7 @@ class KeypointTerm:
     def rows(self, bones: BonePoses) -> Rows:
         """Return two (image) or three (space) rows a point."""
         targets, sigma = _targets(self.observed)
-        seen = np.isfinite(targets).all(axis=1)
+        seen = np.asarray(np.isfinite(targets).all(axis=1))
         joint = _known(self.model, self.observed.names, seen)
         bone = self.model.joint_bone[joint]
         points = bones.to_world(bone, self.model.joint_point[joint])

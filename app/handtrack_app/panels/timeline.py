@@ -107,7 +107,7 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
     now = f"{_number(float(here))} {unit}" if math.isfinite(here) else ""
     legend = "".join(_legend(code) for code in (0, 1, 2, 3, 4) if _has(strip, code))
     return (
-        f"<div style='padding:.2em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.75em'>"
+        f"<div class='handtrack-timeline' style='padding:.2em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.75em'>"
         f"<div style='position:absolute;left:12px;top:1.9em;width:{_LEFT - 20}px;line-height:1.35'>{title}"
         f"<br><span style='opacity:.7'>{top}</span></div>"
         f"<div style='position:absolute;right:4px;top:1.9em;width:{_RIGHT - 10}px'><b>{now}</b></div>"

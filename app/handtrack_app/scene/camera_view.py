@@ -10,9 +10,9 @@ import viser.transforms as vtf
 
 from handtrack.arrays import Bytes, Floats
 from handtrack_app.messages import CameraCard, SessionSnapshot
+from handtrack_app.scene.viewpoint import frustum_depth
 from handtrack_app.state import Display
 
-_FRUSTUM = 0.05  # [m] height of a drawn frustum's image: it does not hide the hand
 _WIDER, _RAISED = (
     1.4,
     0.27,
@@ -32,17 +32,21 @@ class CameraRigView:
     screen_depth: dict[str, float] = field(default_factory=dict)
 
 
-def add_cameras(server: viser.ViserServer, name: str, session: SessionSnapshot) -> CameraRigView:
-    """Add a frustum for each camera, and the screen, hidden."""
+def add_cameras(
+    server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats
+) -> CameraRigView:
+    """Add a frustum for each camera, and the screen, hidden. hand: (3,) where the hand is at first [m]."""
     frusta, labels = {}, {}
     for card in session.cameras:
         width, height = card.size
         fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
+        down = np.tan(fov / 2)
+        volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
         frusta[card.name] = server.scene.add_camera_frustum(
             f"{name}/{card.name}",
             fov=float(fov),
             aspect=width / height,
-            scale=_FRUSTUM,
+            scale=float(frustum_depth(card, hand) * volume),
             thickness=1.5,
             thickness_units="screen",
             color=(150, 158, 168),
@@ -125,50 +129,3 @@ def look_through(client: viser.ClientHandle, card: CameraCard) -> None:
         client.camera.fov = float(2 * np.arctan(half))
         client.camera.wxyz = (vtf.SO3.from_matrix(card.rotation) @ lower).wxyz
         client.camera.position = card.centre
-
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """Where a free view stands."""
-
-    position: Floats
-    look_at: Floats
-    up: Floats
-    fov: float = 0.65
-
-
-def first_view(session: SessionSnapshot, hand: Floats, everything: bool = False) -> Viewpoint:
-    """Return a view of the hand, or of hand and cameras, from the first camera's side, beside and above it.
-
-    hand: (3,) its middle [m]. Up is the mean of the cameras' upward axes: worlds differ.
-    """
-    if not session.cameras:
-        return Viewpoint(hand + (0.0, -0.35, 0.25), hand, np.array([0.0, 0.0, 1.0]))
-    up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
-    if np.linalg.norm(up) < 0.2:
-        up = -session.cameras[0].rotation[:, 1]
-    up = up / np.linalg.norm(up)
-    back = session.cameras[0].centre - hand
-    back /= max(float(np.linalg.norm(back)), 1e-6)
-    side = np.cross(up, back)
-    side /= max(float(np.linalg.norm(side)), 1e-6)
-    away = back + 0.75 * side + (0.9 if everything else 0.45) * up
-    away /= np.linalg.norm(away)
-    if everything:
-        points = np.array([hand, *(card.centre for card in session.cameras)])
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        radius = float(np.linalg.norm(points - middle, axis=1).max()) + 0.1
-        return Viewpoint(
-            middle - 0.25 * radius * up + 3.4 * radius * away, middle - 0.25 * radius * up, up
-        )
-    aim = hand - 0.06 * up  # the hand stands in the upper part: below is the timeline
-    return Viewpoint(aim + 0.8 * away, aim, up)
-
-
-def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
-    """Move a client's view to a free viewpoint."""
-    with client.atomic():
-        client.camera.up_direction = view.up
-        client.camera.position = view.position
-        client.camera.look_at = view.look_at
-        client.camera.fov = view.fov

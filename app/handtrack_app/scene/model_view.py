@@ -17,6 +17,7 @@ from handtrack_app.state import Display
 
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
+_OVER_IMAGE, _AROUND_BONES = 0.3, 0.45  # most opacity of the flesh
 _CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
 KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)])
 
@@ -132,8 +133,13 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
 def show_hand(view: HandView, display: Display) -> None:
     """Apply the display options to the hand."""
     view.flesh.visible = display.flesh
-    solid = display.opacity > 0.99 and not display.skeleton
-    view.flesh.opacity = None if solid else min(display.opacity, 0.45 if display.skeleton else 1.0)
+    most = 1.0  # over a camera's image, and around bones, the flesh lets both be seen
+    if display.through is not None:
+        most = _OVER_IMAGE
+    if display.skeleton:
+        most = min(most, _AROUND_BONES)
+    opacity = min(display.opacity, most)
+    view.flesh.opacity = None if opacity > 0.99 else opacity
     view.bones.visible = view.joints.visible = display.skeleton
 
 

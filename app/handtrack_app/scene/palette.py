@@ -39,4 +39,13 @@ def finger_of(name: str) -> str:
 
 def colours_of(bone_names: tuple[str, ...], bones: Ints) -> Bytes:
     """Return (N, 3) colours of things that sit on bones (N,)."""
-    return np.array([FINGER_COLOURS[finger_of(bone_names[b])] for b in bones], dtype=np.uint8)
+    return linear([FINGER_COLOURS[finger_of(bone_names[b])] for b in bones])
+
+
+def linear(colours: object) -> Bytes:
+    """Return (..., 3) colours as the scene's light is computed; sent as they are, they would look washed out."""
+    share = np.asarray(colours, dtype=float) / 255
+    low = share <= 0.04045
+    return np.rint(255 * np.where(low, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(
+        np.uint8
+    )

@@ -6,6 +6,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
+from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.messages import (
     PictureSnapshot,
     PoseSnapshot,
@@ -17,10 +18,7 @@ from handtrack_app.messages import (
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.camera_view import (
     CameraRigView,
-    Viewpoint,
     add_cameras,
-    first_view,
-    look_from,
     look_through,
     place_screen,
     show_cameras,
@@ -36,6 +34,15 @@ from handtrack_app.scene.model_view import (
     update_hand,
     update_truth,
 )
+from handtrack_app.scene.surroundings import Surroundings, add_surroundings
+from handtrack_app.scene.viewpoint import (
+    Viewpoint,
+    first_view,
+    hand_view,
+    look_from,
+    overview,
+    upward,
+)
 from handtrack_app.state import Display
 
 
@@ -50,18 +57,19 @@ class Stage:
         self.root: RootHandle | None = None
         self.tips: TipHandles | None = None
         self.view: Viewpoint | None = None
+        self.surroundings: Surroundings | None = None
         self.pose: PoseSnapshot | None = None
         scene = page.server.scene
         scene.world_axes.visible = False
-        scene.configure_default_lights(cast_shadow=False)
-        scene.configure_environment_map("studio", environment_intensity=0.25)
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map("studio", environment_intensity=0.3)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the scene of a session; only the hand is rebuilt when its model changes."""
         before = self.session
         self.session = session
         if self.cameras is None:
-            self.cameras = add_cameras(self.page.server, "/cameras", session)
+            self.cameras = add_cameras(self.page.server, "/cameras", session, looked_at(session))
             self.root = add_root_handle(self.page.server, "/root", self._root_moved)
             self.tips = add_tip_handles(
                 self.page.server, "/tips", session.tip_names, self._tip_moved
@@ -95,6 +103,8 @@ class Stage:
             self.tips.show(display.tips and self.pose is not None)
             show_hand(self.hand, display)
             show_cameras(self.cameras, display)
+            if self.surroundings is not None:
+                self.surroundings.ground.visible = display.through is None
             self.root.control.visible = display.handle and self.pose is not None
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
@@ -145,6 +155,7 @@ class Stage:
     def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
         self.view = first_view(session, middle_of(pose))
         server = self.page.server
+        self.surroundings = add_surroundings(server, middle_of(pose), upward(session))
         server.scene.set_up_direction(self.view.up)
         start = server.initial_camera
         start.up, start.position, start.look_at = (
@@ -173,8 +184,20 @@ class Stage:
             if camera is not None and self.cameras is not None and camera in self.cameras.cards:
                 look_through(target, self.cameras.cards[camera])
             elif self.session is not None and self.pose is not None:
-                look_from(target, first_view(self.session, middle_of(self.pose), everything))
+                hand = middle_of(self.pose)
+                view = overview if everything else hand_view
+                look_from(target, view(self.session, hand))
         self.page.redraw()
+
+
+def looked_at(session: SessionSnapshot) -> Floats:
+    """Return where the cameras look (3,) [m]."""
+    if not session.cameras:
+        return np.zeros(3)
+    return nearest_to_axes(
+        np.array([card.centre for card in session.cameras]),
+        np.array([card.rotation[:, 2] for card in session.cameras]),
+    )
 
 
 def middle_of(pose: PoseSnapshot) -> Floats:

@@ -1,0 +1,138 @@
+"""Where a free view stands: close to the hand, or so that hand and cameras just fill the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Floats
+from handtrack_app.messages import CameraCard, SessionSnapshot
+
+_HAND = 0.11  # [m] around a hand's middle
+_LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
+_WIDE, _ABOVE, _BELOW = (
+    1.0,
+    0.94,
+    0.42,
+)  # free part of the picture, in half heights; the timeline is below
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a free view stands."""
+
+    position: Floats
+    look_at: Floats
+    up: Floats
+    fov: float = 0.65
+
+
+class _Axes(NamedTuple):
+    """Unit vectors (3,) of a view: to the right, upward in the picture, towards the viewer."""
+
+    right: Floats
+    top: Floats
+    away: Floats
+
+
+def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
+    wide = overview(session, hand)
+    share = 2 * _HAND / (2 * np.linalg.norm(wide.position - hand) * np.tan(wide.fov / 2))
+    return wide if share >= _LEAST else hand_view(session, hand)
+
+
+def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return a close view of the hand. hand: (3,) its middle [m]."""
+    up = upward(session)
+    axes = _axes(session, hand, up, 0.35)
+    return _fitted(hand + _HAND * _corners(), axes, up)
+
+
+def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return a view of hand and cameras, from behind and above the cameras: their pictures are seen upright."""
+    up = upward(session)
+    axes = _axes(session, hand, up, 0.9)
+    frusta = [frustum_corners(card, hand) for card in session.cameras]
+    return _fitted(np.concatenate([hand + _HAND * _corners(), *frusta]), axes, up)
+
+
+def upward(session: SessionSnapshot) -> Floats:
+    """Return the mean of the cameras' upward axes (3,): worlds differ."""
+    if not session.cameras:
+        return np.array([0.0, 0.0, 1.0])
+    up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
+    if np.linalg.norm(up) < 0.2:
+        up = -session.cameras[0].rotation[:, 1]
+    return up / np.linalg.norm(up)
+
+
+def frustum_depth(card: CameraCard, hand: Floats) -> float:
+    """Return how deep a camera's frustum is drawn [m]: large enough to see its image, clear of the hand."""
+    return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
+
+
+def frustum_corners(card: CameraCard, hand: Floats) -> Floats:
+    """Return the apex and the image's corners (5, 3) of a camera as it is drawn, world [m]."""
+    (width, height), matrix = card.size, card.matrix
+    deep = frustum_depth(card, hand)
+    across, down = 0.5 * width / matrix[0, 0], 0.5 * height / matrix[1, 1]
+    corners = [(0.0, 0.0, 0.0)] + [(x * across, y * down, 1.0) for x in (-1, 1) for y in (-1, 1)]
+    return card.centre + deep * np.array(corners) @ card.rotation.T
+
+
+def _corners() -> Floats:
+    return np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def _axes(session: SessionSnapshot, hand: Floats, up: Floats, raised: float) -> _Axes:
+    """Return the axes of a view from where the cameras are, raised by a share of the way."""
+    back = np.array([0.0, -1.0, 0.3])
+    if session.cameras:
+        ways = [card.centre - hand for card in session.cameras]
+        back = np.mean([way / max(np.linalg.norm(way), 1e-9) for way in ways], axis=0)
+        if np.linalg.norm(back) < 0.4:  # they stand all around
+            back = ways[0]
+    back = back - (back @ up) * up
+    length = np.linalg.norm(back)
+    if length < 0.05:  # they look straight down, or up
+        back = -session.cameras[0].rotation[:, 1] if session.cameras else np.array([1.0, 0, 0])
+        back = back - (back @ up) * up
+        length = max(float(np.linalg.norm(back)), 1e-9)
+    away = back / length + raised * up
+    away /= np.linalg.norm(away)
+    right = np.cross(up, away)
+    right /= max(float(np.linalg.norm(right)), 1e-9)
+    return _Axes(right, np.cross(away, right), away)
+
+
+def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewpoint:
+    """Return the nearest view along given axes that has all points (N, 3) in the free part of the picture.
+
+    A point is in it when |x − a| ≤ w (d − z) and y between −l (d − z) and h (d − z) of b, where the view stands
+    at (a, b, d): bounds linear in a, b and d, so the least d follows from the extremes.
+    """
+    t = np.tan(fov / 2)
+    wide, above, below = _WIDE * t, _ABOVE * t, _BELOW * t
+    x, y, z = (points @ axis for axis in axes)
+    right, left = np.max(x + wide * z), np.min(x - wide * z)
+    top, bottom = np.max(y + above * z), np.min(y - below * z)
+    d = max((right - left) / (2 * wide), (top - bottom) / (above + below))
+    a = 0.5 * (right + left)
+    slack = d * (above + below) - (top - bottom)
+    b = top - above * d + 0.5 * slack
+    position = a * axes.right + b * axes.top + d * axes.away
+    middle = float(points.mean(axis=0) @ axes.away)
+    return Viewpoint(position, position - (d - middle) * axes.away, up, fov)
+
+
+def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
+    """Move a client's view to a free viewpoint."""
+    with client.atomic():
+        client.camera.up_direction = view.up
+        client.camera.position = view.position
+        client.camera.look_at = view.look_at
+        client.camera.fov = view.fov

@@ -1,0 +1,268 @@
+"""Joint refinement of cameras and board poses: least squares over all corners of all views.
+
+x_camera = R_c (R_v X + t_v) + t_c, then the lens with k1 k2 p1 p2 k3, then fx fy cx cy. Analytic
+derivatives; each row has 21 entries. A robust loss keeps single wrong corners from bending the rig.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import coo_matrix, csr_matrix, hstack
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
+
+LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_ROBUST_SIGMAS = 3.0  # corners farther off than this many standard deviations count less and less
+
+
+@dataclass(frozen=True)
+class Corners:
+    """M corners seen: which camera, which view, where on the board, where in the image."""
+
+    camera: Ints
+    view: Ints
+    board: Floats
+    """(M, 3) [m]"""
+    pixels: Floats
+    """(M, 2)"""
+
+
+@dataclass(frozen=True)
+class RigState:
+    """All that is estimated; rotation vectors and translations [rad, m]."""
+
+    lens: Floats
+    """(C, 9) in the order of LENS."""
+    camera: Floats
+    """(C, 6) world → camera."""
+    view: Floats
+    """(V, 6) board → world."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """The best state, what is left over, and how sure it is."""
+
+    state: RigState
+    residuals: Floats
+    """(M, 2) seen − predicted [px]."""
+    sigma_px: float
+    """robust standard deviation of one coordinate"""
+    lens_std: Floats
+    """(C, 9); 0 where held fixed."""
+    camera_std: Floats
+    """(C, 6); 0 for the camera held fixed."""
+    skew: Floats
+    """(C, 2) the skew [px] that would fit next, and its standard deviation."""
+    converged: bool
+
+
+def residuals(state: RigState, corners: Corners) -> Floats:
+    """Return (M, 2) seen − predicted [px]."""
+    _, _, pixels, _ = _project(state, corners)
+    return corners.pixels - pixels
+
+
+def refine(
+    start: RigState, corners: Corners, free_lens: Array, fixed_camera: int, steps: int = 100
+) -> Refined:
+    """Return the least-squares state from a start; all cameras but one move, all views move.
+
+    free_lens: (C, 9) bool, which lens numbers are estimated.
+    """
+    layout = _Layout(start, np.asarray(free_lens, dtype=bool), fixed_camera)
+    scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)
+    state, good = start, False
+    for _ in range(2):  # the second time with the scale of what is really left
+        answer = least_squares(
+            lambda x: -residuals(layout.state(x), corners).reshape(-1),
+            layout.vector(state),
+            jac=lambda x: _jacobian(layout.state(x), corners, layout),  # type: ignore[arg-type]
+            method="trf",
+            x_scale="jac",
+            loss="soft_l1",
+            f_scale=scale,
+            max_nfev=steps,
+            tr_solver="lsmr",
+            ftol=1e-10,
+            xtol=1e-10,
+            gtol=1e-8,
+        )
+        state, good = layout.state(answer.x), bool(answer.status > 0)
+        scale = max(_ROBUST_SIGMAS * _spread(residuals(state, corners)), 0.05)
+    left = residuals(state, corners)
+    lens_std, camera_std, skews = _uncertainty(state, corners, layout, left, scale)
+    return Refined(state, left, _spread(left), lens_std, camera_std, skews, good)
+
+
+def _spread(left: Floats) -> float:
+    """Return a standard deviation that a few outliers do not change."""
+    return float(1.4826 * np.median(np.abs(left)))
+
+
+class _Layout:
+    """Where each estimated number stands in the solver's vector."""
+
+    def __init__(self, start: RigState, free_lens: Array, fixed_camera: int) -> None:
+        self._start = start
+        free_camera = np.ones_like(start.camera, dtype=bool)
+        free_camera[fixed_camera] = False
+        self._free = np.concatenate(
+            [free_lens.ravel(), free_camera.ravel(), np.ones(start.view.size, dtype=bool)]
+        )
+        self.column = np.where(self._free, np.cumsum(self._free) - 1, -1)
+        """of every number of the state, −1 where it is held fixed"""
+        self.count = int(self._free.sum())
+
+    def vector(self, state: RigState) -> Floats:
+        return _flat(state)[self._free]
+
+    def state(self, vector: Floats) -> RigState:
+        whole = _flat(self._start)
+        whole[self._free] = vector
+        return self.unflatten(whole)
+
+    def unflatten(self, whole: Floats) -> RigState:
+        lens, camera, view = self._start.lens, self._start.camera, self._start.view
+        first, second = lens.size, lens.size + camera.size
+        return RigState(
+            whole[:first].reshape(lens.shape),
+            whole[first:second].reshape(camera.shape),
+            whole[second:].reshape(view.shape),
+        )
+
+
+def _flat(state: RigState) -> Floats:
+    return np.concatenate([state.lens.ravel(), state.camera.ravel(), state.view.ravel()])
+
+
+def _project(state: RigState, corners: Corners) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return points in the world, in their camera, pixels, and bent directions."""
+    turn_view = rotation_matrix(state.view[:, :3])[corners.view]
+    world = np.einsum("mij,mj->mi", turn_view, corners.board) + state.view[corners.view, 3:]
+    turn_camera = rotation_matrix(state.camera[:, :3])[corners.camera]
+    seen = np.einsum("mij,mj->mi", turn_camera, world) + state.camera[corners.camera, 3:]
+    lens = state.lens[corners.camera]
+    x, y = (seen[:, :2] / seen[:, 2:]).T
+    k1, k2, p1, p2, k3 = lens[:, 4:].T
+    s = x * x + y * y
+    radial = 1 + s * (k1 + s * (k2 + s * k3))
+    bent = np.stack(
+        [x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y],
+        axis=-1,
+    )
+    return world, seen, lens[:, :2] * bent + lens[:, 2:4], bent
+
+
+def _jacobian(state: RigState, corners: Corners, layout: _Layout) -> csr_matrix:
+    """Return d predicted pixel / d vector, (2M, count) sparse."""
+    blocks = _blocks(state, corners)
+    count = len(corners.camera)
+    lens_size, camera_size = state.lens.size, state.camera.size
+    numbers = np.concatenate(
+        [
+            9 * corners.camera[:, None] + np.arange(9),
+            lens_size + 6 * corners.camera[:, None] + np.arange(6),
+            lens_size + camera_size + 6 * corners.view[:, None] + np.arange(6),
+        ],
+        axis=1,
+    )
+    columns = np.broadcast_to(layout.column[numbers][:, None, :], blocks.shape)
+    rows = np.broadcast_to(np.arange(2 * count).reshape(count, 2, 1), blocks.shape)
+    kept = columns >= 0
+    entries = (blocks[kept], (rows[kept], columns[kept]))
+    return csr_matrix(coo_matrix(entries, shape=(2 * count, layout.count)))
+
+
+def _blocks(state: RigState, corners: Corners) -> Floats:
+    """Return (M, 2, 21) derivatives by the corner's lens (9), camera pose (6) and view pose (6)."""
+    world, seen, _, bent = _project(state, corners)
+    lens = state.lens[corners.camera]
+    focal = lens[:, :2]
+    x, y = (seen[:, :2] / seen[:, 2:]).T
+    s = x * x + y * y
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    # by the lens
+    radial_x = focal[:, :1] * (x[:, None] * np.stack([s, s * s, s**3], -1))
+    radial_y = focal[:, 1:] * (y[:, None] * np.stack([s, s * s, s**3], -1))
+    fx, fy = focal.T
+    in_u = [bent[:, 0], zero, one, zero, *radial_x[:, :2].T, fx * 2 * x * y, fx * (s + 2 * x * x), radial_x[:, 2]]
+    in_v = [zero, bent[:, 1], zero, one, *radial_y[:, :2].T, fy * (s + 2 * y * y), fy * 2 * x * y, radial_y[:, 2]]
+    by_lens = np.stack([np.stack(in_u, -1), np.stack(in_v, -1)], axis=1)
+    # by the point in the camera
+    by_point = focal[:, :, None] * _bend_derivative(x, y, lens[:, 4:]) @ _flatten_derivative(seen)
+    turn_camera = rotation_matrix(state.camera[:, :3])
+    by_world = by_point @ turn_camera[corners.camera]
+    # a rotation vector r + δ turns by J δ more: d(R X)/dδ = −[R X] J
+    camera_turned = seen - state.camera[corners.camera, 3:]
+    view_turned = world - state.view[corners.view, 3:]
+    camera_j = np.stack([left_jacobian(r) for r in state.camera[:, :3]])[corners.camera]
+    view_j = np.stack([left_jacobian(r) for r in state.view[:, :3]])[corners.view]
+    return np.concatenate(
+        [
+            by_lens,
+            -by_point @ skew(camera_turned) @ camera_j,
+            by_point,
+            -by_world @ skew(view_turned) @ view_j,
+            by_world,
+        ],
+        axis=2,
+    )
+
+
+def _bend_derivative(x: Floats, y: Floats, coefficients: Floats) -> Floats:
+    """Return (M, 2, 2) d bent / d (x, y)."""
+    k1, k2, p1, p2, k3 = coefficients.T
+    s = x * x + y * y
+    radial = 1 + s * (k1 + s * (k2 + s * k3))
+    slope = k1 + s * (2 * k2 + 3 * k3 * s)
+    xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+    xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+    return np.stack([xx, xy, xy, yy], -1).reshape(-1, 2, 2)
+
+
+def _flatten_derivative(seen: Floats) -> Floats:
+    """Return (M, 2, 3) d (x/z, y/z) / d point."""
+    x, y, z = seen.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = [one, zero, -x / z, zero, one, -y / z]
+    return np.stack(rows, -1).reshape(-1, 2, 3) / z[:, None, None]
+
+
+def _uncertainty(
+    state: RigState, corners: Corners, layout: _Layout, left: Floats, scale: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the standard deviations of lenses and cameras, and the skews that would fit next.
+
+    Skew s adds s · y' to u; its column is put beside the others for one Gauss-Newton step.
+    """
+    bent = _project(state, corners)[3]
+    cameras = len(state.lens)
+    mine = corners.camera[:, None] == np.arange(cameras)
+    skew_columns = np.stack([mine * bent[:, 1:], np.zeros((len(bent), cameras))], axis=1)
+    skew_columns = skew_columns.reshape(-1, cameras)
+    whole = csr_matrix(hstack([_jacobian(state, corners, layout), csr_matrix(skew_columns)]))
+    weight = 1 / np.sqrt(1 + (left.reshape(-1) / scale) ** 2)  # of soft_l1
+    weighted = whole.multiply(weight[:, None])
+    normal = (weighted.T @ whole).toarray()
+    right = weighted.T @ left.reshape(-1)
+    n = layout.count
+    diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    scaled = normal / np.outer(diagonal, diagonal)
+    inverse = np.linalg.pinv(scaled[:n, :n], rcond=1e-13, hermitian=True)
+    variance = np.zeros(len(layout.column))
+    spread = _spread(left) ** 2
+    variance[layout.column >= 0] = spread * np.diag(inverse) / diagonal[:n] ** 2
+    std = layout.unflatten(np.sqrt(np.maximum(variance, 0)))
+    # with skew freed: the Schur complement keeps the other numbers free to give way
+    coupling = scaled[:n, n:]
+    own = scaled[n:, n:] - coupling.T @ inverse @ coupling
+    own_inverse = np.linalg.pinv(own, rcond=1e-10, hermitian=True)
+    step = own_inverse @ (right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n]))
+    skews = np.stack([step, np.sqrt(np.maximum(spread * np.diag(own_inverse), 0))], -1)
+    return std.lens, std.camera, skews / diagonal[n:, None]

@@ -1,0 +1,180 @@
+"""Rectified pairs: two virtual cameras whose rows lie along the line between the real ones.
+
+The rotation is made here, not by cv2.stereoRectify: pairs above one another or rolled need no case
+of their own, and two cameras that are turned towards each other keep what both see in the picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+
+_BORDER_STEPS = 25  # points along each side of an image when its rectified place is looked for
+_MOST_GROWTH = 1.5  # of a rectified image over the real one
+_LEAST_BASELINE_M = 1e-4
+_LEAST_CROSSING_COS = 0.34  # 70 degrees: beyond that, two views have hardly a surface in common
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedPair:
+    """Two virtual cameras without distortion, with the same rotation and rows; `left` is to the
+    left of `right` in their own images."""
+
+    left: Camera
+    right: Camera
+    left_real: Camera
+    right_real: Camera
+    swapped: bool
+    """whether the first of the two given cameras is `right`."""
+    left_maps: tuple[Array, Array]
+    """(H, W) float32 x and y in the real image of each rectified pixel."""
+    right_maps: tuple[Array, Array]
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the cameras."""
+        return float(np.linalg.norm(self.right.centre - self.left.centre))
+
+    @property
+    def zero_disparity(self) -> float:
+        """The disparity of what is infinitely far [px]."""
+        return float(self.left.matrix[0, 2] - self.right.matrix[0, 2])
+
+    def disparity_of(self, depth_m: float) -> float:
+        """Return the disparity [px] at a depth z of the rectified cameras."""
+        focal = float(self.left.matrix[0, 0])
+        return focal * self.baseline_m / depth_m + self.zero_disparity
+
+    def depth_of(self, disparity: Array) -> Array:
+        """Return the depth z [m] of disparities [px]; NaN where they are beyond infinity."""
+        parallax = disparity - self.zero_disparity
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = self.left.matrix[0, 0] * self.baseline_m / parallax
+        return np.where(parallax > 0, depth, np.nan)
+
+    def points(self, columns: Array, rows: Array, disparity: Array) -> Floats:
+        """Return world points (N, 3) [m] of left rectified pixels (N,) with their disparity [px]."""
+        depth = self.depth_of(disparity)
+        matrix = self.left.matrix
+        across = np.column_stack(
+            [
+                (columns - matrix[0, 2]) / matrix[0, 0],
+                (rows - matrix[1, 2]) / matrix[1, 1],
+                np.ones(len(depth)),
+            ]
+        )
+        return (across * depth[:, None]) @ self.left.rotation + self.left.centre
+
+    def rectify(self, image: Array, right: bool, linear: bool = True) -> Array:
+        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it; 0
+        outside. linear: interpolate; false for masks."""
+        x, y = self.right_maps if right else self.left_maps
+        how = cv2.INTER_LINEAR if linear else cv2.INTER_NEAREST
+        return np.asarray(cv2.remap(image, x, y, how, borderMode=cv2.BORDER_CONSTANT))
+
+
+def rectified(first: Camera, second: Camera) -> RectifiedPair:
+    """Return the rectified pair of two calibrated cameras, in any arrangement side by side, above
+    one another, rolled or turned towards each other.
+
+    Raises HandtrackError for cameras in one place, or looking across each other by more than 70
+    degrees.
+    """
+    line: Floats = second.centre - first.centre
+    baseline = float(np.linalg.norm(line))
+    who = f"cameras '{first.name}' and '{second.name}'"
+    if baseline < _LEAST_BASELINE_M:
+        raise HandtrackError(
+            f"{who}: their centres are {baseline * 1e3:.3g} mm apart, so there is no stereo in "
+            "them. Check the translations in the calibration, and world_unit_m."
+        )
+    sights = first.rotation[2], second.rotation[2]
+    if sights[0] @ sights[1] < _LEAST_CROSSING_COS:
+        angle = np.degrees(np.arccos(np.clip(sights[0] @ sights[1], -1, 1)))
+        raise HandtrackError(
+            f"{who} look in directions {angle:.0f} degrees apart; matching needs less than 70. "
+            "Choose neighbouring cameras as the pair, or use their silhouettes."
+        )
+    x = line / baseline
+    sight = sights[0] + sights[1]
+    ahead = sight - (sight @ x) * x
+    if np.linalg.norm(ahead) < 0.2 * np.linalg.norm(sight):
+        raise HandtrackError(
+            f"{who} look along the line between them; matching needs them beside each other."
+        )
+    z = ahead / np.linalg.norm(ahead)
+    # of the two ways to lie, the one that is less turned from the real images
+    swapped = bool(x @ (first.rotation[0] + second.rotation[0]) < 0)
+    if swapped:
+        x = -x
+    rotation = np.stack([x, np.cross(z, x), z])
+    left, right = (second, first) if swapped else (first, second)
+    focal = float(np.mean([np.diag(c.matrix)[:2] for c in (first, second)]))
+    spans = [_span(camera, rotation, focal) for camera in (left, right)]
+    rows = _limited(
+        max(s[1][0] for s in spans),
+        min(s[1][1] for s in spans),
+        max(c.size[1] for c in (left, right)),
+    )
+    columns = [_limited(*s[0], c.size[0]) for s, c in zip(spans, (left, right))]
+    width = int(max(high - low for low, high in columns)) + 1
+    height = int(rows[1] - rows[0]) + 1
+    if height < 8:
+        raise HandtrackError(
+            f"{who}: their images have no rows in common. Do they see the same thing?"
+        )
+    virtual = []
+    for camera, (low, high) in zip((left, right), columns):
+        middle = (low + high) / 2 - (width - 1) / 2
+        matrix = np.array([[focal, 0, -middle], [0, focal, -rows[0]], [0, 0, 1]])
+        virtual.append(
+            Camera(
+                f"{camera.name} rectified",
+                (width, height),
+                matrix,
+                np.zeros(5),
+                rotation,
+                -(rotation @ camera.centre),
+            )
+        )
+    maps = [_maps(real, flat) for real, flat in zip((left, right), virtual)]
+    return RectifiedPair(virtual[0], virtual[1], left, right, swapped, maps[0], maps[1])
+
+
+def _span(
+    camera: Camera, rotation: Floats, focal: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where the image lies on the rectified plane: least and most column, then row [px],
+    from the foot of the camera."""
+    width, height = camera.size
+    across = np.linspace(0, width - 1, _BORDER_STEPS)
+    down = np.linspace(0, height - 1, _BORDER_STEPS)
+    u, v = (a.reshape(-1) for a in np.meshgrid(across, down))
+    rays = camera.rays(np.column_stack([u, v])) @ rotation.T
+    rays = rays[np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0.1)]
+    flat = focal * rays[:, :2] / rays[:, 2:]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+
+def _limited(low: float, high: float, real: int) -> tuple[float, float]:
+    """Return the span, cut around its middle where it is much larger than the real image."""
+    most, middle = _MOST_GROWTH * real, (low + high) / 2
+    low, high = np.floor(low), np.ceil(high)
+    if high - low <= most:
+        return float(low), float(high)
+    return float(np.floor(middle - most / 2)), float(np.ceil(middle + most / 2))
+
+
+def _maps(real: Camera, flat: Camera) -> tuple[Array, Array]:
+    width, height = flat.size
+    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    rays = flat.rays(np.stack([u, v], axis=-1))
+    pixels = np.nan_to_num(real.project(real.centre + rays), nan=-1e4).astype(np.float32)
+    return np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])

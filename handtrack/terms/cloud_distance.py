@@ -1,0 +1,170 @@
+"""E1: the cloud's points lie on the merged surface. 2004 paper, section 4; mathematics: docs/derivations/clouds.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.errors import HandtrackError
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.cloud_kernels import (
+    BLOCK,
+    GEMAN_MCCLURE,
+    HUBER,
+    OUTLIERS,
+    QUADRATIC,
+    arrange,
+    cloud_system,
+)
+from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
+
+
+@dataclass(frozen=True)
+class UniformOutliers:
+    """A residual is normal with probability 1 − share, and otherwise anywhere in ± half_width (in sigmas).
+
+    ρ = −2 log((exp(−r²/2) + c)/(1 + c)), c = share/(1 − share) · √(2π)/(2 half_width).
+    """
+
+    share: float = 0.2
+    half_width: float = 30.0
+
+    @property
+    def level(self) -> float:
+        """c, an outlier's density beside an exact point's."""
+        return self.share / (1.0 - self.share) * np.sqrt(2.0 * np.pi) / (2.0 * self.half_width)
+
+    def value(self, squared: Floats) -> Floats:
+        return -2.0 * np.log((np.exp(-0.5 * squared) + self.level) / (1.0 + self.level))
+
+    def weight(self, squared: Floats) -> Floats:
+        inlier = np.exp(-0.5 * squared)
+        return inlier / (inlier + self.level)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCloud:
+    """A cloud in an order in which neighbours in memory are neighbours in space. Once a frame."""
+
+    points: Floats
+    """(3, N') world [m], rows x, y, z, filled up to a multiple of 8 with its last point"""
+    order: Ints
+    """(N,) which of the given points each one is"""
+    spheres: Floats
+    """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
+    given: int
+    """points handed in, with those that were dropped"""
+
+    @property
+    def count(self) -> int:
+        return len(self.order)
+
+    @property
+    def dropped(self) -> int:
+        """How many points were left out because a coordinate is NaN or infinite."""
+        return self.given - self.count
+
+
+def prepare_cloud(points: Floats) -> PreparedCloud:
+    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted."""
+    points = np.asarray(points, dtype=float)
+    check_shape(points, (None, 3), "cloud")
+    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    kept = np.ascontiguousarray(points[finite])
+    along, count = np.arange(len(kept)), len(kept)
+    arrange(kept, along, BLOCK)
+    ordered = np.concatenate([kept[along].T, np.repeat(kept[along[-1:]].T, -count % 8, axis=1)], axis=1)
+    blocks = -(-count // BLOCK)
+    spheres = np.zeros((4, blocks + -blocks % 8))
+    if count:
+        first = np.arange(blocks) * BLOCK
+        low = np.minimum.reduceat(ordered, first, axis=1)
+        high = np.maximum.reduceat(ordered, first, axis=1)
+        spheres[:3, :blocks] = 0.5 * (low + high)
+        off = ordered - np.repeat(spheres[:3], BLOCK, axis=1)[:, : ordered.shape[1]]
+        furthest = np.maximum.reduceat((off**2).sum(axis=0), first)
+        spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
+    return PreparedCloud(np.ascontiguousarray(ordered), finite[along], spheres, len(points))
+
+
+@dataclass(frozen=True, eq=False)
+class CloudDistanceTerm:
+    """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
+
+    A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
+    entry is −w_e [n_e ; (X − o) × n_e].
+    """
+
+    cloud: PreparedCloud
+    surface: MetaballSurface
+    sigma_m: float = 0.002
+    """how far a point is from the surface it was measured on"""
+    loss: Loss = Quadratic()
+    weight: float = 1.0
+    name: str = "cloud_distance"
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sigma_m < np.inf:
+            raise HandtrackError(f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length.")
+        _ = self._loss
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ weight Σ ρ."""
+        return self._system(bones, want_system=False).cost
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
+        return self._system(bones, want_system=True)
+
+    def residuals(self, bones: BonePoses) -> Floats:
+        """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
+        out = np.full(self.cloud.given, np.nan)
+        points = np.ascontiguousarray(self.cloud.points[:, : self.cloud.count].T)
+        out[self.cloud.order] = self.surface.distance(bones, points)
+        return out
+
+    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
+        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+        kind, scale = self._loss
+        start, members = self.surface.links
+        cost = cloud_system(
+            self.cloud.points,
+            self.cloud.count,
+            self.cloud.spheres,
+            self.surface.posed(bones),
+            self.surface.ellipsoids.bone,
+            start,
+            members,
+            self.surface.sharpness,
+            self.surface.turning_level,
+            self.sigma_m,
+            kind,
+            scale,
+            self.weight,
+            bones.reference,
+            want_system,
+            system.gradient,
+            system.hessian,
+        )
+        return BoneSystem(cost, system.gradient, system.hessian)
+
+    @cached_property
+    def _loss(self) -> tuple[int, float]:
+        loss = self.loss
+        if isinstance(loss, Quadratic):
+            return QUADRATIC, 0.0
+        if isinstance(loss, GemanMcClure):
+            return GEMAN_MCCLURE, float(loss.scale)
+        if isinstance(loss, Huber):
+            return HUBER, float(loss.scale)
+        if isinstance(loss, UniformOutliers):
+            return OUTLIERS, float(loss.level)
+        raise HandtrackError(
+            f"{self.name}: the loss {type(loss).__name__} is not compiled; known: Quadratic, GemanMcClure, Huber, "
+            "UniformOutliers."
+        )

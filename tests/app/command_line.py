@@ -1,0 +1,67 @@
+"""Runs `handtrack` in this process, and makes the small recordings that its tests use."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from handtrack.session.bundled import bundled_session
+from handtrack_app.cli import main
+
+FRAMES = 5
+
+
+class Ended(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+class CommandLine:
+    """`handtrack` with what it printed."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *words: object) -> Ended:
+        self._capsys.readouterr()
+        code = main([str(word) for word in words])
+        out, err = self._capsys.readouterr()
+        assert "Traceback" not in out + err
+        return Ended(code, out, err)
+
+
+def small_recording(folder: Path) -> Path:
+    """Make a session of the bundled one's first 5 frames, masks alone."""
+    source = bundled_session()
+    for masks in sorted((source / "masks").iterdir()):
+        kept = folder / "masks" / masks.name
+        kept.mkdir(parents=True)
+        for file in sorted(masks.iterdir())[:FRAMES]:
+            shutil.copyfile(file, kept / file.name)
+    for name in ("calibration.toml", "init.json"):
+        shutil.copyfile(source / name, folder / name)
+    settings = (source / "session.toml").read_text()
+    lines = [line for line in settings.splitlines() if not line.startswith("images")]
+    (folder / "session.toml").write_text("\n".join(lines) + "\n")
+    with np.load(source / "truth.npz") as truth:
+        timed = {name: truth[name][:FRAMES] for name in truth.files if name != "joint_names"}
+        np.savez(folder / "truth.npz", joint_names=truth["joint_names"], **timed)
+    return folder
+
+
+def listing(folder: Path) -> dict[str, str]:
+    """Return every file and folder below a folder, files with a digest of their content."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else ""
+        for path in sorted(folder.rglob("*"))
+    }
