@@ -18,7 +18,8 @@ from handtrack_app.background_job import (
     TrackingJob,
     Watch,
 )
-from handtrack_app.document import Document, params_of
+from handtrack_app.compile_watch import CompileWatch
+from handtrack_app.document import Document
 from handtrack_app.keeping import Keeper
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -26,7 +27,7 @@ _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
-    "preparing": "Preparing (the first time, code is compiled once) …",
+    "preparing": "Preparing the first frame …",
     "sizing": "Fitting the hand's size (once a session) …",
 }
 
@@ -48,8 +49,11 @@ class Conductor:
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: m.Track | None = None
+        self._first = document.first_frame
         self._count = 0
         self._shown = self._stripped = 0.0
+        self._compiles = CompileWatch()
+        self._ticked = self._compiled_before = 0
 
     @property
     def busy(self) -> bool:
@@ -88,6 +92,7 @@ class Conductor:
         """Begin to track; a hand's size that is still to be fitted comes first."""
         document = self._document
         self._refuse_if_busy()
+        self._first = order.first
         frames = range(
             max(order.start, document.frames.start), min(order.stop, document.frames.stop)
         )
@@ -99,7 +104,7 @@ class Conductor:
         if document.size_pending and document.run.first is not None:
             self.fit_size(order)
             return
-        start = params_of(document.model, document.pose_at(order.first))
+        start = document.start_params(order.first, order.anew)
         self._begin(
             TrackingJob(
                 self._next(), document.run, frames, order.first, start, self._post, self._watch
@@ -127,6 +132,7 @@ class Conductor:
 
     def _begin(self, job: BackgroundJob) -> None:
         self._job = job
+        self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
 
@@ -151,7 +157,7 @@ class Conductor:
 
     def _tracked(self, done: Tracked) -> None:
         document, now = self._document, time.monotonic()
-        document.accept(done.result)
+        document.accept(done.result, replaces_hand=done.result.frame == self._first)
         self._keeper.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -195,6 +201,13 @@ class Conductor:
             text = exporting.summary(self._document, job.frames, job.done, took)
             self._publish(m.Notice("done", title, text))
 
+    def tick(self) -> None:
+        """Tell what is compiled while the job's first frame waits for it; called now and then."""
+        job, count = self._job, self._compiles.count
+        if job is not None and not job.done and count != self._ticked:
+            self._ticked = count
+            self.show_progress()
+
     def show_progress(self) -> None:
         """Say what is going on."""
         job = self._job
@@ -203,4 +216,6 @@ class Conductor:
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
         words = _WORDS["sizing" if job.kind == "sizing" and not job.paused else state]
+        if state == "preparing" and self._ticked > self._compiled_before:
+            words = self._compiles.words
         self._publish(m.ProgressSnapshot(state, words, job.done, len(job.frames), job.eta_s()))

@@ -133,9 +133,20 @@ class Document:
         self.first_frame, self.start = self.frame, self.shown.copy()
         self.run = replace(self.run, first=first)
 
-    def accept(self, result: FrameResult) -> None:
-        """Keep a tracked frame. It replaces a pose set by hand there, which it started from."""
-        self.by_hand.pop(result.frame, None)
+    def start_params(self, frame: int, anew: bool = False) -> Floats:
+        """Return solver parameters (P,) that tracking from a frame starts with.
+
+        anew: at the first frame, its saved pose as `handtrack track` takes it, unless the user has moved it since.
+        """
+        first = self.run.first
+        if anew and first is not None and first.frame == frame and frame not in self.by_hand:
+            return self.run.initial()[1]
+        return params_of(self.model, self.pose_at(frame))
+
+    def accept(self, result: FrameResult, replaces_hand: bool = True) -> None:
+        """Keep a tracked frame. It replaces a pose set by hand there, if tracking started from that."""
+        if replaces_hand:
+            self.by_hand.pop(result.frame, None)
         self.results[result.frame] = result
 
     # ---- settings

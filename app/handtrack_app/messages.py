@@ -72,6 +72,8 @@ class Track:
     start: int
     stop: int
     first: int
+    anew: bool = False
+    """start from the first-frame pose as saved, even if its frame was tracked before"""
 
 
 @dataclass(frozen=True)

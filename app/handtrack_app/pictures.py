@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -14,8 +15,48 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
+_GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
 _KEPT = 24  # undistorted images kept in memory
 _DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
+
+
+def smaller(camera: Camera, width: int, height: int) -> Camera:
+    """Return the undistorted camera of a picture brought to another size."""
+    factor = np.array([width / camera.size[0], height / camera.size[1]])
+    matrix = camera.matrix.copy()
+    matrix[0, 0], matrix[1, 1] = factor * (matrix[0, 0], matrix[1, 1])
+    matrix[:2, 2] = factor * (matrix[:2, 2] + 0.5) - 0.5  # pixel centres have whole coordinates
+    return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
+
+
+def contact_sheet(pictures: dict[str, Bytes], width: int = 620, columns: int = 2) -> Bytes:
+    """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
+    columns = min(columns, max(len(pictures), 1))
+    cell = (width - _GAP * (columns - 1)) // columns
+    rows: list[Bytes] = []
+    row: list[Bytes] = []
+    named = list(pictures.items())
+    for i, (name, picture) in enumerate(named):
+        high = round(cell * picture.shape[0] / picture.shape[1])
+        small = np.asarray(
+            cv2.resize(picture, (cell, high), interpolation=cv2.INTER_AREA), np.uint8
+        )
+        for colour, thick in (((0, 0, 0), 4), ((255, 255, 255), 1)):
+            place, font = (8, high - 10), cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(small, name, place, font, 0.5, colour, thick, cv2.LINE_AA)
+        row.append(small)
+        if len(row) == columns or i == len(named) - 1:
+            rows.append(_padded(row, width, cell))
+            row = []
+    return np.concatenate(rows) if rows else np.full((8, width, 3), _DARK, np.uint8)
+
+
+def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
+    strip = np.full((max(p.shape[0] for p in row) + _GAP, width, 3), _PAPER, np.uint8)
+    for i, picture in enumerate(row):
+        left = i * (cell + _GAP)
+        strip[: picture.shape[0], left : left + cell] = picture
+    return strip
 
 
 class PictureMaker:
@@ -41,14 +82,21 @@ class PictureMaker:
             self._kept.popitem(last=False)
         return image
 
-    def thumbnail(self, name: str, frame: int) -> Bytes:
-        """Return a small picture for the camera's frustum."""
+    def thumbnail(
+        self, name: str, frame: int, paint: str = "plain", flesh: PosedEllipsoids | None = None
+    ) -> Bytes:
+        """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
         image = self.plain(name, frame)
         height, width = image.shape[:2]
-        if height <= _THUMBNAIL:
-            return image
         size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
-        return cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[return-value]
+        small = image
+        if height > _THUMBNAIL:
+            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        if paint == "plain" or flesh is None:
+            return small
+        return outline_picture(
+            small, smaller(self.camera(name), small.shape[1], small.shape[0]), flesh
+        )
 
     def screen(
         self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None

@@ -16,10 +16,12 @@ import viser
 from handtrack.tracker.result import FrameResult
 from handtrack_app import messages as m
 from handtrack_app.background_job import Watch
+from handtrack_app.demo import Demo
 from handtrack_app.exporting import LOG_FILE
 from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
+from handtrack_app.own_copy import own_copy
 from handtrack_app.panels.page import Page
 from handtrack_app.player import Player
 from handtrack_app.scene.stage import Stage
@@ -41,7 +43,9 @@ class Workbench:
         port: int = 8080,
         opener: Opener = open_document,
         watch: Watch | None = None,
+        demo: bool = False,
     ) -> None:
+        """demo: track by itself as soon as the session is shown, then play it."""
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
         self._snapshots: Mailbox[m.Snapshot] = Mailbox(
@@ -50,6 +54,7 @@ class Workbench:
         self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[m.Notice] = []
+        self._demo = Demo() if demo else None
         self.server: viser.ViserServer
 
     @property
@@ -152,10 +157,15 @@ class Workbench:
                 self._show_pose(snapshot)
             case m.PictureSnapshot():
                 self.stage.show_pictures(snapshot)
+                self.layout.session.show_pictures(snapshot)
             case m.StripSnapshot():
                 self.layout.timeline.show_strip(snapshot)
+                if self._demo is not None:
+                    self._demo.begin(snapshot, self.page, self.layout.snapshot)
             case m.ProgressSnapshot():
                 self.layout.show_progress(snapshot)
+                if self._demo is not None:
+                    self._demo.follow(snapshot, self.page)
             case m.Notice():
                 if self.server.get_clients():
                     self.page.tell(snapshot.level, snapshot.title, snapshot.text)
@@ -189,7 +199,7 @@ def run_workbench(
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: say what to try first.
+    to rerun's viewer. demo: track at once. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
@@ -200,17 +210,15 @@ def run_workbench(
     recorder = _Recorder() if rerun else None
     chosen = choose_port(host, None if port == FIRST_PORT else port)
     watch = recorder.show if recorder is not None else None
-    bench = Workbench(session_folder, host, chosen, watch=watch).start()
+    folder = own_copy(session_folder)
+    bench = Workbench(folder, host, chosen, watch=watch, demo=demo).start()
     try:
         failure = bench.worker.wait_opened(_PATIENCE_S)
         if failure is not None:
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
-        if demo:
-            print(
-                "Try: tab Track, 'Track all frames'; then tab View, 'Look through' a camera.",
-                flush=True,
-            )
+        if folder != Path(session_folder) or demo:
+            print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
         if open_browser:
             webbrowser.open(bench.url)
         while True:

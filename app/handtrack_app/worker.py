@@ -107,6 +107,8 @@ class Worker:
                 self._guarded(lambda request=request: self._serve(request))
             elif self._stale_pictures:
                 self._guarded(self._show_pictures)
+            elif self._conductor is not None:
+                self._conductor.tick()
             if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
                 self._guarded(self._accept_edit)
         self._guarded(self._accept_edit)
@@ -248,11 +250,14 @@ class Worker:
             return
         frame = document.frame
         small, large = {}, None
+        bones = document.model.bones(params_of(document.model, document.shown))
+        flesh = document.model.flesh["fine"].posed(bones)
         if wanted.thumbnails:
-            small = {name: maker.thumbnail(name, frame) for name in document.run.session.rig.names}
+            small = {
+                name: maker.thumbnail(name, frame, wanted.paint, flesh)
+                for name in document.run.session.rig.names
+            }
         if wanted.screen in document.run.session.rig.names and wanted.screen is not None:
-            bones = document.model.bones(params_of(document.model, document.shown))
-            flesh = document.model.flesh["fine"].posed(bones)
             seen = (
                 document.run.session.observation(frame).silhouettes
                 if wanted.paint == "residual"

@@ -22,7 +22,7 @@ from handtrack.session.simulate import simulated_rig
 
 SHOWN = (0, 26, 36, 50)
 """frames of the gesture in the pictures"""
-_CROP = (slice(75, 405), slice(120, 520))
+_CROP = (slice(85, 395), slice(150, 500))
 _LABELS = {
     "conic_field": "the paper's: conic field, no priors",
     "conic_field_priors": "conic field with priors",
@@ -58,7 +58,7 @@ def draw_model(model: ArticulatedModel) -> Any:
     params = model.rest_params()
     params[1] -= 0.09
     pictures = model_pictures(model, params)
-    figure, axes = _pyplot().subplots(1, 4, figsize=(9, 2.1))
+    figure, axes = _pyplot().subplots(1, 4, figsize=(9, 2.0))
     for axis, (title, picture) in zip(axes, pictures.items(), strict=True):
         _shown(axis, picture[_CROP], title)
     return _tight(figure)
@@ -70,7 +70,7 @@ def draw_gesture(
     """Return the paper's Fig. 2. truth, field, binary: (F, S), the latter two what each experiment found."""
     camera = simulated_rig(2).cameras[0]
     around = simulated_rig(6).cameras[0]
-    figure, axes = _pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.3))
+    figure, axes = _pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.5))
     for i, frame in enumerate(shown):
         _shown(axes[0, 2 * i], _field_of(model, truth[frame], camera), f"frame {frame}: seen")
         _shown(axes[0, 2 * i + 1], _skin_of(model, field[frame], camera), "found")
@@ -106,8 +106,11 @@ def draw_errors(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
         axis.axvspan(FIST.start, FIST.stop - 1, color="0.92")
         axis.set(title=f"{cameras} cameras", xlabel="frame", yscale="log", ylim=(0.03, 30))
     axes[0].set_ylabel("mean joint error [mm]")
-    axes[-1].legend(frameon=False, fontsize=7)
-    return _tight(figure)
+    _tight(figure)
+    lines, names = axes[0].get_legend_handles_labels()
+    figure.subplots_adjust(bottom=0.25)
+    figure.legend(lines, names, loc="lower center", ncol=len(names), frameon=False, fontsize=8)
+    return figure
 
 
 def draw_uncertainty(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
@@ -158,7 +161,7 @@ def _pyplot() -> Any:
 
 
 def _tight(figure: Any) -> Any:
-    figure.tight_layout(pad=0.3)
+    figure.tight_layout(pad=0.4)
     return figure
 
 

@@ -58,7 +58,7 @@ def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: 
 
 def model_pictures(model: ArticulatedModel, params: Floats) -> dict[str, Bytes]:
     """Return four pictures (480, 640, 3) RGB of a pose (P,), by title."""
-    seen_by, *_, beside = simulated_rig(3).cameras
+    beside, *_, seen_by = simulated_rig(3).cameras
     bones = model.bones(params)
     balls, flesh = skeleton_balls(model, bones), model.flesh["fine"].posed(bones)
     field = field_picture(seen_by, flesh)

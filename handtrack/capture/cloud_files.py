@@ -66,8 +66,11 @@ def write_cloud(path: Path, cloud: PointCloud, world_unit_m: float = 1.0) -> Non
     if path.suffix.lower() == ".ply":
         write_ply(path, points, cloud.colors)
     elif path.suffix.lower() == ".npz":
-        colors = {} if cloud.colors is None else {"colors": cloud.colors}
-        np.savez_compressed(path, points=points.astype(np.float32), **colors)
+        single = points.astype(np.float32)
+        if cloud.colors is None:
+            np.savez_compressed(path, points=single)
+        else:
+            np.savez_compressed(path, points=single, colors=cloud.colors)
     else:
         raise HandtrackError(f"{path}: neither .ply nor .npz.")
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from handtrack.arrays import Array, Floats, Ints
 from handtrack.capture.point_cloud import PointCloud
@@ -182,7 +182,8 @@ def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
     """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
     if colors is None:
         return np.ones(count, bool)
-    return skin.distance(colors) <= skin.size
+    inside: Array = skin.distance(colors) <= skin.size
+    return inside
 
 
 def one_component(points: Floats, eyes: Floats | None, link_m: float = _LINK_M) -> Array:
@@ -237,7 +238,7 @@ def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
     if len(points) <= neighbours:
         return np.ones(len(points), bool)  # too few to tell
     seen = random_part(len(points), _TREE_MOST)
-    tree = cKDTree(points[seen])
+    tree = KDTree(points[seen])
     distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
     return distance <= ratio * np.median(distance)
 
@@ -257,7 +258,7 @@ def _parts(points: Floats, link_m: float) -> Ints:
         cell_numbers(points, link_m), return_index=True, return_inverse=True
     )
     cells = np.floor(points[first] / link_m)
-    pairs = cKDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
     return _connected(len(cells), pairs)[index]
 
 

@@ -27,7 +27,7 @@ def correlate(
     most: int,
     window_px: int = 9,
     least_score: float = 0.6,
-    least_contrast: float = 1.5,
+    least_contrast: float = 1.0,
 ) -> Correlated:
     """Return the disparities of two rectified grey images (H, W) uint8: left x is right x − d.
 

@@ -27,7 +27,7 @@ class DepthSettings:
     """angle between line of sight and surface normal from which on a surface does not count."""
     jump_share: float = 0.008
     """steps that noise may make, as a share of the depth: 4 mm at 0.5 m."""
-    support: int = 3
+    support: int = 4
     """neighbours of eight, on the same surface, that a pixel needs."""
 
 

@@ -14,6 +14,7 @@ from handtrack.errors import HandtrackError, unknown_name
 STEREO_METHODS = ("sgbm", "correlation")
 _STEP = 16  # SGBM's disparities come in multiples of that, and in 16ths of a pixel
 _UNIT = 16
+_CONTRAST_PX = 9
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,9 @@ class StereoSettings:
     """how far the matches left → right and right → left may differ."""
     speckle_px: int = 80
     """a patch of fewer pixels that stands off from its surroundings is taken for wrong."""
+    least_contrast: float = 1.0
+    """standard deviation around a pixel [grey levels] below which there is nothing to match:
+    what is found there is made up."""
     near_m: float = 0.2
     """nearest depth searched for."""
     far_m: float = 1.5
@@ -59,13 +63,16 @@ def disparity(
     (x − d, y). least, most: range of d searched, both included; may be negative.
     """
     if settings.method == "correlation":
-        both = correlate(_grey(left), _grey(right), least, most, settings.correlation_window_px)
+        window = settings.correlation_window_px
+        both = correlate(_grey(left), _grey(right), least, most, window)
         found, back = both.left, both.right
     else:
         found = _sgbm(left, right, least, most, settings.sgbm_window_px)
         back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.sgbm_window_px)
         back = back[:, ::-1]
-    found = np.where(consistent(found, back, settings.left_right_px), found, np.nan)
+    keep = consistent(found, back, settings.left_right_px)
+    keep &= _contrast(_grey(left)) >= settings.least_contrast
+    found = np.where(keep, found, np.float32(np.nan))
     return without_speckles(found, settings.speckle_px)
 
 
@@ -89,6 +96,15 @@ def without_speckles(found: Array, least_px: int, step_px: float = 1.0) -> Array
     whole = np.where(known, (found - low) * _UNIT + _UNIT, 0).astype(np.int16)
     cv2.filterSpeckles(whole, 0, least_px, step_px * _UNIT)
     return np.where(whole > 0, found, np.float32(np.nan))
+
+
+def _contrast(image: Bytes) -> Array:
+    """Return the standard deviation (H, W) in the square around each pixel [grey levels]."""
+    size = (_CONTRAST_PX, _CONTRAST_PX)
+    values = image.astype(np.float32) - np.float32(image.mean())
+    mean = cv2.boxFilter(values, -1, size)
+    square = cv2.boxFilter(values * values, -1, size)
+    return np.sqrt(np.maximum(square - mean * mean, 0))
 
 
 def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> Array:

@@ -113,7 +113,7 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
     swapped = bool(x @ (first.rotation[0] + second.rotation[0]) < 0)
     if swapped:
         x = -x
-    rotation = np.stack([x, np.cross(z, x), z])
+    rotation: Floats = np.asarray([x, np.cross(z, x), z], dtype=float)
     left, right = (second, first) if swapped else (first, second)
     focal = float(np.mean([np.diag(c.matrix)[:2] for c in (first, second)]))
     spans = [_span(camera, rotation, focal) for camera in (left, right)]
@@ -140,7 +140,7 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
                 matrix,
                 np.zeros(5),
                 rotation,
-                -(rotation @ camera.centre),
+                np.asarray(-rotation @ camera.centre, dtype=float),
             )
         )
     maps = [_maps(real, flat) for real, flat in zip((left, right), virtual)]

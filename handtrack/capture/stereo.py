@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes
+from handtrack.capture.depth import DepthSettings, surface_pixels
 from handtrack.capture.disparity import StereoSettings, disparity
 from handtrack.capture.point_cloud import EMPTY, PointCloud
 from handtrack.capture.rectification import RectifiedPair, rectified
@@ -17,6 +18,7 @@ _COARSE = 4  # the range is narrowed on images smaller by that
 _COARSE_WINDOW_PX = 5
 _COARSE_LEAST = 40  # matches there, below which the whole range is searched
 _ROOM_M = 0.04  # a hand may reach that much nearer and farther than what the coarse match saw
+_SURFACE = DepthSettings(grazing_deg=75.0, jump_share=0.003, support=6)
 _MARGIN_PX = 16  # around the masks, for the windows
 
 
@@ -104,7 +106,9 @@ class StereoMatcher:
 
     def triangulate(self, view: StereoView) -> PointCloud:
         """Return the coloured points (N, 3), world [m], of a matched pair."""
-        rows, columns = np.nonzero(np.isfinite(view.disparity))
+        depth_m = self.pair.depth_of(view.disparity)
+        surface = surface_pixels(depth_m, float(self.pair.left.matrix[0, 0]), _SURFACE)
+        rows, columns = np.nonzero(surface)
         points = self.pair.points(columns, rows, view.disparity[rows, columns].astype(float))
         depth = (points - self.pair.left.centre) @ self.pair.left.rotation[2]
         keep = (depth >= self.settings.near_m) & (depth <= self.settings.far_m)
@@ -131,12 +135,7 @@ class StereoMatcher:
         if most - least < 2 * _COARSE * _COARSE:
             return least, most
         rows = box[0]
-        small = [
-            cv2.resize(
-                image[rows], None, fx=1 / _COARSE, fy=1 / _COARSE, interpolation=cv2.INTER_AREA
-            )
-            for image in (left, right)
-        ]
+        small = [_smaller(image[rows]) for image in (left, right)]
         settings = StereoSettings(
             self.settings.method,
             sgbm_window_px=_COARSE_WINDOW_PX,
@@ -144,7 +143,7 @@ class StereoMatcher:
             speckle_px=_COARSE_LEAST // 2,
         )
         low, high = least // _COARSE, -(-most // _COARSE)
-        coarse = disparity(np.asarray(small[0]), np.asarray(small[1]), low, high, settings)
+        coarse = disparity(small[0], small[1], low, high, settings)
         inside = wanted[rows][_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]
         coarse = coarse[: inside.shape[0], : inside.shape[1]]
         known = coarse[inside[: coarse.shape[0], : coarse.shape[1]] & np.isfinite(coarse)]
@@ -178,6 +177,12 @@ def _box(wanted: Array) -> tuple[slice, slice] | None:
             min(int(columns[-1]) + 1 + _MARGIN_PX, wanted.shape[1]),
         ),
     )
+
+
+def _smaller(image: Bytes) -> Bytes:
+    """Return the image at a quarter of its size."""
+    share = 1 / _COARSE
+    return cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)  # type: ignore
 
 
 def _moved(image: Bytes, by: int) -> Bytes:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.atomic import replacing
-from handtrack.session.layout import SESSION_FILE
+from handtrack.session.layout import SESSION_FILE, TRACKS_FOLDER
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _INSTALLED = _PACKAGE / "bundled_sessions"
@@ -35,7 +35,7 @@ def bundled_session(name: str = "open_fist_open") -> Path:
         return source
     target = user_data_folder() / "sessions" / name
     try:
-        _copy_missing(source, target)
+        copy_missing(source, target)
     except OSError as error:
         raise HandtrackError(
             f"the bundled session cannot be copied to {target}: {error.strerror}. Free some space, or "
@@ -56,13 +56,19 @@ def user_data_folder() -> Path:
     return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "handtrack"
 
 
+def checkout_shelf() -> Path:
+    """Return where the recordings lie in a checkout."""
+    return _CHECKOUT
+
+
 def _shelf() -> Path:
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 
-def _copy_missing(source: Path, target: Path) -> None:
+def copy_missing(source: Path, target: Path) -> None:
     """Copy what the working copy lacks, session.toml last: a copy cut short is completed next time."""
-    files = [file for file in sorted(source.rglob("*")) if file.is_file()]
+    made = source / TRACKS_FOLDER  # what somebody made of it does not belong to the recording
+    files = [f for f in sorted(source.rglob("*")) if f.is_file() and made not in f.parents]
     files.sort(key=lambda file: file.name == SESSION_FILE)
     for file in files:
         copy = target / file.relative_to(source)

@@ -79,7 +79,7 @@ class TrackingRun:
             if result.status == Status.TRACKED and result.frame % _SIZE_STEP == start % _SIZE_STEP
         ]
         seen = [self.session.observation(result.frame) for result in tracked]
-        keep = [i for i, observation in enumerate(seen) if observation.silhouettes]
+        keep = [i for i, known in enumerate(seen) if known.silhouettes or known.cloud is not None]
         if not keep:
             return self
         poses = [self.model.transform.solver_params(tracked[i].parameters) for i in keep]
@@ -220,4 +220,4 @@ def _forearm(
         return True
     model = _model(session, settings, scale, False)
     params = _first_params(model, first, settings)
-    return forearm_in_view(model, params, session.observation(first.frame).silhouettes)
+    return forearm_in_view(model, params, session.observation(first.frame))

@@ -12,39 +12,9 @@ from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.terms.bone_system import BoneSystem
-from handtrack.terms.cloud_kernels import (
-    BLOCK,
-    GEMAN_MCCLURE,
-    HUBER,
-    OUTLIERS,
-    QUADRATIC,
-    arrange,
-    cloud_system,
-)
-from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
-
-
-@dataclass(frozen=True)
-class UniformOutliers:
-    """A residual is normal with probability 1 − share, and otherwise anywhere in ± half_width (in sigmas).
-
-    ρ = −2 log((exp(−r²/2) + c)/(1 + c)), c = share/(1 − share) · √(2π)/(2 half_width).
-    """
-
-    share: float = 0.2
-    half_width: float = 30.0
-
-    @property
-    def level(self) -> float:
-        """c, an outlier's density beside an exact point's."""
-        return self.share / (1.0 - self.share) * np.sqrt(2.0 * np.pi) / (2.0 * self.half_width)
-
-    def value(self, squared: Floats) -> Floats:
-        return -2.0 * np.log((np.exp(-0.5 * squared) + self.level) / (1.0 + self.level))
-
-    def weight(self, squared: Floats) -> Floats:
-        inlier = np.exp(-0.5 * squared)
-        return inlier / (inlier + self.level)
+from handtrack.terms.cloud_kernels import BLOCK, arrange, cloud_system
+from handtrack.terms.cloud_loss import compiled_loss
+from handtrack.terms.loss import Loss, Quadratic
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,16 +125,4 @@ class CloudDistanceTerm:
 
     @cached_property
     def _loss(self) -> tuple[int, float]:
-        loss = self.loss
-        if isinstance(loss, Quadratic):
-            return QUADRATIC, 0.0
-        if isinstance(loss, GemanMcClure):
-            return GEMAN_MCCLURE, float(loss.scale)
-        if isinstance(loss, Huber):
-            return HUBER, float(loss.scale)
-        if isinstance(loss, UniformOutliers):
-            return OUTLIERS, float(loss.level)
-        raise HandtrackError(
-            f"{self.name}: the loss {type(loss).__name__} is not compiled; known: Quadratic, GemanMcClure, Huber, "
-            "UniformOutliers."
-        )
+        return compiled_loss(self.loss, self.name)

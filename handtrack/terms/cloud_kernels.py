@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from handtrack.model.metaballs_kernels import STRETCH
+from handtrack.terms.cloud_loss_kernels import counted
 from handtrack.terms.cloud_lanes_kernels import (
     LANES,
     cross_products,
@@ -31,7 +32,6 @@ BUFFER = 128
 """points that are worked off together"""
 NEGLIGIBLE = 25.0
 """An ellipsoid whose weight is below e^−25 of the closest one's counts for nothing: 1e-11."""
-QUADRATIC, GEMAN_MCCLURE, HUBER, OUTLIERS = range(4)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -238,27 +238,13 @@ def work_off(
 def robust(
     loss, scale, sigma, count, distance, residual, size
 ):  # pragma: no cover - compiled
-    """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ. The losses of terms/loss.py."""
+    """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ."""
     cost = 0.0
     for i in range(count):
         r = distance[i] / sigma
-        squared = r * r
+        value, size[i] = counted(loss, scale, r * r)
         residual[i] = r
-        if loss == QUADRATIC:
-            size[i] = 1.0
-            cost += squared
-        elif loss == GEMAN_MCCLURE:
-            share = scale * scale / (squared + scale * scale)
-            size[i] = share * share
-            cost += squared * share
-        elif loss == HUBER:
-            most = max(abs(r), scale)
-            size[i] = scale / most
-            cost += squared if most == scale else 2.0 * scale * abs(r) - scale * scale
-        else:
-            inlier = np.exp(-0.5 * squared)
-            size[i] = inlier / (inlier + scale)
-            cost -= 2.0 * np.log((inlier + scale) / (1.0 + scale))
+        cost += value
     for i in range(count, (count + LANES - 1) // LANES * LANES):
         residual[i], size[i] = 0.0, 0.0
     return cost

@@ -38,6 +38,6 @@ class Rows:
         """Return the sum over rows: gradient Jᵀ W r and Hessian Jᵀ W J in bone twists."""
         dense = np.zeros((len(self.residual), bone_count, 6))
         np.add.at(dense, (self.row, self.bone), self.twist)
-        flat = dense.reshape(len(self.residual), -1)
+        flat = dense.reshape(len(self.residual), 6 * bone_count)
         weighted = flat * self.weight[:, None]
         return BoneSystem(self.cost, weighted.T @ self.residual, weighted.T @ flat)

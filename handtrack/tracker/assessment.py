@@ -8,9 +8,11 @@ import numpy as np
 
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.outline_overlap import outline_overlap
+from handtrack.tracker.cloud_terms import explained_share
 from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.result import FrameResult, Status
 
+_NEAR_M = 0.006  # three times the usual error of a point
 _HISTORY = 30  # frames that tell what is usual
 _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
@@ -39,8 +41,26 @@ def assess(
     terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
 ) -> tuple[Status, str]:
     """Return a frame's status and, unless it is tracked, the reason."""
+    if not terms.views:
+        return Status.DOUBTFUL, "nothing was seen; only given keypoints hold the pose"
+    status, reason = _by_outline(terms, bones)
+    by_cloud, why = _by_cloud(terms, bones)
+    if by_cloud > status:
+        status, reason = by_cloud, why
+    if status != Status.TRACKED:
+        return status, reason
+    ratio = energy_ratio(energy, terms.views, previous)
+    if ratio > _DOUBTFUL:
+        return (
+            Status.DOUBTFUL,
+            f"the model fits {ratio:.1f} times worse than usual; a finger may be lost",
+        )
+    return Status.TRACKED, ""
+
+
+def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
     if not terms.prepared:
-        return Status.DOUBTFUL, "no silhouette was seen; only given keypoints hold the pose"
+        return Status.TRACKED, ""
     limits = terms.settings.tracker
     share = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones).iou
     worst = int(np.argmin(share))
@@ -50,10 +70,17 @@ def assess(
         return Status.LOST, overlap
     if share[worst] < limits.doubtful_overlap:
         return Status.DOUBTFUL, overlap
-    ratio = energy_ratio(energy, len(terms.prepared), previous)
-    if ratio > _DOUBTFUL:
-        return (
-            Status.DOUBTFUL,
-            f"the model fits {ratio:.1f} times worse than usual; a finger may be lost",
-        )
+    return Status.TRACKED, ""
+
+
+def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+    if terms.cloud is None:
+        return Status.TRACKED, ""
+    limits = terms.settings.tracker
+    share = explained_share(terms.cloud, terms.model, bones, _NEAR_M)
+    reason = f"{100 * share:.0f} % of the cloud's points lie within {1e3 * _NEAR_M:g} mm of the model"
+    if share < limits.lost_cloud:
+        return Status.LOST, reason
+    if share < limits.doubtful_cloud:
+        return Status.DOUBTFUL, reason
     return Status.TRACKED, ""

@@ -17,6 +17,7 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracker.cloud_terms import SeenCloud, cloud_term, see_cloud
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 
@@ -35,6 +36,7 @@ class FrameTerms:
     prepared: tuple[PreparedSilhouette, ...]
     pixels_per_m: tuple[float, ...]
     """of each silhouette, at the hand's distance"""
+    cloud: SeenCloud | None
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
 
@@ -49,15 +51,28 @@ class FrameTerms:
 
     @property
     def stages(self) -> int:
-        """How many bands the schedule has; one for the 2007 field, or where no silhouette is seen."""
+        """How many bands the schedule has; one for the 2007 field, or where only keypoints are given."""
         bands = self.settings.silhouettes
-        return len(bands.bands_mm) if self.prepared and bands.term == "coverage" else 1
+        ramps = self.prepared and bands.term == "coverage"
+        return len(bands.bands_mm) if ramps or self.cloud is not None else 1
+
+    @property
+    def views(self) -> int:
+        """How many silhouettes and clouds were seen."""
+        return len(self.prepared) + (self.cloud is not None)
+
+    @property
+    def has_seen(self) -> bool:
+        """Whether anything was observed at all."""
+        return bool(self.prepared or self.keypoints or self.cloud is not None)
 
     def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
         """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         terms: list[ObservationTerm] = list(self.keypoints)
+        if self.cloud is not None:
+            terms.append(cloud_term(self.cloud, self.model, self.settings, settings.bands_mm[index]))
         if not self.prepared or settings.weight == 0:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
@@ -119,6 +134,7 @@ def frame_terms(
         settings,
         tuple(prepared),
         tuple(scales),
+        see_cloud(observation.cloud, model, start, settings),
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead)),
     )

@@ -11,7 +11,8 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.observation.observation import Keypoints, Silhouette
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Keypoints, Observation, PointCloud, Silhouette
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
@@ -101,15 +102,32 @@ def fit_scale(
     return scale, fit_keypoints(build(scale), seen)
 
 
-def forearm_in_view(
-    model: ArticulatedModel, params: Floats, silhouettes: tuple[Silhouette, ...]
-) -> bool:
-    """Return whether the silhouettes go on beyond the wrist, where a bare forearm would be.
+def forearm_in_view(model: ArticulatedModel, params: Floats, seen: Observation) -> bool:
+    """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
 
-    Looks 5 to 9 cm behind the wrist, in all directions that a wrist bends to, for the direction with most
-    mask; true when that is mask in most views. params: of a model with or without forearm.
+    params: solver parameters (P,) of the hand in that frame.
     """
     bones = model.bones(params)
+    return _forearm_in_silhouettes(bones, seen.silhouettes) or _forearm_in_cloud(bones, seen.cloud)
+
+
+def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
+    """Return whether behind the wrist, 5 to 9 cm from it, lie at least a quarter as many points as before it."""
+    if cloud is None:
+        return False
+    local = (cloud.points - bones.position[0]) @ bones.rotation[0]
+    far = np.linalg.norm(local, axis=1)
+    shell = (far > 0.05) & (far < 0.09)
+    behind = shell & (local[:, 1] < -0.5 * far)
+    return bool(behind.sum() > 0.25 * (shell & (local[:, 1] > 0)).sum() > 0)
+
+
+def _forearm_in_silhouettes(bones: BonePoses, silhouettes: tuple[Silhouette, ...]) -> bool:
+    """Return whether mask goes on behind the wrist in most views.
+
+    Looks 5 to 9 cm behind the wrist, in all directions that a wrist bends to, for the direction with most
+    mask; true when that is mask in most views.
+    """
     bends = np.deg2rad(np.linspace(-70, 70, 15))
     tilts = np.deg2rad(np.linspace(-35, 35, 7))
     bend, tilt = np.meshgrid(bends, tilts, indexing="ij")

@@ -42,6 +42,19 @@ class SilhouetteSettings:
 
 
 @dataclass(frozen=True)
+class CloudSettings:
+    """How a point cloud pulls."""
+
+    weight: float = 1.0
+    sigma_mm: float = 2.0
+    """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids"""
+    patch_mm: float = 8.0
+    """over how much of the surface that error stays the same"""
+    crop_mm: float = 40.0
+    """points further than this from the predicted hand are not the hand's"""
+
+
+@dataclass(frozen=True)
 class KeypointSettings:
     """How given points pull."""
 
@@ -80,6 +93,10 @@ class FollowSettings:
     """a frame whose silhouettes overlap less (intersection over union) is doubtful"""
     lost_overlap: float = 0.45
     """and less than this: lost"""
+    doubtful_cloud: float = 0.7
+    """a frame with a smaller share of its points within 6 mm of the surface is doubtful"""
+    lost_cloud: float = 0.35
+    """and a smaller share than this: lost"""
 
 
 @dataclass(frozen=True)
@@ -88,6 +105,7 @@ class TrackerSettings:
 
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
+    cloud: CloudSettings = field(default_factory=CloudSettings)
     keypoints: KeypointSettings = field(default_factory=KeypointSettings)
     prior: PriorSettings = field(default_factory=PriorSettings)
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(iterations=30))
@@ -159,6 +177,9 @@ _CHOICES = {
 }
 _POSITIVE = (
     "silhouettes.outline_sigma_mm", "silhouettes.outline_correlation_mm", "keypoints.sigma_mm",
+    "cloud.sigma_mm",
+    "cloud.patch_mm",
+    "cloud.crop_mm",
     "prior.motion_sigma_deg", "prior.motion_sigma_mm", "solver.iterations", "solver.damping",
 )  # fmt: skip
 

@@ -58,7 +58,7 @@ class Tracker:
         terms = frame_terms(
             self.model, self.settings, observation, self.model.bones(params), expected, ahead
         )
-        if not terms.prepared and not terms.keypoints:
+        if not terms.has_seen:
             return self._unseen(observation, params)
         if first and self.model.has_forearm:
             params = aimed_forearm(self._problem(terms, 0, params), params)
@@ -66,8 +66,7 @@ class Tracker:
                 self.model, self.settings, observation, self.model.bones(params), expected, ahead
             )
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
-        views = len(terms.prepared)
-        if self.settings.tracker.escape and is_suspicious(summary.cost, views, previous):
+        if self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
             free = terms.without_motion()
             found = escape(
                 self._problem(free, 0, summary.params),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from pathlib import Path
 from typing import NamedTuple
@@ -12,8 +13,11 @@ import pytest
 
 from handtrack.session.bundled import bundled_session
 from handtrack_app.cli import main
+from tests.conftest import REPOSITORY
 
 FRAMES = 5
+PROGRAM = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(REPOSITORY / "app")])}
+"""the environment in which `python -m handtrack_app.cli` is this checkout's"""
 
 
 class Ended(NamedTuple):
@@ -65,3 +69,17 @@ def listing(folder: Path) -> dict[str, str]:
         else ""
         for path in sorted(folder.rglob("*"))
     }
+
+
+def refused(handtrack: CommandLine, within: Path, words: list[object], expected: list[str]) -> None:
+    """Run a command that must be refused: code 2, one paragraph with the expected words, nothing written."""
+    before = listing(within)
+    ended = handtrack(*words)
+    assert ended.code == 2, ended.err
+    assert ended.out == ""
+    assert ended.err.startswith(f"handtrack {words[0]}: ")
+    assert ended.err.count("\n") == 1, ended.err
+    assert ended.err.endswith("\n")
+    for word in expected:
+        assert word in ended.err, f"{word!r} is not in: {ended.err}"
+    assert listing(within) == before

@@ -1,13 +1,16 @@
-"""A workbench on loopback, on a fake run."""
+"""A workbench on loopback, on a fake run; the command line on small recordings."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from handtrack_app.cli import main
 from handtrack_app.workbench import Workbench
+from tests.app.command_line import CommandLine, small_recording
 from tests.app.fake_run import fake_document
 
 
@@ -18,3 +21,23 @@ def bench(tmp_path: Path) -> Iterator[Workbench]:
     assert workbench.wait_ready(60.0)
     yield workbench
     workbench.stop()
+
+
+@pytest.fixture
+def handtrack(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+    """`handtrack` in this process."""
+    return CommandLine(capsys)
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small recording; not to be changed."""
+    return small_recording(tmp_path_factory.mktemp("recorded") / "small")
+
+
+@pytest.fixture(scope="session")
+def tracked(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small recording with its result; not to be changed."""
+    folder = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("tracked") / "small"))
+    assert main(["track", str(folder)]) == 0
+    return folder

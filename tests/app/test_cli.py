@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +17,7 @@ from handtrack.session.session import Session
 from handtrack.session.tables import read_npz
 from handtrack_app import cli
 from handtrack_app.commands import track as track_command
-from tests.app.command_line import CommandLine, small_recording
-from tests.conftest import REPOSITORY
+from tests.app.command_line import PROGRAM, CommandLine
 from tests.session.small_session import edit
 
 COMMANDS = ("open", "demo", "new", "track", "export", "evaluate", "simulate", "doctor", "bench")
@@ -30,37 +26,12 @@ METRICS = [
     "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90",
 ]  # fmt: skip
 HEAVY = ("numpy", "cv2", "numba", "scipy", "viser", "rerun", "tqdm")
-WHERE = {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(REPOSITORY / "app")])}
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return small_recording(tmp_path_factory.mktemp("recorded") / "small")
 
 
 @pytest.fixture
 def session(recorded: Path, tmp_path: Path) -> Path:
     """A small recording of its own for each test."""
     return Path(shutil.copytree(recorded, tmp_path / "session"))
-
-
-@pytest.fixture
-def handtrack(capsys: pytest.CaptureFixture[str]) -> CommandLine:
-    return CommandLine(capsys)
-
-
-def program(*words: object, **options) -> subprocess.Popen[str]:
-    """Start `handtrack` as a program of its own."""
-    command = [sys.executable, "-m", "handtrack_app.cli", *map(str, words)]
-    return subprocess.Popen(
-        command,
-        env=os.environ | WHERE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        encoding="utf-8",
-        **options,
-    )
 
 
 # ---- help and usage --------------------------------------------------------------------------------
@@ -90,7 +61,7 @@ def test_help_is_quick_and_loads_nothing_heavy() -> None:
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | WHERE,
+        env=PROGRAM,
         capture_output=True,
         text=True,
         check=True,
@@ -247,113 +218,6 @@ def test_a_disk_that_fills_up_does_not_cost_the_result(
     assert read_npz(saved).frame.tolist() == [0, 1]
     assert f"writing failed (No space left on device); the result is in {saved}" in ended.err
     shutil.rmtree(saved.parent)
-
-
-# ---- Ctrl-C ----------------------------------------------------------------------------------------
-
-
-class Interrupter:
-    """A progress bar that presses Ctrl-C after some frames."""
-
-    def __init__(self, after: int, presses: int = 1) -> None:
-        self.left, self.presses = after, presses
-
-    def __enter__(self) -> Interrupter:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def update(self) -> None:
-        self.left -= 1
-        if self.left == 0:
-            for _ in range(self.presses):
-                os.kill(os.getpid(), signal.SIGINT)
-                time.sleep(0.01)  # handlers run between two instructions
-
-
-@pytest.mark.parametrize("presses", [1, 2])
-def test_interrupted_tracking_is_saved_and_named(
-    handtrack: CommandLine, session: Path, monkeypatch, presses: int
-) -> None:
-    monkeypatch.setattr(track_command, "progress_bar", lambda *_: Interrupter(2, presses))
-    handler = signal.getsignal(signal.SIGINT)
-    ended = handtrack("track", session)
-    assert signal.getsignal(signal.SIGINT) is handler
-    poses = session / "tracks/poses.npz"
-    assert ended.code == 130
-    assert "2 of 5 frames" in ended.out
-    assert f"interrupted; the 2 frames tracked so far are in {poses}." in ended.err
-    assert read_npz(poses).frame.tolist() == [0, 1]
-
-
-def test_interrupted_size_fit_saves_nothing(
-    handtrack: CommandLine, session: Path, monkeypatch
-) -> None:
-    seen = track_command.TrackingRun.fit_size
-
-    def fit(run, should_stop):
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.01)
-        return seen(run, should_stop)
-
-    monkeypatch.setattr(track_command.TrackingRun, "fit_size", fit)
-    edit(session / "session.toml", "scale = 1.0", 'scale = "fit"')
-    ended = handtrack("track", session)
-    assert ended.code == 130
-    assert ended.out == ""
-    assert ended.err.endswith("interrupted before the first frame; nothing was saved.\n")
-    assert not (session / "tracks").exists()
-
-
-def test_ctrl_c_in_the_real_program(handtrack: CommandLine, tmp_path: Path) -> None:
-    session = Path(shutil.copytree(bundled_session(), tmp_path / "bundled"))
-    out = tmp_path / "warm.npz"
-    assert handtrack("track", session, "--frames", ":1", "--out", out).code == 0  # kernels compile
-    process = program("track", session)
-    assert process.stderr is not None
-    begun = ""
-    while "tracking" not in begun:
-        begun += process.stderr.read(1)
-        assert process.poll() is None
-    time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
-    shown, told = process.communicate(timeout=30)
-    assert process.returncode == 130, told
-    assert "Traceback" not in told
-    saved = read_npz(session / "tracks/poses.npz").frame
-    assert f"{len(saved)} of 100 frames" in shown
-    assert saved.tolist() == list(range(len(saved)))
-
-
-def test_an_interrupted_simulation_leaves_nothing(
-    handtrack: CommandLine, tmp_path: Path, monkeypatch
-) -> None:
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("handtrack.session.simulate.render", stop)
-    ended = handtrack("simulate", "--out", tmp_path / "deep" / "new")
-    assert ended.code == 130
-    assert ended.err.endswith("handtrack simulate: interrupted.\n")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_reader_that_goes_away_is_no_error(session: Path) -> None:
-    process = program("doctor", session)
-    assert process.stdout is not None
-    process.stdout.close()
-    process.wait(30)
-    assert process.stderr is not None
-    with process.stderr as told:
-        assert told.read() == ""
-    assert process.returncode == 0
-
-
-def test_exit_codes_of_the_real_program(tmp_path: Path) -> None:
-    done = program("doctor", tmp_path)
-    _, told = done.communicate(timeout=30)
-    assert done.returncode == 2
-    assert told.startswith("handtrack doctor: ")
 
 
 # ---- new, simulate, doctor, bench ------------------------------------------------------------------

@@ -10,7 +10,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Keypoints, Silhouette
+from handtrack.observation.observation import Keypoints, Observation, Silhouette
 from handtrack.session.simulate import simulated_rig
 from handtrack.tracker.initialize import fit_keypoints, fit_scale, forearm_in_view
 
@@ -74,4 +74,4 @@ def test_a_forearm_is_noticed(forearm):
         spans = np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))
         silhouettes.append(Silhouette(camera, mask, spans))
     params = model.transform.solver_params(joint)
-    assert forearm_in_view(model, params, tuple(silhouettes)) is forearm
+    assert forearm_in_view(model, params, Observation(0, 0.0, tuple(silhouettes))) is forearm

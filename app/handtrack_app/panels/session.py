@@ -7,10 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import viser
 
-from handtrack_app.messages import ProgressSnapshot, SessionSnapshot
+from handtrack_app.messages import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 from handtrack_app.panels.page import Page, number
+from handtrack_app.panels.tracking import progress_words
+from handtrack_app.pictures import contact_sheet
 from handtrack_app.state import MODES, PAINTS
 
 FREE = "free view"
@@ -51,6 +54,8 @@ class SessionPanel:
         page, gui, display = self.page, self.page.gui, self.page.state.display
         cameras = tuple(card.name for card in session.cameras)
         with self.tab:
+            blank = np.full((8, 8, 3), 36, np.uint8)
+            self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
             self.mode = gui.add_button_group("Hand", MODES)
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
@@ -65,7 +70,11 @@ class SessionPanel:
                     hint="Residual: blue is silhouette without model, orange is model without silhouette.",
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
-                self._toggle("Live images", "images", "Show each camera's image of this frame.")
+                self._toggle(
+                    "Live images",
+                    "images",
+                    "Show each camera's image of this frame, in the scene and above.",
+                )
             with gui.add_folder("Show"):
                 self._toggle("Hand's handle", "handle", "Drag the whole hand.")
                 self._toggle("Fingertip handles", "tips", "Drag a fingertip; its finger follows.")
@@ -79,6 +88,16 @@ class SessionPanel:
         self.through.on_update(page.from_user(self._look))
         self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
         self.view.on_click(page.from_user(self._free))
+
+    def show_pictures(self, pictures: PictureSnapshot) -> None:
+        """Show what the cameras see, side by side."""
+        if not self.built:
+            return
+        wanted = self.page.state.display.images
+        if wanted and pictures.thumbnails:
+            self.sheet.image = contact_sheet(pictures.thumbnails)
+        if self.sheet.visible != wanted:
+            self.sheet.visible = wanted
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         box = self.page.gui.add_checkbox(label, getattr(self.page.state.display, name), hint=hint)
@@ -145,5 +164,19 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
         "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
         f"<span style='font-size:1.1em;font-weight:600'>{title}</span>"
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
-        f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}</div>"
+        f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}"
+        f"{_activity(progress)}</div>"
+    )
+
+
+def _activity(progress: ProgressSnapshot) -> str:
+    """Return what goes on in words, with a bar: seen whatever tab is open."""
+    if progress.state in ("idle", "failed"):
+        return ""
+    text = html.escape(progress_words(progress))
+    share = 100.0 * progress.done / progress.total if progress.total else 0.0
+    return (
+        f"<div style='margin-top:.35em'>{text}</div>"
+        "<div style='height:4px;border-radius:2px;background:rgba(128,128,128,.3);margin-top:.3em'>"
+        f"<div style='height:4px;border-radius:2px;background:#56b4e9;width:{share:.1f}%'></div></div>"
     )

@@ -41,7 +41,7 @@ class TrackingPanel:
         page, gui, icon = self.page, self.page.gui, viser.Icon
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
-            self.status = gui.add_html(progress_card(self.progress))
+            self.status = gui.add_html(_where(session))
             self.bar = gui.add_progress_bar(0.0, visible=False)
             self.pause = gui.add_button(
                 "Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False
@@ -100,7 +100,7 @@ class TrackingPanel:
         if session is None or self.range is None:
             return None
         if which == "all":
-            return Track(session.start, session.stop, session.first_frame)
+            return Track(session.start, session.stop, session.first_frame, anew=True)
         if which == "here":
             return Track(frame, frame + 1, frame)
         if which == "forward ▶":
@@ -119,7 +119,6 @@ class TrackingPanel:
             return
         self.progress = progress
         busy = progress.state in ("tracking", "paused", "preparing")
-        self.status.content = progress_card(progress)
         self.bar.visible = busy
         self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
         self.bar.animated = progress.state in ("preparing", "tracking")
@@ -135,17 +134,21 @@ class TrackingPanel:
                 button.visible = not busy
 
 
-def progress_card(progress: ProgressSnapshot) -> str:
-    """Return what is going on, in one or two lines."""
-    left, right = html.escape(progress.text), ""
-    if progress.total:
-        right = f"{progress.done} of {progress.total} frames"
-        if progress.state == "tracking" and progress.eta_s > 0:
-            right += f", {duration(progress.eta_s)} left"
+def _where(session: SessionSnapshot) -> str:
     return (
-        "<div style='padding:.4em .9em;font-size:.85em;line-height:1.5'>"
-        f"<b>{left}</b><div style='opacity:.7'>{right}</div></div>"
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
+        f"<span style='overflow-wrap:anywhere'>{html.escape(session.folder)}/tracks</span> as it comes.</div>"
     )
+
+
+def progress_words(progress: ProgressSnapshot) -> str:
+    """Return what is going on, in one line."""
+    if progress.state not in ("tracking", "paused") or not progress.total:
+        return progress.text
+    words = f"{progress.text}: {progress.done} of {progress.total} frames"
+    if progress.state == "tracking" and progress.eta_s > 0:
+        words += f", {duration(progress.eta_s)} left"
+    return words
 
 
 def duration(seconds: float) -> str:

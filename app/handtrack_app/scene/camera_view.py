@@ -78,6 +78,8 @@ def show_cameras(view: CameraRigView, display: Display) -> None:
     for name, frustum in view.frusta.items():
         frustum.visible = display.cameras and name != display.through
         view.labels[name].visible = frustum.visible
+        if not display.images:
+            frustum.image = None
 
 
 def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:

@@ -121,7 +121,7 @@ class Stage:
     def wanted_pictures(self, display: Display) -> WantPictures:
         """Return which pictures these display options need."""
         paint = "field" if display.field else display.paint
-        return WantPictures(display.cameras and display.images, self.screen_camera(display), paint)
+        return WantPictures(display.images, self.screen_camera(display), paint)
 
     # ---- snapshots
 

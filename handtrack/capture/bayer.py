@@ -1,0 +1,241 @@
+"""Raw Bayer mosaics → colour, with green along the estimated level line as in the 2004 paper (§2.2).
+
+Green pixels form a quincunx: the four neighbours of a pixel without green are a square that stands on
+its corner. The paper names them P1 P2 / P3 P4, estimates the gradient (Δx, Δy) of the square, and takes
+the line of equal brightness through the wanted point, (−Δy, Δx). It cuts the square's sides in P' and
+P''; both are interpolated along their sides, and the point between them. Red and blue stay linear.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.errors import HandtrackError, unknown_name
+
+PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
+METHODS = ("library", "library_vng", "bilinear", "level_line", "level_line_hue")
+# OpenCV names a pattern by its second row's second and third pixel.
+_CV2_NAME = {"RGGB": "BG", "BGGR": "RG", "GRBG": "GB", "GBRG": "GR"}
+_PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
+
+
+def demosaic(mosaic: Array, pattern: str, method: str = "library") -> Array:
+    """Return the colour image (H, W, 3) BGR of a raw mosaic (H, W), uint8 or uint16, same type.
+
+    pattern: colours of the first 2 x 2 pixels, row by row. Methods: `library` (OpenCV's edge-aware one),
+    `library_vng` (8 bit only), `bilinear`, `level_line` (the paper's), `level_line_hue` (its green, and
+    red and blue by their differences to it: our extension). Raises HandtrackError for what is no mosaic.
+    """
+    check_mosaic(mosaic, pattern)
+    if method in ("library", "library_vng"):
+        return _library(mosaic, pattern, method)
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS)
+    values = mosaic.astype(np.float64)
+    if method == "bilinear":
+        green = _bilinear_green(values, pattern)
+    else:
+        green = level_line_green(values, pattern)
+    planes = [_colour(values, pattern, c, green if method == "level_line_hue" else None) for c in "BR"]
+    image = np.stack([planes[0], green, planes[1]], axis=-1)
+    most = np.iinfo(mosaic.dtype).max
+    return np.clip(np.round(image), 0, most).astype(mosaic.dtype)
+
+
+def mosaic_of(image: Array, pattern: str) -> Array:
+    """Return the mosaic (H, W) a sensor of this pattern would give of a colour image (H, W, 3) BGR."""
+    _check_pattern(pattern)
+    mosaic = np.empty(image.shape[:2], image.dtype)
+    for (row, column), colour in zip(_PLACES, pattern):
+        mosaic[row::2, column::2] = image[row::2, column::2, "BGR".index(colour)]
+    return mosaic
+
+
+def level_line_green(mosaic: Floats, pattern: str) -> Floats:
+    """Return green (H, W) at every pixel: as seen where it was seen, along the level line elsewhere."""
+    padded = np.pad(np.asarray(mosaic, dtype=float), 1, mode="reflect")
+    # the square on its corner, turned so that its corners read P1 P2 / P3 P4
+    p1, p2 = padded[1:-1, :-2], padded[:-2, 1:-1]  # left, above
+    p3, p4 = padded[2:, 1:-1], padded[1:-1, 2:]  # below, right
+    return np.where(_mask(mosaic.shape, pattern, "G"), mosaic, _level_line_middle(p1, p2, p3, p4))
+
+
+def _level_line_middle(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> Floats:
+    """Return the value in the middle of squares: `level_line_value` at (0, 0), in closed form.
+
+    There P' and P'' lie opposite each other, and both cases give mean + s C / 4 with the saddle
+    C = P1 + P4 − P2 − P3 and the line's slope s = −Δx Δy / max(Δx², Δy²).
+    """
+    dx, dy = _gradient(p1, p2, p3, p4)
+    larger = np.maximum(dx * dx, dy * dy)
+    slope = -dx * dy / np.where(larger > 0, larger, 1.0)
+    return (p1 + p2 + p3 + p4) / 4 + slope * (p1 + p4 - p2 - p3) / 4
+
+
+def _gradient(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> tuple[Floats, Floats]:
+    return ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
+
+
+def level_line_value(p1: Floats, p2: Floats, p3: Floats, p4: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the values at points (x, y) of squares [−1, 1]² with corners P1 P2 / P3 P4 (y down).
+
+    The paper's rule for any place in the square: the level line through the point is cut with the
+    square's sides, both ends are interpolated along their sides, and the point between the ends.
+    """
+    p1, p2, p3, p4, x, y = np.broadcast_arrays(p1, p2, p3, p4, x, y)
+    dx, dy = _gradient(p1, p2, p3, p4)
+    line_x, line_y = -dy, dx
+    flat = (line_x == 0) & (line_y == 0)
+    line_x = np.where(flat, 1.0, line_x)  # no gradient: any line will do
+
+    def to_side(sign: float) -> Floats:
+        """Return how far along the line, in units of its direction, the square ends."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = np.where(line_x != 0, (np.sign(sign * line_x) - x) / (sign * line_x), np.inf)
+            down = np.where(line_y != 0, (np.sign(sign * line_y) - y) / (sign * line_y), np.inf)
+        return np.minimum(across, down)
+
+    def on_side(t: Floats) -> Floats:
+        """Return the value where the line ends: between two corners, as one coordinate is ±1."""
+        u, v = np.clip(x + t * line_x, -1, 1), np.clip(y + t * line_y, -1, 1)
+        above, below = p1 + (p2 - p1) * (u + 1) / 2, p3 + (p4 - p3) * (u + 1) / 2
+        return above + (below - above) * (v + 1) / 2
+
+    ahead, behind = to_side(1.0), to_side(-1.0)
+    share = ahead / np.maximum(ahead + behind, 1e-300)
+    return on_side(ahead) * (1 - share) + on_side(-behind) * share
+
+
+def sample_green(mosaic: Array, pattern: str, pixels: Floats) -> Floats:
+    """Return green (...) at real coordinates (..., 2) x, y of a raw mosaic, NaN outside of it.
+
+    As the paper does for rectification: no intermediate image, the level line through the very point.
+    """
+    check_mosaic(mosaic, pattern)
+    height, width = mosaic.shape
+    pixels = np.asarray(pixels, dtype=float)
+    inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=-1)
+    u, v = np.moveaxis(np.where(inside[..., None], pixels, 1.0), -1, 0)
+    # squares in the turned grid a = u + v, b = u − v; their middles are pixels without green
+    shift = 0 if pattern[0] != "G" else 1
+    a = 2 * np.round((u + v - shift) / 2) + shift
+    b = 2 * np.round((u - v - shift) / 2) + shift
+    column, row = ((a + b) / 2).astype(int), ((a - b) / 2).astype(int)
+    padded = np.pad(mosaic.astype(float), 2, mode="reflect")
+    row, column = row + 2, column + 2
+    corners = (padded[row, column - 1], padded[row - 1, column], padded[row + 1, column], padded[row, column + 1])
+    # of the turned square: x runs from left to above (−b … ), y from left to below
+    x, y = (u - v) - b, (u + v) - a
+    return np.where(inside, level_line_value(*corners, x, y), np.nan)
+
+
+def check_mosaic(mosaic: Array, pattern: str) -> None:
+    """Raise HandtrackError unless an array can be a mosaic of the pattern."""
+    _check_pattern(pattern)
+    if mosaic.ndim == 3:
+        raise HandtrackError(
+            f"a raw mosaic has one channel; found an image of shape {mosaic.shape}. It is colour "
+            "already, or was read as colour: read it unchanged."
+        )
+    if mosaic.ndim != 2 or min(mosaic.shape) < 4:
+        raise HandtrackError(f"a raw mosaic has at least 4 x 4 pixels; found shape {mosaic.shape}.")
+    if mosaic.dtype not in (np.uint8, np.uint16):
+        raise HandtrackError(
+            f"a raw mosaic has 8 or 16 bits a pixel; found {mosaic.dtype}. Packed 10 or 12 bits must be "
+            "unpacked to 16 first."
+        )
+
+
+def mosaic_doubts(mosaic: Array, pattern: str) -> tuple[str, ...]:
+    """Return what speaks against a mosaic of this pattern, in plain sentences.
+
+    The two green pixels of each 2 x 2 block resemble each other more than red and blue do; a grey image
+    has all four alike. Red and blue exchanged cannot be seen from numbers: look at the colours.
+    """
+    check_mosaic(mosaic, pattern)
+    main, other = _diagonal_differences(mosaic.astype(float))
+    if max(main, other) < 2 * min(main, other) or max(main, other) < 0.01 * float(mosaic.mean()):
+        return (
+            "the image may be no mosaic (grey, or colour made grey): the pixels of each 2 x 2 block differ "
+            "as little along one diagonal as along the other, where red and blue should.",
+        )
+    green_on_main = main < other
+    if green_on_main != (pattern[0] == "G"):
+        likely = "GRBG or GBRG" if green_on_main else "RGGB or BGGR"
+        return (
+            f"the pattern {pattern} looks wrong: the green pixels seem to lie as in {likely}; the image would "
+            "show a maze of dots.",
+        )
+    return ()
+
+
+def _diagonal_differences(values: Floats) -> tuple[float, float]:
+    """Return how much the two colours on the main and on the other diagonal of the blocks differ.
+
+    Each pixel against its four diagonal neighbours, so that slopes cancel; averaged with its sign over
+    16 x 16 pixels, so that texture does.
+    """
+    diagonal = np.array([[1, 0, 1], [0, 0, 0], [1, 0, 1]]) / 4
+    off = values - cv2.filter2D(values, -1, diagonal, borderType=cv2.BORDER_REFLECT_101)
+    local = [cv2.blur(off[row::2, column::2], (8, 8)) for row, column in ((0, 0), (0, 1))]
+    return float(np.abs(local[0]).mean()), float(np.abs(local[1]).mean())
+
+
+def psnr_db(image: Array, truth: Array, border: int = 4) -> tuple[float, float, float, float]:
+    """Return the peak signal-to-noise ratio [dB] of blue, green, red and of all, without a border [px]."""
+    inner = slice(border, -border)
+    off = image[inner, inner].astype(float) - truth[inner, inner].astype(float)
+    peak = float(np.iinfo(truth.dtype).max)
+    mean_square = [*np.mean(off**2, axis=(0, 1)), np.mean(off**2)]
+    b, g, r, whole = (10 * np.log10(peak**2 / max(float(m), 1e-12)) for m in mean_square)
+    return float(b), float(g), float(r), float(whole)
+
+
+def _check_pattern(pattern: str) -> None:
+    if pattern not in PATTERNS:
+        raise unknown_name("Bayer pattern", pattern, PATTERNS)
+
+
+def _library(mosaic: Array, pattern: str, method: str) -> Array:
+    if method == "library_vng" and mosaic.dtype != np.uint8:
+        raise HandtrackError(
+            "the method library_vng takes 8 bits a pixel; found 16. Use library, or level_line."
+        )
+    kind = "EA" if method == "library" else "VNG"
+    code = getattr(cv2, f"COLOR_Bayer{_CV2_NAME[pattern]}2BGR_{kind}")
+    return np.asarray(cv2.demosaicing(mosaic, code))
+
+
+def _mask(shape: tuple[int, ...], pattern: str, colour: str) -> Array:
+    """Return (H, W) bool: where the sensor saw a colour."""
+    mask = np.zeros(shape, dtype=bool)
+    for (row, column), here in zip(_PLACES, pattern):
+        if here == colour:
+            mask[row::2, column::2] = True
+    return mask
+
+
+def _bilinear_green(mosaic: Floats, pattern: str) -> Floats:
+    return _averaged(mosaic, _mask(mosaic.shape, pattern, "G"))
+
+
+def _colour(mosaic: Floats, pattern: str, colour: str, green: Floats | None) -> Floats:
+    """Return red or blue (H, W): linear, or linear in its difference to green."""
+    mask = _mask(mosaic.shape, pattern, colour)
+    if green is None:
+        return _averaged(mosaic, mask)
+    return _averaged(mosaic - green, mask) + green
+
+
+def _averaged(values: Floats, mask: Array) -> Floats:
+    """Return values where they are known, elsewhere the mean of the known ones among 8 neighbours.
+
+    Nearer neighbours, those along an edge, before diagonal ones, as in linear interpolation.
+    """
+    weight = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], dtype=float)
+    border = cv2.BORDER_REFLECT_101  # keeps the pattern's phase
+    known = cv2.filter2D(mask.astype(float), -1, weight, borderType=border)
+    total = cv2.filter2D(np.where(mask, values, 0.0), -1, weight, borderType=border)
+    return np.where(mask, values, total / np.maximum(known, 1e-12))

@@ -1,0 +1,332 @@
+"""Bad input, end to end: one readable paragraph, exit code 2, and nothing written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.session.bundled import bundled_session
+from handtrack.session.tables import read_npz, write_arrays
+from tests.app.command_line import FRAMES, refused
+from tests.session.small_session import edit
+
+VIDEO = bundled_session() / "cam0.mp4"
+
+
+@pytest.fixture
+def session(tracked: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(tracked, tmp_path / "session"))
+
+
+# ---- sessions that cannot be used ------------------------------------------------------------------
+
+Damage = Callable[[Path], None]
+
+
+def settings(old: str, new: str) -> Damage:
+    return lambda folder: edit(folder / "session.toml", old, new)
+
+
+def calibration(old: str, new: str) -> Damage:
+    return lambda folder: edit(folder / "calibration.toml", old, new)
+
+
+def camera_value(key: str, value: str) -> Damage:
+    """Give the first camera of the calibration another value."""
+
+    def damage(folder: Path) -> None:
+        path = folder / "calibration.toml"
+        lines = path.read_text().splitlines()
+        at = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
+        lines[at] = f"{key} = {value}"
+        path.write_text("\n".join(lines))
+
+    return damage
+
+
+def init(**changes: object) -> Damage:
+    def damage(folder: Path) -> None:
+        data = json.loads((folder / "init.json").read_text())
+        data = {key: value for key, value in {**data, **changes}.items() if value is not None}
+        (folder / "init.json").write_text(json.dumps(data))
+
+    return damage
+
+
+def timestamps(text: str) -> Damage:
+    def damage(folder: Path) -> None:
+        (folder / "t.csv").write_text(text)
+        edit(folder / "session.toml", "fps = 25.0", 'timestamps = "t.csv"')
+
+    return damage
+
+
+def other_size(folder: Path) -> None:
+    file = folder / "masks/cam1/000000.png"
+    cv2.imwrite(str(file), np.zeros((240, 320), np.uint8))
+
+
+MATRIX_LIKE = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]"
+SESSIONS: dict[str, tuple[Damage, list[str]]] = {
+    "camera not in the calibration": (
+        settings('name = "cam1"', 'name = "cam7"'),
+        ["session.toml", "'cam7' has no calibration", "calibration.toml", "cam0, cam1, cam2"],
+    ),
+    "singular matrix": (
+        camera_value("matrix", "[[608.0, 0.0, 320.0], [0.0, 0.0, 240.0], [0.0, 0.0, 1.0]]"),
+        ["calibration.toml, [cam_0]", "focal"],
+    ),
+    "a mirroring matrix for a rotation": (
+        camera_value("rotation", MATRIX_LIKE),
+        ["calibration.toml, [cam_0]", "rotation", "3 x 3", "Write the rotation vector"],
+    ),
+    "negative focal length": (
+        camera_value("matrix", "[[-608.0, 0.0, 320.0], [0.0, 608.0, 240.0], [0.0, 0.0, 1.0]]"),
+        ["calibration.toml, [cam_0]", "focal"],
+    ),
+    "skew": (
+        camera_value("matrix", "[[608.0, 3.0, 320.0], [0.0, 608.0, 240.0], [0.0, 0.0, 1.0]]"),
+        ["calibration.toml, [cam_0]", "skew"],
+    ),
+    "NaN in the calibration": (
+        camera_value("translation", "[0.0, nan, 0.5]"),
+        ["calibration.toml, [cam_0]", "translation", "nan", "expected finite numbers"],
+    ),
+    "fisheye": (
+        calibration("distortions", "fisheye = true\ndistortions"),
+        ["calibration.toml, [cam_0]", "fisheye", "not supported", "undistort the images"],
+    ),
+    "a key of the calibration is missing": (
+        calibration("translation", "translations"),
+        ["calibration.toml, [cam_0]", "'translation' is missing"],
+    ),
+    "calibrated for another size": (
+        camera_value("size", "[1280, 960]"),
+        ["000000.png", "640 x 480", "calibrated for 1280 x 960", "scale its matrix"],
+    ),
+    "one camera's masks of another size": (
+        other_size,
+        ["masks/cam1/000000.png", "320 x 240", "calibrated for 640 x 480"],
+    ),
+    "no calibration": (
+        lambda folder: (folder / "calibration.toml").unlink(),
+        ["calibration.toml: no such file", "expected the camera calibration"],
+    ),
+    "unknown key": (
+        settings("fps = 25.0", "fps = 25.0\nframes = 5"),
+        ["session.toml, [session]: unknown key 'frames'", "known keys: format", "world_unit_m"],
+    ),
+    "unknown table": (settings("[hand]", "[hands]"), ["unknown key 'hands'", "known tables"]),
+    "unknown setting of the tracker": (
+        settings("[hand]", "[tracking]\nsolver.iter = 3\n\n[hand]"),
+        ["no setting 'solver.iter'", "known:", "solver.iterations"],
+    ),
+    "a newer session": (
+        settings("format = 1", "format = 2"),
+        ["session.toml", "format = 2", "reads format 1", "update handtrack"],
+    ),
+    "out of the folder": (
+        settings('"masks/cam0/*.png"', '"../masks/*.png"'),
+        ["camera 'cam0', masks", "../masks/*.png", "leaves the session folder", "copy the files"],
+    ),
+    "no TOML": (settings("fps = 25.0", "fps = = 25"), ["session.toml: not valid TOML", "line"]),
+    "no masks there": (
+        settings('"masks/cam0/*.png"', '"mask/cam0/*.png"'),
+        ["camera 'cam0', masks", 'nothing matches "mask/cam0/*.png"', "Check the pattern"],
+    ),
+    "model": (
+        settings('model = "hand26"', 'model = "hand99"'),
+        ["hand99", "hand26"],
+    ),
+    "no first pose": (
+        lambda folder: (folder / "init.json").unlink(),
+        ["no init.json", "handtrack open", "--init"],
+    ),
+    "NaN in the first pose": (
+        init(xyz=[[float("nan")] * 3] * 21),
+        ["init.json: cannot be read: NaN is no JSON number", "null"],
+    ),
+    "first pose of 20 points": (
+        init(xyz=[[0.0, 0.0, 0.01 * k] for k in range(20)]),
+        ["init.json: xyz has 20 rows", "expected 21 rows"],
+    ),
+    "first pose in millimetres": (
+        init(xyz=[[0.0, 0.0, 10.0 * k] for k in range(21)]),
+        ["init.json", "span 200 m", "millimetres"],
+    ),
+    "first pose after the end": (init(frame=77), ["init.json: frame = 77", "frames 0 to 4"]),
+    "times without order": (
+        timestamps("camera,frame,time_s\ncam0,0,1.0\ncam0,1,0.5\n"),
+        ["t.csv: the time of frame 1 is not later"],
+    ),
+    "times without numbers": (
+        timestamps("camera,frame,time_s\ncam0,0,now\n"),
+        ["t.csv, line 2: 'cam0,0,now'", "seconds"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SESSIONS)
+def test_a_session_that_cannot_be_used(case: str, handtrack, session: Path) -> None:
+    damage, expected = SESSIONS[case]
+    damage(session)
+    refused(handtrack, session.parent, ["track", session], expected)
+
+
+def test_a_session_without_silhouettes(handtrack, session: Path) -> None:
+    lines = (session / "session.toml").read_text().splitlines()
+    kept = [line for line in lines if not line.startswith("masks")]
+    (session / "session.toml").write_text("\n".join(kept))
+    (session / "init.json").unlink()  # it would name a frame that is not there any more
+    expected = [
+        "no camera has masks",
+        "tracks by silhouettes",
+        "session.toml",
+        "skin_ycrcb",
+        "depth_range",
+    ]
+    refused(handtrack, session.parent, ["track", session], expected)
+
+
+# ---- results that cannot be used -------------------------------------------------------------------
+
+
+def changed_poses(path: Path, **changes: object) -> None:
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files} | changes
+    write_arrays(path, {name: np.asarray(a) for name, a in arrays.items() if a is not None})
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"format": 2}, ["poses.npz: format 2", "reads format 1", "Update handtrack"]),
+        ({"parameters": None}, ["arrays are missing: parameters"]),
+        ({"frame": np.arange(4)}, ["has the shape", "expected"]),
+        ({"status": np.full(FRAMES, 9)}, ["status has values other than 0 to 4"]),
+    ],
+)
+def test_damaged_poses(handtrack, session: Path, changes: dict, expected: list[str]) -> None:
+    poses = session / "tracks/poses.npz"
+    changed_poses(poses, **changes)
+    refused(handtrack, session.parent, ["export", poses, "--to", "csv"], expected)
+    words = ["evaluate", poses, "--truth", session / "truth.npz"]
+    refused(handtrack, session.parent, words, expected)
+
+
+def test_poses_that_are_cut_off(handtrack, session: Path) -> None:
+    poses = session / "tracks/poses.npz"
+    poses.write_bytes(poses.read_bytes()[:5000])
+    expected = ["poses.npz: not a readable .npz"]
+    refused(handtrack, session.parent, ["export", poses, "--to", "csv"], expected)
+
+
+@pytest.mark.parametrize(
+    ("truth", "expected"),
+    [
+        (
+            {"joint_names": np.array(["elbow"]), "joint_positions": np.zeros((5, 1, 3))},
+            ["poses.npz and", "truth.npz: nothing to compare", "index_tip", "Of the truth: elbow"],
+        ),
+        (
+            {"keypoints21": np.zeros((5, 20, 3))},
+            ["keypoints21 has the shape (5, 20, 3)", "(F, 21, 3)"],
+        ),
+        ({"keypoints21": np.full((5, 21, 3), np.nan)}, ["keypoints21 has NaN", "row 0"]),
+        (
+            {"keypoints21": np.zeros((2, 21, 3)), "frame": np.array([70, 71])},
+            ["no frame in common", "70 to 71", "0 to 4"],
+        ),
+        ({"time_s": np.zeros(5)}, ["no keypoints21 and no joint_positions"]),
+    ],
+)
+def test_a_truth_that_says_nothing(handtrack, session: Path, truth: dict, expected) -> None:
+    np.savez(session / "truth.npz", **truth)
+    words = ["evaluate", session / "tracks/poses.npz", "--truth", session / "truth.npz"]
+    refused(handtrack, session.parent, words, expected)
+
+
+# ---- odd, and yet no error -------------------------------------------------------------------------
+
+
+def fill_masks(session: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    for file in (session / "masks").rglob("*.png"):
+        cv2.imwrite(str(file), change(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)))
+
+
+def test_empty_masks_are_lost_frames(handtrack, session: Path) -> None:
+    fill_masks(session, np.zeros_like)
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    track = read_npz(session / "tracks/poses.npz")
+    assert (track.status != 0).all()
+    assert np.isfinite(track.parameters).all()
+    assert "0 tracked" in ended.out
+    assert "the first: model and silhouette overlap by 0 %" in ended.err
+    doctor = handtrack("doctor", session)
+    assert "error: camera 'cam0': all masks looked at (5) are empty." in doctor.out
+
+
+def test_inverted_masks_are_found_by_the_doctor(handtrack, session: Path) -> None:
+    fill_masks(session, np.bitwise_not)
+    ended = handtrack("doctor", session)
+    assert ended.code == 0
+    assert "warning: camera 'cam0': in 5 of 5 masks more than half" in ended.out
+    assert "Are they inverted? Expected 0 background, 255 hand." in ended.out
+
+
+def test_missing_masks_are_misses(handtrack, session: Path) -> None:
+    for camera in ("cam0", "cam1", "cam2"):
+        (session / "masks" / camera / "000002.png").unlink()
+    (session / "masks/cam0/000003.png").write_bytes(b"no picture")
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    assert read_npz(session / "tracks/poses.npz").status.tolist() == [0, 0, 2, 0, 0]
+    assert "note: lost: frames 2; the first: no camera saw anything in this frame." in ended.err
+    assert "000003.png: the PNG is cut off; frame 3 counts as missing" in ended.err
+
+
+def test_a_mirrored_camera_is_found(handtrack, session: Path) -> None:
+    """A camera whose pose is another's mirror image shows the hand elsewhere: the doctor compares."""
+    camera_value("translation", "[0.0, 0.0, -0.5]")(session)
+    ended = handtrack("doctor", session)
+    assert ended.code == 0
+    assert "warning: init.json, frame 0: " in ended.out
+    assert "camera 'cam0'" in ended.out
+
+
+def test_millimetres_are_suspected(handtrack, session: Path) -> None:
+    path = session / "calibration.toml"
+    lines = path.read_text().splitlines()
+    for i, line in enumerate(lines):
+        if line.startswith("translation = "):
+            metres = json.loads(line.partition(" = ")[2])
+            lines[i] = f"translation = {[1000 * x for x in metres]}"
+    path.write_text("\n".join(lines))
+    ended = handtrack("doctor", session)
+    assert ended.code == 0
+    assert "Is calibration.toml in millimetres? Then world_unit_m = 0.001." in ended.out
+
+
+def test_a_cut_video_is_tracked_as_far_as_it_goes(handtrack, session: Path) -> None:
+    """The camera's images end early: its later frames are missing observations, and a note says so."""
+    path = session / "cam0.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (640, 480))
+    reader = cv2.VideoCapture(str(VIDEO))
+    for _ in range(FRAMES):
+        writer.write(reader.read()[1])
+    writer.release()
+    path.write_bytes(path.read_bytes()[: int(0.5 * path.stat().st_size)])
+    skin = 'images = "cam0.avi"\nmasks = { method = "skin_ycrcb" }'
+    edit(session / "session.toml", 'masks = "masks/cam0/*.png"', skin)
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    assert "5 of 5 frames: 5 tracked" in ended.out
+    assert "cam0.avi: announces 5 frames, but only" in ended.err
+    assert "count as missing" in ended.err

@@ -1,0 +1,111 @@
+"""What is known, and what is not: from the normal matrix to parameters and joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints
+from handtrack.solver.covariance import (
+    UNOBSERVABLE_STD,
+    covariance,
+    joint_position_jacobian,
+    uncertainty,
+)
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
+from tests.derivatives import check_jacobian
+
+
+def seen_joints(model, params, sigma=0.002, names=None, noise=0.0, rng=None):
+    names = names or model.joint_names
+    points = model.joint_positions(model.bones(params))[[model.joint_names.index(n) for n in names]]
+    if rng is not None:
+        points = points + rng.normal(scale=noise, size=points.shape)
+    return Problem(model, [KeypointTerm(model, Keypoints(tuple(names), points, sigma))])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def bent(model):
+    """A pose away from all limits."""
+    bounds = model.bounds(model.rest_params())
+    params = model.rest_params()
+    params[6:] = bounds[6:, 0] + 0.4 * (bounds[6:, 1] - bounds[6:, 0])
+    return params
+
+
+def test_a_diagonal_matrix_by_hand():
+    cov, blind = covariance(np.diag([4.0, 0.0, 100.0]), variance=1.0)
+    np.testing.assert_allclose(np.diag(cov), [0.25, UNOBSERVABLE_STD**2, 0.01])
+    np.testing.assert_allclose(np.abs(blind.ravel()), [0.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("coupling", ["26", "18"])
+def test_joint_positions_move_as_the_jacobian_says(rng, coupling):
+    hand = load_model(coupling=coupling, forearm=coupling == "26")
+    params = hand.clipped(rng.normal(scale=0.3, size=len(hand.transform.names)))
+    bones, twists, _ = hand.linearize(params)
+    jacobian = joint_position_jacobian(hand, bones, twists) @ hand.transform.matrix
+    check_jacobian(
+        lambda x: hand.joint_positions(hand.bones(x)).ravel(),
+        jacobian.reshape(-1, len(params)),
+        params,
+        [f"{joint} {axis}" for joint in hand.joint_names for axis in "xyz"],
+        hand.transform.names,
+    )
+
+
+def test_noisy_points_scatter_the_pose_as_it_is_stated(rng, model, bent):
+    """Many noisy views of one pose: the spread of joint positions is the stated one."""
+    stated = uncertainty(model, bent, seen_joints(model, bent).linearize(bent).hessian)
+    settings = SolverSettings(iterations=6, damping=1e-6)
+    found = np.array(
+        [
+            solve(seen_joints(model, bent, rng=rng, noise=0.002), bent, settings).params
+            for _ in range(150)
+        ]
+    )
+    assert np.isfinite(stated.parameter_std).all()
+    ratio = found.std(axis=0) / stated.parameter_std
+    assert 0.8 < ratio.min()  # measured 0.88 … 1.11; 150 draws tell a deviation to 6 %
+    assert ratio.max() < 1.25
+    tips = np.array([model.joint_positions(model.bones(x)) for x in found])
+    off = tips - tips.mean(axis=0)
+    spread = np.einsum("nji,njk->jik", off, off) / len(off)
+    total = np.trace(spread, axis1=1, axis2=2) / np.trace(stated.joint_covariance, axis1=1, axis2=2)
+    assert 0.75 < total.min()
+    assert total.max() < 1.3
+
+
+def test_what_is_not_seen_is_stated_as_infinite(model, bent):
+    """Without its own points beyond the knuckle, a finger's bend is anyone's guess."""
+    names = [n for n in model.joint_names if n not in ("index_pip", "index_dip", "index_tip")]
+    problem = seen_joints(model, bent, names=names)
+    spread = uncertainty(model, bent, problem.linearize(bent).hessian)
+    std = dict(zip(model.parameter_names, spread.parameter_std, strict=True))
+    assert {n for n, s in std.items() if np.isinf(s)} == {
+        "index_mcp_flex", "index_mcp_abd", "index_pip_flex", "index_dip_flex"
+    }  # fmt: skip
+    assert np.isfinite(spread.joint_covariance).all()
+    tip = model.joint_names.index("index_tip")
+    wrist = model.joint_names.index("wrist")
+    assert np.trace(spread.joint_covariance[tip]) > 100 * np.trace(spread.joint_covariance[wrist])
+
+
+def test_a_coupling_carries_what_is_known_to_the_follower(bent, model):
+    """With the distal joint coupled, the middle joint's point tells both."""
+    coupled = load_model(coupling="21")
+    params = coupled.transform.solver_params(model.joint_params(bent))
+    names = [n for n in coupled.joint_names if not n.endswith("_tip")]
+    problem = seen_joints(coupled, params, names=names)
+    spread = uncertainty(coupled, params, problem.linearize(params).hessian)
+    std = dict(zip(coupled.parameter_names, spread.parameter_std, strict=True))
+    assert std["index_dip_flex"] == pytest.approx(2 / 3 * std["index_pip_flex"])
+    assert np.isfinite(list(std.values())).all()

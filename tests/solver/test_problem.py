@@ -1,0 +1,111 @@
+"""The whole problem: both ledgers, silhouettes and keypoints, at random poses and at zero, every coupling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.bench.simulated_views import field_views, mask_views
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints
+from handtrack.session.simulate import simulated_rig
+from handtrack.solver.problem import Problem
+from handtrack.terms.conic_field import ConicFieldTerm
+from handtrack.terms.coverage import CoverageTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.prepared_silhouette import prepare
+from handtrack.terms.priors import GaussianPrior, LinearPrior
+from tests.derivatives import check_problem
+
+# Pixels change hands between ellipsoids: the cost has kinks, so steps are short.
+KINKED = {"step": 1e-9, "rtol": 2e-3}
+HANDS = [("26", False), ("21", False), ("18", False), ("26", True), ("18", True)]
+CAMERAS = simulated_rig(2, (160, 120)).cameras
+
+
+def a_pose(model, rng, at_zero):
+    params = np.zeros(len(model.transform.names))
+    if not at_zero:
+        params = model.rest_params() + rng.normal(scale=0.2, size=len(params))
+    params[1] = -0.09
+    return model.clipped(params)
+
+
+def problem_of(model, kind, truth, params, rng):
+    flesh, bones = model.flesh["fine"], model.bones(params)
+    masks = [prepare(s) for s in mask_views(model, truth, CAMERAS).silhouettes]
+    points = model.joint_positions(model.bones(truth))
+    terms = {
+        "keypoints": lambda: KeypointTerm(model, Keypoints(model.joint_names, points, 0.005)),
+        "conic_field": lambda: ConicFieldTerm(field_views(model, truth, CAMERAS), flesh),
+        "coverage": lambda: CoverageTerm(masks, flesh, 3.0, bones),
+        "narrow": lambda: CoverageTerm(masks, flesh, 1.0, bones, antisymmetric=True),
+    }
+    count = len(model.parameter_names)
+    priors = (
+        GaussianPrior(model.rest, np.full(count, 0.4)),
+        LinearPrior(rng.normal(size=(3, count))),
+    )
+    return Problem(model, [terms[kind]()], priors)
+
+
+@pytest.mark.parametrize("at_zero", [True, False])
+@pytest.mark.parametrize("kind", ["keypoints", "conic_field", "coverage", "narrow"])
+@pytest.mark.parametrize(("coupling", "forearm"), HANDS)
+def test_gradient(rng, coupling, forearm, kind, at_zero):
+    model = load_model(coupling=coupling, forearm=forearm)
+    params = a_pose(model, rng, at_zero)
+    truth = model.clipped(params + rng.normal(scale=0.03, size=len(params)))
+    settings = {} if kind == "keypoints" else KINKED
+    check_problem(problem_of(model, kind, truth, params, rng), params, **settings)
+
+
+def test_costs_by_name_add_up(rng):
+    model = load_model()
+    params = a_pose(model, rng, False)
+    problem = problem_of(model, "coverage", a_pose(model, rng, False), params, rng)
+    costs = problem.costs(params)
+    assert set(costs) == {"coverage", "prior", "posture"}
+    assert sum(costs.values()) == pytest.approx(problem.cost(params))
+
+
+def test_the_order_of_terms_does_not_matter(rng):
+    model = load_model()
+    params, truth = a_pose(model, rng, False), a_pose(model, rng, False)
+    one = problem_of(model, "coverage", truth, params, rng)
+    two = problem_of(model, "keypoints", truth, params, rng)
+    terms = [*one.observation_terms, *two.observation_terms]
+    here = Problem(model, terms).linearize(params)
+    there = Problem(model, terms[::-1]).linearize(params)
+    np.testing.assert_array_equal(here.gradient, there.gradient)
+    np.testing.assert_array_equal(here.hessian, there.hessian)
+
+
+def test_a_coupled_system_is_the_free_one_seen_through_the_coupling(rng):
+    """H → TᵀHT, g → Tᵀg."""
+    free, coupled = load_model(coupling="26"), load_model(coupling="18")
+    params = a_pose(coupled, rng, False)
+    joint = coupled.joint_params(params)
+    truth = a_pose(free, rng, False)
+    points = free.joint_positions(free.bones(truth))
+    seen = Keypoints(free.joint_names, points, 0.005)
+    full = Problem(free, [KeypointTerm(free, seen)]).linearize(joint)
+    part = Problem(coupled, [KeypointTerm(coupled, seen)]).linearize(params)
+    matrix = coupled.transform.matrix
+    np.testing.assert_allclose(part.gradient, matrix.T @ full.gradient, rtol=1e-9)
+    np.testing.assert_allclose(part.hessian, matrix.T @ full.hessian @ matrix, rtol=1e-7, atol=1e-3)
+
+
+def test_moving_hand_and_points_together_changes_nothing(rng):
+    model = load_model()
+    params, shift = a_pose(model, rng, False), np.array([0.3, -0.2, 0.1])
+    points = model.joint_positions(model.bones(a_pose(model, rng, False)))
+    moved = params.copy()
+    moved[:3] += shift
+    here, there = (
+        Problem(model, [KeypointTerm(model, Keypoints(model.joint_names, seen, 0.01))])
+        for seen in (points, points + shift)
+    )
+    a, b = here.linearize(params), there.linearize(moved)
+    assert a.cost == pytest.approx(b.cost)
+    np.testing.assert_allclose(a.gradient, b.gradient, rtol=1e-8, atol=1e-6)

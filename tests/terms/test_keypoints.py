@@ -1,0 +1,109 @@
+"""Keypoints: known costs by hand, unknown points, robust loss, names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.session.simulate import simulated_rig
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import GemanMcClure
+from tests.derivatives import check_observation_term
+
+SIGMA_M, SIGMA_PX = 0.004, 2.0
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def bones(model):
+    return model.bones(model.rest_params())
+
+
+def in_space(model, bones, shift=(0.0, 0.0, 0.0)):
+    return Keypoints(model.joint_names, model.joint_positions(bones) + shift, SIGMA_M)
+
+
+def in_image(model, bones, shift=(0.0, 0.0)):
+    camera = simulated_rig(1).cameras[0]
+    pixels = camera.project(model.joint_positions(bones)) + shift
+    return ImageKeypoints(camera, model.joint_names, pixels, SIGMA_PX)
+
+
+def test_points_in_space_one_sigma_off_cost_a_half_each(model, bones):
+    assert KeypointTerm(model, in_space(model, bones)).cost(bones) == 0.0
+    term = KeypointTerm(model, in_space(model, bones, (0.0, SIGMA_M, 0.0)))
+    assert term.cost(bones) == pytest.approx(0.5 * len(model.joint_names))
+    gradient = term.linearize(bones).gradient.reshape(-1, 6).sum(axis=0)
+    np.testing.assert_allclose(gradient[:3], [0, -len(model.joint_names) / SIGMA_M, 0], atol=1e-6)
+
+
+def test_points_in_an_image_one_sigma_off_cost_a_half_each(model, bones):
+    assert KeypointTerm(model, in_image(model, bones)).cost(bones) == pytest.approx(0.0, abs=1e-20)
+    term = KeypointTerm(model, in_image(model, bones, (SIGMA_PX, 0.0)), weight=3.0)
+    assert term.cost(bones) == pytest.approx(1.5 * len(model.joint_names))
+
+
+@pytest.mark.parametrize("view", [in_space, in_image])
+def test_unknown_points_do_not_pull(model, bones, view):
+    observed = view(model, bones)
+    points = observed.positions if view is in_space else observed.pixels
+    points[[2, 7]] = np.nan
+    points[9, 0] = np.nan  # half known is unknown
+    points[5] += 1.0
+    term = KeypointTerm(model, observed)
+    moved = set(np.flatnonzero(term.linearize(bones).gradient.reshape(-1, 6).any(axis=1)))
+    assert np.isfinite(term.cost(bones))
+    assert moved == {model.joint_bone[5]}
+
+
+@pytest.mark.parametrize("loss", [None, GemanMcClure(3.0)])
+@pytest.mark.parametrize("view", [in_space, in_image])
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_derivatives_at_rest_and_elsewhere(rng, model, view, loss, at_rest):
+    """At rest joint angles are small; at zero the rotation vector's derivative is a limit."""
+    params = model.rest_params() * 0.0 if at_rest else model.clipped(rng.normal(scale=0.4, size=26))
+    bones = model.bones(params)
+    near = model.bones(model.clipped(params + rng.normal(scale=0.03, size=26)))
+    observed = view(model, near)
+    term = KeypointTerm(model, observed) if loss is None else KeypointTerm(model, observed, 0.7, loss)
+    check_observation_term(term, bones, model.skeleton.bone_names)
+
+
+def test_a_far_point_no_longer_pulls(model, bones):
+    observed = in_space(model, bones)
+    observed.positions[0] += 1.0
+    robust = KeypointTerm(model, observed, loss=GemanMcClure(3.0))
+    plain = KeypointTerm(model, observed)
+    pull = [np.abs(t.linearize(bones).gradient).max() for t in (robust, plain)]
+    assert pull[0] < 1e-6 * pull[1]
+    assert robust.cost(bones) == pytest.approx(4.5, rel=1e-3)
+
+
+def test_an_unknown_joint_is_named(model, bones):
+    seen = Keypoints(("wrist", "elbow"), np.zeros((2, 3)), SIGMA_M)
+    with pytest.raises(HandtrackError) as error:
+        KeypointTerm(model, seen).cost(bones)
+    assert "no joint 'elbow'" in str(error.value)
+    assert "thumb_cmc" in str(error.value)
+
+
+def test_openpose_points_by_name_are_the_models_own(model, bones):
+    seen = Keypoints(keypoint_names(), model.keypoints21(bones), SIGMA_M)
+    assert KeypointTerm(model, seen).cost(bones) == 0.0
+
+
+@pytest.mark.parametrize("view", [in_space, in_image])
+def test_nothing_known_costs_nothing(model, bones, view):
+    observed = view(model, bones)
+    (observed.positions if view is in_space else observed.pixels)[:] = np.nan
+    system = KeypointTerm(model, observed).linearize(bones)
+    assert system.cost == 0.0
+    assert not system.gradient.any()

@@ -1,0 +1,38 @@
+"""Robust losses: known values, and weights that are the losses' slopes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+
+LOSSES = [Quadratic(), GemanMcClure(3.0), Huber(1.5)]
+SQUARED = np.array([0.0, 0.01, 0.5, 2.0, 2.5, 9.0, 400.0])
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_the_weight_is_the_slope(loss):
+    step = 1e-6
+    slope = (loss.value(SQUARED + step) - loss.value(SQUARED)) / step
+    np.testing.assert_allclose(loss.weight(SQUARED), slope, atol=1e-5)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_small_residuals_count_as_squares(loss):
+    tiny = np.array([1e-8])
+    np.testing.assert_allclose(loss.value(tiny), tiny, rtol=1e-6)
+    np.testing.assert_allclose(loss.weight(tiny), 1.0, rtol=1e-6)
+
+
+def test_geman_mcclure_saturates():
+    loss = GemanMcClure(3.0)
+    assert loss.value(np.array([9.0]))[0] == pytest.approx(4.5)  # half of it at one scale
+    assert loss.value(np.array([1e8]))[0] == pytest.approx(9.0, rel=1e-6)
+    assert loss.weight(np.array([1e8]))[0] < 1e-12
+
+
+def test_huber_goes_on_straight():
+    loss = Huber(1.0)
+    np.testing.assert_allclose(loss.value(np.array([1.0, 4.0, 9.0])), [1.0, 3.0, 5.0])
+    np.testing.assert_allclose(loss.weight(np.array([0.0, 4.0])), [1.0, 0.5])

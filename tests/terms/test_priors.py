@@ -1,0 +1,50 @@
+"""Priors: known costs, what is free, and how they and couplings meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.terms.priors import GaussianPrior, LinearPrior
+from handtrack.tracker.posture import posture_prior
+from tests.derivatives import check_parameter_term
+
+
+def test_a_standard_deviation_costs_a_half():
+    prior = GaussianPrior(np.zeros(3), np.array([0.5, np.inf, 2.0]))
+    assert prior.cost(np.array([0.5, 99.0, 0.0])) == pytest.approx(0.5)
+    system = prior.linearize(np.array([0.5, 99.0, 4.0]))
+    assert system.cost == pytest.approx(2.5)
+    np.testing.assert_allclose(system.gradient, [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(system.hessian, np.diag([4.0, 0.0, 0.25]))
+
+
+def test_a_combination_that_fits_costs_nothing():
+    prior = LinearPrior(np.array([[1.0, -2 / 3, 0.0]]))
+    assert prior.cost(np.array([0.4, 0.6, 7.0])) == pytest.approx(0.0)
+    assert prior.cost(np.array([1.4, 0.6, 7.0])) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("strength", [0.25, 1.0])
+def test_the_posture_prior_at_random_angles(rng, strength):
+    model = load_model()
+    prior = posture_prior(model, strength)
+    assert prior is not None
+    check_parameter_term(prior, rng.normal(size=26), model.parameter_names)
+    one = posture_prior(model, 1.0)
+    assert one is not None
+    x = rng.normal(size=26)
+    assert prior.cost(x) == pytest.approx(strength * one.cost(x))
+
+
+def test_the_posture_prior_is_about_fingers_alone(rng):
+    model = load_model(forearm=True)
+    prior = posture_prior(model, 1.0)
+    assert prior is not None
+    assert not prior.rows[:, : model.parameter_names.index("thumb_cmc_flex")].any()
+    evenly = np.zeros(len(model.parameter_names))
+    for name, value in (("mcp_flex", 0.5), ("pip_flex", 0.6), ("dip_flex", 0.4)):
+        for finger in ("index", "middle", "ring", "little"):
+            evenly[model.parameter_names.index(f"{finger}_{name}")] = value
+    assert prior.cost(evenly) == pytest.approx(0.0)
