@@ -102,6 +102,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_track(commands)
     _add_results(commands)
     _add_simulate(commands)
+    _add_stereo(commands)
+    _add_calibrate(commands)
     _add_checks(commands)
     return parser
 
@@ -246,6 +248,89 @@ def _add_simulate(commands: Any) -> None:
         help="of the keypoints in init.json; 0: exact pose",
     )
     simulate.add_argument("--seed", type=int, default=0, help="of motion and noise")
+
+
+def _add_calibrate(commands: Any) -> None:
+    calibrate = _command(
+        commands,
+        "calibrate",
+        "calibrate",
+        "Calibrate cameras from images or videos of a moving board.",
+    )
+    board = "chessboard:9x6:25mm (inner corners, square) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares, square, marker)"
+    calibrate.add_argument(
+        "--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"
+    )
+    calibrate.add_argument("--board", required=True, metavar="BOARD", help=board)
+    calibrate.add_argument(
+        "--camera",
+        action="append",
+        nargs="+",
+        default=[],
+        metavar=("NAME=FILES", "FILES"),
+        help="images (pattern or folder) or a video, matched between cameras by frame number; once per camera",
+    )
+    calibrate.add_argument(
+        "--intrinsics",
+        action="append",
+        nargs="+",
+        default=[],
+        metavar=("NAME=FILES", "FILES"),
+        help="more images or a video for this camera's lens alone",
+    )
+    calibrate.add_argument(
+        "--known",
+        type=Path,
+        metavar="FILE.toml",
+        help="keep the lenses of the cameras in this calibration",
+    )
+    calibrate.add_argument(
+        "--world",
+        metavar="camera:NAME|board:FRAME",
+        help="the world's frame (default: the first camera's)",
+    )
+    calibrate.add_argument(
+        "--no-k3", action="store_true", help="hold the third radial coefficient at 0"
+    )
+    calibrate.add_argument("--no-tangential", action="store_true", help="hold p1 and p2 at 0")
+    calibrate.add_argument(
+        "--skew", action="store_true", help="refused: skew is reported, not modelled"
+    )
+    calibrate.add_argument(
+        "--most-views",
+        type=int,
+        default=40,
+        metavar="N",
+        help="views used per camera, sharp and spread",
+    )
+    calibrate.add_argument(
+        "--most-images",
+        type=int,
+        default=400,
+        metavar="N",
+        help="images searched per camera, evenly",
+    )
+    calibrate.add_argument(
+        "--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"
+    )
+    calibrate.add_argument("--json", action="store_true", help="print the report as JSON")
+    printed = _command(
+        commands, "board", "board", "Write a calibration board to print, in its true size."
+    )
+    printed.add_argument("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png")
+    printed.add_argument("--board", required=True, metavar="BOARD", help=board)
+    printed.add_argument("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact")
+
+
+def _add_stereo(commands: Any) -> None:
+    stereo = _command(
+        commands, "stereo", "stereo", "Match calibrated pairs of images and write point clouds."
+    )
+    stereo.add_argument("session", type=Path, help="session folder")
+    stereo.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
+    stereo.add_argument(
+        "--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"
+    )
 
 
 def _add_checks(commands: Any) -> None:

@@ -101,7 +101,7 @@ class Conductor:
                 f"No frames to track: {order.start} to {order.stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.size_pending and document.run.first is not None:
+        if document.size_pending and document.run.first is not None and len(frames) > 1:
             self.fit_size(order)
             return
         start = document.start_params(order.first, order.anew)

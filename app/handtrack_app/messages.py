@@ -74,6 +74,8 @@ class Track:
     first: int
     anew: bool = False
     """start from the first-frame pose as saved, even if its frame was tracked before"""
+    version: int = 0
+    """of the user's edits, when fitting one frame is one"""
 
 
 @dataclass(frozen=True)

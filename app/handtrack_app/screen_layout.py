@@ -5,6 +5,7 @@ from __future__ import annotations
 from handtrack_app.messages import Notice, PoseSnapshot, ProgressSnapshot, SessionSnapshot
 from handtrack_app.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.panels.export import ExportPanel
+from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page
 from handtrack_app.panels.pose import PosePanel, certainty_table, travel
 from handtrack_app.panels.session import SessionPanel, head
@@ -41,7 +42,9 @@ class PageLayout:
         gui.main_panel.set_width(330)
 
         left = gui.add_panel()
-        self.pose = PosePanel(page, left.add_tab("Pose"))
+        self.pose = PosePanel(
+            page, left.add_tab("Pose"), NudgePanel(page, stage.hand_middle, stage.axes_looked_along)
+        )
         self.limits = LimitsPanel(page, left.add_tab("Limits"))
         certainty = left.add_tab("Certainty")
         with certainty:

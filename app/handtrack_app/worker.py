@@ -190,6 +190,7 @@ class Worker:
                 self._wanted, self._stale_pictures = request, True
             case m.Track():
                 self._accept_edit()
+                document.version = max(document.version, request.version)
                 conductor.track(request)
             case m.FitSize():
                 conductor.fit_size()

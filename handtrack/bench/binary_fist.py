@@ -80,9 +80,10 @@ def scene(
     frames: int = FRAMES,
     size: tuple[int, int] = (640, 480),
     seen: range | None = None,
+    model: ArticulatedModel | None = None,
 ) -> Scene:
-    """Return the bundled session's motion in front of a simulated rig; `seen`: only these frames are rendered."""
-    model = load_model()
+    """Return the bundled session's motion in front of a simulated rig; `seen`: only these frames of it."""
+    model = model or load_model()
     rig = simulated_rig(cameras, size)
     joint = motion(model, "open_fist_open", frames, np.random.default_rng(0))
     joint = joint if seen is None else joint[seen.start : seen.stop]

@@ -21,4 +21,6 @@ BENCHMARKS = {
     ),
     "field_recovery": Benchmark("handtrack.bench.field_recovery", "field_recovery", quick=False),
     "binary_fist": Benchmark("handtrack.bench.binary_fist", "binary_fist", quick=False),
+    "cloud_iteration_vs_blas": Benchmark("handtrack.bench.clouds", "cloud_iteration_vs_blas"),
+    "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds", "cloud_solve_vs_scipy"),
 }

@@ -28,6 +28,8 @@ class BoardView:
     """width of the board's edges [px]: about 1.5 to 2 in a sharp image."""
     source: str = ""
     """file or frame, for messages."""
+    goes_on: bool = False
+    """whether the squares go on beyond the board's edge: the board is larger than was said."""
 
 
 def find_board(
@@ -45,7 +47,8 @@ def find_board(
     if found is None:
         return None
     ids, pixels = found
-    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source)
+    goes_on = isinstance(board, Chessboard) and _goes_on(gray, board, pixels)
+    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source, goes_on)
 
 
 def _find_charuco(gray: Bytes, board: CharucoBoard) -> tuple[Ints, Floats] | None:
@@ -123,6 +126,38 @@ def _black_first(gray: Bytes, grid: Floats) -> bool:
     value = cv2.GaussianBlur(gray, (3, 3), 0)[row, column].astype(float)
     like_first = np.add.outer(np.arange(value.shape[0]), np.arange(value.shape[1])) % 2 == 0
     return bool(value[like_first].mean() < value[~like_first].mean())
+
+
+def _goes_on(gray: Bytes, board: Chessboard, pixels: Floats) -> bool:
+    """Whether squares alternate beyond the outer ones, on some side; a detector may find a part of a
+    larger board at a smaller size."""
+    columns, rows = board.columns, board.rows
+    corners = board.points[:, :2] / board.square_m
+    homography, _ = cv2.findHomography(corners, pixels)
+    if homography is None:
+        return False
+    along_x, along_y = np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5
+    inner = np.stack(np.meshgrid(along_x, along_y), -1).reshape(-1, 2)
+    contrast = _alternation(gray, inner, homography)
+    just = 0.2  # of a square beyond the outer ones, as the last squares of some boards are cut narrow
+    sides = [
+        *(np.stack([along_x, np.full(columns - 1, y)], -1) for y in (-1 - just, rows + just)),
+        *(np.stack([np.full(rows - 1, x), along_y], -1) for x in (-1 - just, columns + just)),
+    ]
+    return any(_alternation(gray, side, homography) > 0.5 * contrast for side in sides)
+
+
+def _alternation(gray: Bytes, cells: Floats, homography: Array) -> float:
+    """Return how much brighter the white squares among cells (N, 2) are than the black ones; 0 when
+    they are not in the image."""
+    places = cv2.perspectiveTransform(cells[:, None], homography)[:, 0].round().astype(int)
+    height, width = gray.shape
+    inside = ((places >= 0) & (places < [width, height])).all(axis=1)
+    black = np.floor(cells).sum(axis=1) % 2 == 0
+    if not (inside & black).any() or not (inside & ~black).any():
+        return 0.0
+    values = gray[places[:, 1].clip(0, height - 1), places[:, 0].clip(0, width - 1)].astype(float)
+    return float(values[inside & ~black].mean() - values[inside & black].mean())
 
 
 def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:

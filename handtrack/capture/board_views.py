@@ -36,7 +36,7 @@ class CameraViews:
     """files, for messages"""
 
 
-Progress = Callable[[], None]
+Progress = Callable[[], object]
 """Called after each image; it may raise to stop."""
 
 
@@ -191,11 +191,24 @@ def _farthest(
     return chosen
 
 
-def require_views(board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array]]) -> None:
-    """Raise HandtrackError when no camera saw the board, or one did not; saying what size is there.
+def require_views(
+    board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array]]
+) -> None:
+    """Raise HandtrackError when a camera never saw the board, or it is larger than was said.
 
     images: gives a few images in which a board of another size is looked for.
     """
+    for camera in cameras:
+        views = (*camera.shared, *camera.alone)
+        larger = [view for view in views if view.goes_on]
+        if len(larger) > 0.5 * len(views):
+            other = _other_size(board, images()) if isinstance(board, Chessboard) else None
+            found = f"; it looks like {other[0]} x {other[1]}" if other is not None else ""
+            raise HandtrackError(
+                f"the board is larger than {board.text}: in {len(larger)} of {len(views)} views of camera "
+                f"'{camera.name}' squares go on beyond its edge ({larger[0].source}){found}. Count all inner "
+                "corners, where four squares meet."
+            )
     without = [camera for camera in cameras if not camera.shared and not camera.alone]
     if not without:
         return
@@ -229,6 +242,7 @@ def _other_size(board: Chessboard, images: Sequence[Array]) -> tuple[int, int] |
     for columns, rows in dict.fromkeys(likely + common):
         if min(columns, rows) >= 3 and (columns, rows) != (c, r):
             other = Chessboard(columns, rows, board.square_m)
-            if any(find_board(image, other) is not None for image in images):
+            found = [find_board(image, other) for image in images]
+            if any(view is not None and not view.goes_on for view in found):
                 return columns, rows
     return None

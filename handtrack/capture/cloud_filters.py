@@ -26,7 +26,8 @@ _AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
 _FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
-_LEAST_SHARE = 0.05  # of the points: a smaller component is no hand
+_NEAR_SHARE = 0.01  # of a part's points: single stray ones do not bring it near
+_LEAST_SHARE = 0.02  # of the points: a smaller component is no hand
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,10 @@ class CloudFilters:
     """colours that count as skin; clouds without colours pass."""
     component: str = "all"
     """of the parts that hang together: all, the nearest to the cameras, or the largest."""
-    voxel_m: float | None = 0.002
+    front_m: float | None = None
+    """how much farther than its nearest end the nearest part may reach; cuts a hand held out from
+    the body it hangs on."""
+    voxel_m: float | None = 0.0025
     """side of the cells of the thinning."""
     per_voxel: int = 1
     """points that stay in each cell."""
@@ -123,11 +127,15 @@ class CloudFilters:
                 f"skin colour, ellipse of {skin.size:g} standard deviations",
                 lambda c: skin_coloured(c.colors, len(c), skin),
             )
+        if self.component == "largest":
+            add(True, "component", "the largest part", lambda c: largest_part(c.points))
+        nearest, front = self.component == "nearest" and eyes is not None, self.front_m
+        reach = "" if front is None else f", {front * 1e3:g} mm deep"
         add(
-            self.component == "largest" or (self.component == "nearest" and eyes is not None),
+            nearest,
             "component",
-            f"the {self.component} part",
-            lambda c: one_component(c.points, sight if self.component == "nearest" else None),
+            f"the part nearest to a camera{reach}",
+            lambda c: nearest_part(c.points, sight, front),
         )
         voxel = self.voxel_m
         if voxel is not None:
@@ -186,25 +194,36 @@ def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
     return inside
 
 
-def one_component(points: Floats, eyes: Floats | None, link_m: float = _LINK_M) -> Array:
-    """Return which points (N, 3) belong to the largest part that hangs together, or with `eyes`
-    (C, 3) to the nearest one.
-
-    Parts hang together by touching cells of side link_m. Parts with less than a twentieth of the
-    points are not chosen. A part's distance to the cameras is that of its nearest twentieth.
-    """
+def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
+    """Return which points (N, 3) belong to the largest part that hangs together, by touching cells
+    of side link_m."""
     if len(points) == 0:
         return np.zeros(0, bool)
     part = _parts(points, link_m)
-    sizes = np.bincount(part)
-    if eyes is None:
-        return part == np.argmax(sizes)
+    inside: Array = part == np.argmax(np.bincount(part))
+    return inside
+
+
+def nearest_part(
+    points: Floats, eyes: Floats, front_m: float | None = None, link_m: float = _LINK_M
+) -> Array:
+    """Return which points (N, 3) belong to the part nearest to a camera at `eyes` (C, 3).
+
+    Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
+    nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
+    distance [m] stays.
+    """
+    if len(points) == 0:
+        return np.zeros(0, bool)
     distance = np.min([np.linalg.norm(points - eye, axis=1) for eye in eyes], axis=0)
-    candidates = np.flatnonzero(sizes >= max(_LEAST_SHARE * len(points), 1))
-    if len(candidates) == 0:
-        candidates = np.array([np.argmax(sizes)])
-    near = [np.quantile(distance[part == c], 0.05) for c in candidates]
-    return part == candidates[int(np.argmin(near))]
+    inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points))
+    if front_m is None:
+        return inside
+    front = np.flatnonzero(inside & (distance <= nearest + front_m))
+    kept, _ = _nearest(points[front], distance[front], link_m, _LEAST_SHARE * len(front))
+    inside[:] = False
+    inside[front[kept]] = True
+    return inside
 
 
 def thinned(points: Floats, voxel_m: float, per_voxel: int = 1) -> Array:
@@ -260,6 +279,20 @@ def _parts(points: Floats, link_m: float) -> Ints:
     cells = np.floor(points[first] / link_m)
     pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
     return _connected(len(cells), pairs)[index]
+
+
+def _nearest(
+    points: Floats, distance: Floats, link_m: float, least: float
+) -> tuple[Array, float]:
+    """Return which points (N, 3) are in the nearest part of at least `least` points, and the
+    distance of its nearest hundredth."""
+    part = _parts(points, link_m)
+    sizes = np.bincount(part)
+    candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
+    near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]
+    first = int(np.argmin(near))
+    inside: Array = part == candidates[first]
+    return inside, near[first]
 
 
 def _connected(count: int, pairs: Array) -> Ints:

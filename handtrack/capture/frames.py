@@ -17,12 +17,13 @@ import numpy as np
 from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 
-COLOUR, MASK, DEPTH = "image", "mask", "depth"
+COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
 _READ_FLAGS = {
     COLOUR: cv2.IMREAD_COLOR,
     MASK: cv2.IMREAD_GRAYSCALE,
     DEPTH: cv2.IMREAD_UNCHANGED,  # keeps 16 bits
+    RAW: cv2.IMREAD_UNCHANGED,  # a Bayer mosaic, 8 or 16 bits
 }
 
 

@@ -13,10 +13,11 @@ from handtrack.arrays import Array, Floats
 from handtrack.errors import HandtrackError
 
 _LEAST_SAMPLES = 20
-_LEAST_SIGMA = 0.004  # 8 bit levels are about that far apart in (r, g)
+_ROUNDING = 0.004**2 * np.eye(2)  # 8 bit levels are about 0.004 apart in (r, g)
 _DARK = 24  # R + G + B below that has no colour to speak of
 _TRIMS = 3
 _TRIM_SIZE = 3.0
+_MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,14 @@ def fit_skin_ellipse(samples: Array, size: float = 2.5) -> SkinEllipse:
             f"the skin's colour needs at least {_LEAST_SAMPLES} sampled pixels that are not black; "
             f"found {len(rg)}. Mark a larger patch of skin."
         )
-    keep = np.ones(len(rg), bool)
+    mean = np.median(rg, axis=0)
+    spread = _MAD_TO_SIGMA * np.median(np.abs(rg - mean), axis=0)
+    covariance = np.diag(spread**2) + _ROUNDING
     for _ in range(_TRIMS):
-        mean = rg[keep].mean(axis=0)
-        covariance = np.cov(rg[keep].T) + _LEAST_SIGMA**2 * np.eye(2)
         off = rg - mean
-        far = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
-        keep = far <= _TRIM_SIZE**2
+        near = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off) <= _TRIM_SIZE**2
+        mean = rg[near].mean(axis=0)
+        covariance = np.cov(rg[near].T) + _ROUNDING
     return SkinEllipse(
         (float(mean[0]), float(mean[1])),
         (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),

@@ -52,3 +52,5 @@ class Observation:
     silhouettes: tuple[Silhouette, ...] = ()
     keypoints: tuple[Keypoints | ImageKeypoints, ...] = ()
     cloud: PointCloud | None = None
+    cloud_views: tuple[Floats, ...] = ()
+    """what can have seen the cloud's points: camera centres (K, 3), world [m], that must all see one"""

@@ -36,6 +36,11 @@ class CloudSource(Protocol):
         """(C, 3) world [m], the centres of the cameras that measured."""
         ...
 
+    @property
+    def sight(self) -> tuple[Floats, ...]:
+        """Camera centres (K, 3) that must all see a point for it to be measured, a set each."""
+        ...
+
     def read(self, frame: int) -> PointCloud | None:
         """Return the frame's cloud in the world frame; None where none was taken."""
         ...
@@ -54,6 +59,10 @@ class DepthClouds:
     @property
     def eyes(self) -> Floats:
         return np.stack([view.camera.centre for view in self._views])
+
+    @property
+    def sight(self) -> tuple[Floats, ...]:
+        return tuple(self.eyes[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [cloud for view in self._views if (cloud := _depth_cloud(view, frame)) is not None]
@@ -81,6 +90,10 @@ class StereoClouds:
     @property
     def eyes(self) -> Floats:
         return np.stack([view.camera.centre for a, b, _ in self._pairs for view in (a, b)])
+
+    @property
+    def sight(self) -> tuple[Floats, ...]:
+        return tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b, _ in self._pairs)
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [
@@ -137,6 +150,10 @@ class FileClouds:
     @property
     def eyes(self) -> Floats:
         return self._eyes
+
+    @property
+    def sight(self) -> tuple[Floats, ...]:
+        return tuple(self.eyes[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         path = self._files.get(frame)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from handtrack.errors import HandtrackError
 from handtrack.session.check_cameras import check_cameras
+from handtrack.session.check_clouds import check_clouds
 from handtrack.session.check_hand import check_init, check_truth
 from handtrack.session.check_views import check_lengths, check_view
 from handtrack.session.finding import Finding
@@ -34,7 +35,7 @@ def examine(session: Session) -> list[Finding]:
     ]
     for view in session.views:
         found += _all_of(check_view(view, session))
-    for check in (check_lengths, check_cameras, check_init, check_truth):
+    for check in (check_lengths, check_cameras, check_clouds, check_init, check_truth):
         found += _all_of(check(session))
     # last, since looking at the files is what brings these to light
     found += [Finding("warning", text) for text in session.warnings]

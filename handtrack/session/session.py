@@ -231,7 +231,8 @@ class Session:
             and self.init.xyz is not None
         ):
             points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
-        return Observation(frame, self.time_s(frame), seen, points, self.cloud(frame)[0])
+        sight = self._clouds.sight if self._clouds is not None else ()
+        return Observation(frame, self.time_s(frame), seen, points, self.cloud(frame)[0], sight)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from handtrack.capture.cloud_filters import COMPONENTS
 from handtrack.capture.disparity import STEREO_METHODS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
+from handtrack.capture.skin_ellipse import SkinEllipse
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
 from handtrack.errors import HandtrackError
@@ -17,7 +18,7 @@ from handtrack.errors import HandtrackError
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _CLOUD_SOURCES = ("files", "stereo", "depth")
-_CLOUD_NUMBERS = {"crop_m": "m", "voxel_m": "m", "near_m": "m", "far_m": "m", "outlier_ratio": ""}
+_CLOUD_NUMBERS = {"crop_m": "m", "voxel_m": "m", "near_m": "m", "far_m": "m", "front_m": "m", "outlier_ratio": ""}
 _CLOUD_COUNTS = ("max_points", "outlier_neighbours", "per_voxel")
 
 
@@ -81,7 +82,9 @@ class CloudSettings:
     near_m: float | None = None
     far_m: float | None = None
     crop_m: float | None = None
+    skin: SkinEllipse | None = None
     component: str | None = None
+    front_m: float | None = None
     voxel_m: float | None = None
     per_voxel: int | None = None
     outlier_neighbours: int | None = None
@@ -145,7 +148,8 @@ def write_session_file(path: Path, file: SessionFile) -> None:
         shown = masks if masks is None or isinstance(masks, str) else mask_method_table(masks)
         blocks += ["[[camera]]", *_lines({**vars(camera), "masks": shown}), ""]
     if file.clouds is not None:
-        blocks += ["[clouds]", *_lines(vars(file.clouds)), ""]
+        skin = None if file.clouds.skin is None else asdict(file.clouds.skin)
+        blocks += ["[clouds]", *_lines({**vars(file.clouds), "skin": skin}), ""]
     if file.tracking:
         flat = dotted(file.tracking)
         named = {".".join(map(toml_key, key.split("."))): value for key, value in flat.items()}
@@ -269,6 +273,8 @@ def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSet
             filters[key] = table.whole(key, None, 1)
     if table.raw("component") is not None:
         filters["component"] = table.choice("component", COMPONENTS, COMPONENTS[0])
+    if table.raw("skin") is not None:
+        filters["skin"] = _skin(TableReader(table.raw("skin"), f"{table.where}, skin"))
     if filters.get("far_m", 1e9) <= filters.get("near_m", 0.0):
         raise table.error("far_m", filters["far_m"], f"more than near_m = {filters['near_m']:g}")
     settings = CloudSettings(
@@ -282,6 +288,22 @@ def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSet
     )
     table.finish()
     return settings
+
+
+def _skin(table: TableReader) -> SkinEllipse:
+    mean, covariance = table.raw("mean"), table.raw("covariance")
+    for key, value, count in (("mean", mean, 2), ("covariance", covariance, 3)):
+        form = f"{count} numbers, as fitted from samples of skin"
+        if not isinstance(value, list) or len(value) != count:
+            raise table.error(key, value, form)
+        if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in value):
+            raise table.error(key, value, form)
+    if covariance[0] <= 0 or covariance[0] * covariance[2] <= covariance[1] ** 2:
+        raise table.error("covariance", covariance, "rr, rg, gg of an ellipse: rr gg > rg²")
+    size = table.number("size", SkinEllipse.size, above=0.0, unit="standard deviations")
+    table.finish()
+    rr, rg, gg = (float(v) for v in covariance)
+    return SkinEllipse((float(mean[0]), float(mean[1])), (rr, rg, gg), size)
 
 
 def _pairs(table: TableReader, cameras: tuple[CameraSettings, ...]) -> tuple[tuple[str, str], ...]:

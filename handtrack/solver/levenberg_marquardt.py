@@ -100,6 +100,8 @@ def solve(
             step = bounded_step(system, params, low, high, damping)
             step = _shortened(step, settings)
             trial = np.clip(params + step, low, high)
+            there = problem.bounds(trial)  # limits that narrow with another parameter have moved
+            trial = np.clip(trial, there[:, 0], there[:, 1])
             cost = problem.cost(trial)
             if cost < system.cost:
                 moved = trial

@@ -17,7 +17,7 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
-from handtrack.tracker.cloud_terms import SeenCloud, cloud_term, see_cloud
+from handtrack.tracker.cloud_terms import SeenCloud, cloud_terms, see_cloud
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 
@@ -72,7 +72,7 @@ class FrameTerms:
         flesh = self.model.flesh["fine"]
         terms: list[ObservationTerm] = list(self.keypoints)
         if self.cloud is not None:
-            terms.append(cloud_term(self.cloud, self.model, self.settings, settings.bands_mm[index]))
+            terms += cloud_terms(self.cloud, self.model, self.settings, settings.bands_mm[index])
         if not self.prepared or settings.weight == 0:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
@@ -134,7 +134,7 @@ def frame_terms(
         settings,
         tuple(prepared),
         tuple(scales),
-        see_cloud(observation.cloud, model, start, settings),
+        see_cloud(observation, model, start, settings),
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead)),
     )

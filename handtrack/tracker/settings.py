@@ -46,6 +46,9 @@ class CloudSettings:
     """How a point cloud pulls."""
 
     weight: float = 1.0
+    balance: float = 0.5
+    """K of F = K·E1 + (1 − K)·E2: 1 asks only that the cloud lies on the model, 0 only that no visible
+    part of the model lies where the cloud is empty"""
     sigma_mm: float = 2.0
     """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids"""
     patch_mm: float = 8.0
@@ -195,6 +198,10 @@ def _check(settings: TrackerSettings) -> None:
         least = 0.0 if name not in _POSITIVE else 1e-12
         if isinstance(value, (int, float)) and value < least:
             raise HandtrackError(f"setting '{name}': expected a number above 0, found {value}.")
+    if settings.cloud.balance > 1:
+        raise HandtrackError(
+            f"setting 'cloud.balance': expected K between 0 and 1, found {settings.cloud.balance}."
+        )
     bands = settings.silhouettes.bands_mm
     if not bands or min(bands) <= 0:
         raise HandtrackError(

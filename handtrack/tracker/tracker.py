@@ -59,6 +59,8 @@ class Tracker:
             self.model, self.settings, observation, self.model.bones(params), expected, ahead
         )
         if not terms.has_seen:
+            if previous:  # what moved on unseen is not known: the last estimate is held
+                params = self.model.transform.solver_params(previous[-1].parameters)
             return self._unseen(observation, params)
         if first and self.model.has_forearm:
             params = aimed_forearm(self._problem(terms, 0, params), params)

@@ -172,6 +172,14 @@ def test_frames_out_settings_and_init(
     assert not (session / "tracks").exists()
 
 
+def test_a_session_of_depth_alone(handtrack: CommandLine, data_dir: Path, tmp_path: Path) -> None:
+    out = tmp_path / "poses.npz"
+    session = data_dir / "sessions" / "webxr_depth_640"
+    words = ["track", session, "--out", out, "--frames", "0:2", "--set", "model.fit_size=false"]
+    assert handtrack(*words, "--use", "cloud").code == 0
+    assert read_npz(out).status.tolist() == [0, 0]
+
+
 def test_a_start_in_the_middle_is_tracked_both_ways(handtrack: CommandLine, session: Path) -> None:
     init = json.loads((session / "init.json").read_text())
     (session / "init.json").write_text(json.dumps(init | {"frame": 2}))

@@ -44,14 +44,15 @@ LINES: dict[str, Words] = {
     ),
     "coupling": Words("track {s} --set model.coupling=17", ["model.coupling", "26, 21, 18", "'17'"]),
     "nothing to track by": Words(
-        "track {s} --set silhouettes.weight=0 --set keypoints.weight=0", ["nothing is left to track by"]
+        "track {s} --set silhouettes.weight=0 --set keypoints.weight=0", ["nothing is left to track by", "--set"]
     ),
     "frames after the end": Words("track {s} --frames 0:6", ["--frames 0:6", "0 to 4", "≤ 5"]),
     "no frames": Words("track {s} --frames 3:3", ["--frames 3:3", "expected A < B"]),
     "frames as text": Words("track {s} --frames all", ["--frames all", "expected A:B"]),
     "negative frames": Words("track {s} --frames=-2:3", ["--frames -2:3", "expected A:B"]),
-    "not yet": Words("track {s} --use silhouettes,cloud", ["--use cloud", "this version", "keypoints"]),
+    "not yet": Words("track {s} --use silhouettes,edges", ["--use edges", "this version", "keypoints"]),
     "use": Words("track {s} --use shadows", ["--use shadows", "known: silhouettes, cloud"]),
+    "use what is not there": Words("track {s} --use cloud", ["--use cloud", "session.toml", "no table [clouds]"]),
     "use nothing": Words("track {s} --use ,", ["--use ','", "expected names"]),
     "no init file": Words("track {s} --init {t}/i.json", ["i.json: no such file", '"parameters"']),
     "init is no JSON": Words("track {s} --init {s}/session.toml", ["session.toml: not valid JSON"]),

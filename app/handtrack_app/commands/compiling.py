@@ -26,7 +26,9 @@ def compiling_told() -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.told:
                 self.told = True
-                say("compiling kernels for this machine; only the first time, about a minute …")
+                say(
+                    "compiling kernels for this machine; only the first time, about half a minute …"
+                )
 
         def on_end(self, event: Any) -> None:
             pass

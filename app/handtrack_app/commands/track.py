@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     session = Session.open(args.session)
     overrides = parse_settings(args.set) | parse_sources(args.use)
     settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
-    check_seen(session, settings)
+    check_seen(session, settings, args.use)
     first = first_pose(args.init, session, settings)
     frames = parse_frames(args.frames, session)
     check_recording(args, frames)
@@ -56,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
+            if recorder.url:
+                say(f"residuals are shown at {recorder.url}")
         try:
             code = _save(run_, _track(run_, frames, recorder, stop), frames, out, stop())
         finally:
@@ -63,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
                 recorder.close(keep_viewer=args.rerun)
                 _tell(recorder, args)
     if recorder is not None and args.rerun:
-        _show_until_interrupted(recorder)
+        _end_viewer(recorder, wait=code == 0)
     return code
 
 
@@ -168,9 +170,9 @@ def _tell(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
         )
 
 
-def _show_until_interrupted(recorder: ResidualRecorder) -> None:
-    """Leave rerun's viewer open while somebody sits at the terminal."""
-    if sys.stdin.isatty() and sys.stderr.isatty() and not recorder.problem:
+def _end_viewer(recorder: ResidualRecorder, wait: bool) -> None:
+    """End rerun's viewer; wait: only when whoever sits at the terminal has seen enough."""
+    if wait and sys.stdin.isatty() and sys.stderr.isatty() and not recorder.problem:
         say(f"the residuals stay at {recorder.url} until Ctrl-C.")
         with suppress(KeyboardInterrupt):
             while True:

@@ -17,7 +17,7 @@ from handtrack.session.session import Session
 from handtrack.tracker.settings import TrackerSettings
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
-_AVAILABLE = ("silhouettes", "keypoints")
+_AVAILABLE = ("silhouettes", "cloud", "keypoints")
 
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
@@ -52,18 +52,28 @@ def parse_sources(text: str | None) -> dict[str, float]:
     return {f"{name}.weight": 0.0 for name in _AVAILABLE if name not in names}
 
 
-def check_seen(session: Session, settings: TrackerSettings) -> None:
-    """Raise HandtrackError for a session in which nothing can be tracked."""
-    if settings.silhouettes.weight == 0 and settings.keypoints.weight == 0:
+def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> None:
+    """Raise HandtrackError for a session in which nothing can be tracked, or not what `--use` asks for."""
+    masks, clouds = any(view.has_masks for view in session.views), session.has_clouds
+    for name, there, needs in (
+        ("silhouettes", masks, "no camera has masks"),
+        ("cloud", clouds, "there is no table [clouds]"),
+    ):
+        if use is not None and settings.flat()[f"{name}.weight"] > 0 and not there:
+            raise HandtrackError(
+                f"--use {use}: {session.folder / SESSION_FILE} has no {name}: {needs}."
+            )
+    if not (masks or clouds) and settings.silhouettes.weight + settings.cloud.weight > 0:
         raise HandtrackError(
-            "silhouettes.weight and keypoints.weight are both 0: nothing is left to track by."
+            f"{session.folder}: nothing to track by: no camera has masks, and there are no [clouds]. Give at least one "
+            f'[[camera]] in {SESSION_FILE} `masks`: files such as "masks/cam0/*.png", or a method such as '
+            '{ method = "skin_ycrcb" } where there are images; or a table [clouds] where there is depth or stereo.'
         )
-    if settings.silhouettes.weight > 0 and not any(view.has_masks for view in session.views):
+    weights = (settings.silhouettes.weight * masks, settings.cloud.weight * clouds)
+    if not any(weights) and settings.keypoints.weight == 0:
         raise HandtrackError(
-            f"{session.folder}: no camera has masks, and this version tracks by silhouettes; depth and clouds "
-            f"alone come in a later one. Give at least one [[camera]] in {SESSION_FILE} `masks`: files such as "
-            '"masks/cam0/*.png", or a method such as { method = "skin_ycrcb" } where there are images, '
-            '{ method = "depth_range", near_m = 0.3, far_m = 0.8 } where there is depth.'
+            "the weights of all that this session observes are 0: nothing is left to track by. Look at --use, --set "
+            f"and [tracking] in {session.folder / SESSION_FILE}."
         )
 
 

@@ -17,7 +17,9 @@ from handtrack_app.messages import (
     SessionSnapshot,
     SetPose,
     TakePose,
+    Track,
 )
+from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page, number
 from handtrack_app.scene.palette import FINGER_COLOURS, STATUS
 
@@ -58,6 +60,7 @@ class PosePanel:
 
     page: Page
     tab: viser.GuiTabHandle
+    nudges: NudgePanel
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
@@ -74,16 +77,28 @@ class PosePanel:
                 initial_value=_KEEP,
                 hint="Set the fingers to a pose of the library.",
             )
+            fit = gui.add_button(
+                "Fit to the images", icon=viser.Icon.FOCUS_2, color="gray",
+                hint="Solves this frame from the pose you see. Undo brings your pose back.",
+            )  # fmt: skip
             save = gui.add_button(
                 "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
+            self.nudges.build()
+        fit.on_click(page.from_user(lambda _: self._fit()))
         self.edit_buttons.on_click(
             page.from_user(lambda event: travel(page, event.target.value == "Undo"))
         )
         take.on_click(page.from_user(lambda event: self._take(event.target.value)))
         self.library.on_update(page.from_user(self._choose))
         save.on_click(page.from_user(lambda _: page.send(SavePose())))
+
+    def _fit(self) -> None:
+        state = self.page.state
+        frame, version = state.frame, state.begin_edit("fit")
+        state.follow = True
+        self.page.send(Track(frame, frame + 1, frame, version=version))
 
     def _take(self, choice: str) -> None:
         state = self.page.state

@@ -16,5 +16,5 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-Paper-root[data-with-border="true"] > div > div > div > div { padding-inline: 0 !important; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { width: calc(100vw - 672px) !important; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none !important; }
 </style>"""

@@ -41,12 +41,13 @@ def add_cameras(
         width, height = card.size
         fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
         down = np.tan(fov / 2)
+        depth = frustum_depth(card, hand)
         volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
         frusta[card.name] = server.scene.add_camera_frustum(
             f"{name}/{card.name}",
             fov=float(fov),
             aspect=width / height,
-            scale=float(frustum_depth(card, hand) * volume),
+            scale=float(depth * volume),
             thickness=1.5,
             thickness_units="screen",
             color=(150, 158, 168),
@@ -58,7 +59,7 @@ def add_cameras(
             receive_shadow=False,
         )
         labels[card.name] = server.scene.add_label(
-            f"{name}/{card.name}/label", card.name, position=(0.0, -0.045, 0.03)
+            f"{name}/{card.name}/label", card.name, position=(0.0, -1.12 * down * depth, depth)
         )
     screen = server.scene.add_image(
         f"{name}_screen",

@@ -123,6 +123,17 @@ class Stage:
         paint = "field" if display.field else display.paint
         return WantPictures(display.images, self.screen_camera(display), paint)
 
+    def hand_middle(self) -> Floats | None:
+        """Return the middle of the hand shown (3,) [m]."""
+        return None if self.pose is None else middle_of(self.pose)
+
+    def axes_looked_along(self) -> Floats | None:
+        """Return the axes (3, 3), camera → world, of the camera looked through."""
+        through = self.page.state.display.through
+        if through is None or self.cameras is None or through not in self.cameras.cards:
+            return None
+        return self.cameras.cards[through].rotation
+
     # ---- snapshots
 
     def show_pose(self, pose: PoseSnapshot, display: Display, move_handle: bool) -> None:

@@ -13,11 +13,8 @@ from handtrack_app.messages import CameraCard, SessionSnapshot
 
 _HAND = 0.11  # [m] around a hand's middle
 _LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
-_WIDE, _ABOVE, _BELOW = (
-    1.0,
-    0.94,
-    0.42,
-)  # free part of the picture, in half heights; the timeline is below
+# free part of the picture, in half heights; the timeline is below
+_WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.42
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,113 @@
+"""A finger in the wrong place is found again; nothing ever gets worse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.bench.simulated_views import mask_views
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.session.simulate import simulated_rig
+from handtrack.tracker.escape import escape
+from handtrack.tracker.frame_terms import frame_terms
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.tracker import Tracker
+
+MODEL = load_model()
+TRACKER = Tracker(MODEL, TrackerSettings().with_values({"tracker.escape": False}))
+CAMERAS = simulated_rig(3, (320, 240)).cameras
+
+
+def posed(name):
+    joint = named_pose(MODEL, name)
+    joint[1] = -0.09
+    return MODEL.clipped(joint)
+
+
+def with_finger_at(params, finger, degrees):
+    """Return params with all joints of a finger bent by so much."""
+    changed = params.copy()
+    for name in MODEL.parameter_names:
+        if name.startswith(finger) and name.endswith("_flex"):
+            changed[MODEL.parameter_names.index(name)] = np.deg2rad(degrees)
+    return MODEL.clipped(changed)
+
+
+def disturbed(params, rng):
+    """Return params up to a centimetre and some degrees away, all angles more."""
+    spread = np.array([0.005] * 3 + [0.05] * 3 + [0.15] * 20)
+    return MODEL.clipped(params + spread * rng.normal(size=26))
+
+
+class Escape:
+    """The two problems and the descent that the tracker hands to `escape`."""
+
+    def __init__(self, truth, params):
+        seen = mask_views(MODEL, truth, CAMERAS)
+        self.terms = frame_terms(MODEL, TRACKER.settings, seen, MODEL.bones(params), None)
+        self.params = self.descend(params)
+        self.far = TRACKER._problem(self.terms, 0, self.params)
+        self.near = TRACKER._problem(self.terms, self.terms.stages - 1, self.params)
+
+    def descend(self, params):
+        return TRACKER._descend(self.terms, params, None, None)[0].params
+
+    def __call__(self, **more):
+        return escape(self.far, self.near, self.params, self.descend, **more)
+
+
+def worst_mm(params, truth):
+    found, true = (MODEL.joint_positions(MODEL.bones(x)) for x in (params, truth))
+    return 1e3 * np.linalg.norm(found - true, axis=1).max()
+
+
+@pytest.mark.parametrize("finger", ["index", "middle", "little", "thumb"])
+def test_a_finger_folded_by_mistake_is_unfolded(finger):
+    truth = posed("open")
+    start = with_finger_at(truth, finger, 85)
+    here = Escape(truth, start)
+    found = here()
+    assert here.near.cost(found) <= here.near.cost(here.params)
+    assert worst_mm(found, truth) < 3.0  # measured 0.3–1 mm
+
+
+def test_a_finger_stretched_by_mistake_is_folded():
+    """Middle finger folded, taken for straight."""
+    truth = with_finger_at(posed("open"), "middle", 75)
+    here = Escape(truth, posed("open"))
+    found = here()
+    assert here.near.cost(found) <= here.near.cost(here.params)
+    assert worst_mm(found, truth) < 12.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_never_gets_worse(seed):
+    rng = np.random.default_rng(seed)
+    truth = disturbed(posed("curl"), rng)
+    here = Escape(truth, disturbed(posed("open"), rng))
+    found = here()
+    assert here.near.cost(found) <= here.near.cost(here.params)
+    bounds = MODEL.bounds(found)
+    assert (found >= bounds[:, 0] - 1e-9).all()
+    assert (found <= bounds[:, 1] + 1e-9).all()
+
+
+def test_a_good_pose_is_left_alone():
+    truth = posed("open")
+    here = Escape(truth, truth)
+    assert here() is here.params
+
+
+def test_it_stops_when_asked():
+    truth = posed("open")
+    here = Escape(truth, with_finger_at(truth, "index", 85))
+    assert here(should_stop=lambda: True) is here.params
+
+
+def test_the_tracker_escapes_in_a_first_frame():
+    truth = posed("open")
+    start = with_finger_at(truth, "index", 85)
+    seen = mask_views(MODEL, truth, CAMERAS)
+    result = Tracker(MODEL).step(seen, start=start)
+    assert worst_mm(result.parameters, truth) < 3.0
