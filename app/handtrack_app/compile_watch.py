@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 _EVENT = "numba:compile"  # sent for what is not in numba's cache, and for nothing else
@@ -11,7 +12,8 @@ ABOUT = 30  # kernels that tracking silhouettes compiles
 class CompileWatch:
     """Number of our own kernels compiled since it was made; always 0 where numba does not tell."""
 
-    def __init__(self) -> None:
+    def __init__(self, tell: Callable[[str], None] | None = None) -> None:
+        """tell: is given the words at each kernel, on the thread that compiles."""
         self.count = 0
         try:
             from numba.core import event
@@ -24,6 +26,8 @@ class CompileWatch:
                 function = getattr(event.data.get("dispatcher"), "py_func", None)
                 if getattr(function, "__module__", "").startswith("handtrack"):
                     watch.count += 1
+                    if tell is not None:
+                        tell(watch.words)
 
             def on_end(self, event: Any) -> None:
                 pass

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from handtrack.errors import HandtrackError
+from handtrack.tracker.result import FrameResult, Status
 from handtrack_app import exporting
 from handtrack_app import messages as m
 from handtrack_app.background_job import (
@@ -32,6 +33,18 @@ _WORDS = {
 }
 
 
+def one_frame(result: FrameResult) -> m.Notice:
+    """Return how fitting one frame went."""
+    if result.status == Status.TRACKED:
+        return m.Notice(
+            "done", f"Frame {result.frame} is fitted", "The silhouettes are explained well."
+        )
+    text = result.note or "The silhouettes are not explained well."
+    return m.Notice(
+        "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
+    )
+
+
 class Conductor:
     """Lives on the worker's thread; only `cancel`, `pause` and `stop` may come from others."""
 
@@ -42,6 +55,7 @@ class Conductor:
         publish: Callable[[m.Snapshot], None],
         post: Callable[[Report], None],
         watch: Watch | None = None,
+        compiles: CompileWatch | None = None,
     ) -> None:
         self.follow = True
         """each tracked frame is shown"""
@@ -52,7 +66,7 @@ class Conductor:
         self._first = document.first_frame
         self._count = 0
         self._shown = self._stripped = 0.0
-        self._compiles = CompileWatch()
+        self._compiles = compiles or CompileWatch()
         self._ticked = self._compiled_before = 0
 
     @property
@@ -198,6 +212,10 @@ class Conductor:
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
+            one = self._document.results.get(job.frames.start) if len(job.frames) == 1 else None
+            if one is not None and not end.cancelled:
+                self._publish(one_frame(one))
+                return
             text = exporting.summary(self._document, job.frames, job.done, took)
             self._publish(m.Notice("done", title, text))
 

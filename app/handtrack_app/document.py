@@ -133,6 +133,14 @@ class Document:
         self.first_frame, self.start = self.frame, self.shown.copy()
         self.run = replace(self.run, first=first)
 
+    def see_arm(self) -> bool:
+        """Give the model a forearm if the frame shown has one beyond the hand; return whether it got one."""
+        run = self.run.with_arm_in_view(self.frame, params_of(self.model, self.shown))
+        if run is self.run:
+            return False
+        self.replace_run(run)
+        return True
+
     def start_params(self, frame: int, anew: bool = False) -> Floats:
         """Return solver parameters (P,) that tracking from a frame starts with.
 

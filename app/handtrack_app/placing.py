@@ -28,8 +28,8 @@ NUDGES: dict[str, Nudge] = {
     "farther": Nudge(move=(0, 0, 1)),
     "roll left": Nudge(turn=(0, 0, -1)),
     "roll right": Nudge(turn=(0, 0, 1)),
-    "tilt up": Nudge(turn=(1, 0, 0)),
-    "tilt down": Nudge(turn=(-1, 0, 0)),
+    "tilt up": Nudge(turn=(-1, 0, 0)),
+    "tilt down": Nudge(turn=(1, 0, 0)),
     "turn left": Nudge(turn=(0, 1, 0)),
     "turn right": Nudge(turn=(0, -1, 0)),
 }

@@ -13,6 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack_app import exporting
 from handtrack_app import messages as m
 from handtrack_app.background_job import Ended, Report, Sized, Tracked, Watch
+from handtrack_app.compile_watch import CompileWatch
 from handtrack_app.conductor import Conductor
 from handtrack_app.document import Document, params_of
 from handtrack_app.keeping import Keeper
@@ -22,6 +23,11 @@ from handtrack_app.pictures import PictureMaker
 
 log = logging.getLogger(__name__)
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
+
+_NO_POSE = (
+    "Go to a frame where the hand is well seen, look through a camera, and pose it over the image: 'Fingers as', "
+    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
+)
 
 Request = m.Command | Report
 Publish = Callable[[m.Snapshot], None]
@@ -60,6 +66,7 @@ class Worker:
         self._pictures: PictureMaker | None = None
         self._wanted = m.WantPictures(True, None, "plain")
         self._conductor: Conductor | None = None
+        self._compiles = CompileWatch(self._compiling)
         self._stale_pictures = False
         self._unsaved: int | None = None
         self._edited = 0.0
@@ -131,6 +138,10 @@ class Worker:
             log.exception("internal error")
             self._publish(m.Notice("error", "Internal error", exporting.internal_error_text(error)))
 
+    def _compiling(self, words: str) -> None:
+        if self._conductor is None:  # later on, the conductor tells it with its progress
+            self._publish(m.ProgressSnapshot("opening", words))
+
     def _open(self) -> None:
         self._publish(m.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
         try:
@@ -145,13 +156,15 @@ class Worker:
         restored = self._keeper.restore()
         self._pictures = PictureMaker(document.run.session)
         self._conductor = Conductor(
-            document, self._keeper, self._announce, self._mail.put, self._watch
+            document, self._keeper, self._announce, self._mail.put, self._watch, self._compiles
         )
         self._publish(document.session_snapshot())
         document.show(document.first_frame)
         self._show_all()
         if restored:
             self._publish(m.Notice("info", "Welcome back", restored))
+        if document.run.first is None:
+            self._publish(m.Notice("info", "No first pose yet", _NO_POSE))
         for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
             self._publish(m.Notice("warning", "About this session", str(warning)))
         self._conductor.show_progress()
@@ -191,6 +204,8 @@ class Worker:
             case m.Track():
                 self._accept_edit()
                 document.version = max(document.version, request.version)
+                if request.stop - request.start == 1 and document.frame == request.first:
+                    self._see_arm(document)
                 conductor.track(request)
             case m.FitSize():
                 conductor.fit_size()
@@ -203,6 +218,7 @@ class Worker:
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
             case m.SavePose():
+                self._see_arm(document)
                 text = self._kept().save_first_pose()
                 self._publish(m.Notice("done", "First-frame pose saved", text))
             case m.SaveTrack():
@@ -226,6 +242,11 @@ class Worker:
         if frame in self._document.by_hand:
             self._kept().note_pose(frame)
         self._show_strip()
+
+    def _see_arm(self, document: Document) -> None:
+        if document.see_arm():
+            self._publish(document.session_snapshot())
+            self._show_all()
 
     def _announce(self, snapshot: m.Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""

@@ -40,9 +40,11 @@ MODES: dict[str, dict[str, object]] = {
     "conic_field": {"silhouettes.term": "conic_field", **PAPER_LOOP},
     "conic_field_priors": {"silhouettes.term": "conic_field"},
     "coverage_paper_loop": PAPER_LOOP,
+    "coverage_weak_rest": {"prior.rest_sigma_deg": 120},
     "coverage": {},
 }
 """settings of each way to track; `coverage` is the default, `conic_field` is the paper's"""
+_MORE_SEEDS = (1, 2)  # other paths of the wandering hand, to see that the bar is not luck
 CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 
 
@@ -81,11 +83,15 @@ def scene(
     size: tuple[int, int] = (640, 480),
     seen: range | None = None,
     model: ArticulatedModel | None = None,
+    seed: int = 0,
 ) -> Scene:
-    """Return the bundled session's motion in front of a simulated rig; `seen`: only these frames of it."""
+    """Return a hand that closes and opens in front of a simulated rig; `seen`: only these frames of it.
+
+    Seed 0 is the bundled session's motion.
+    """
     model = model or load_model()
     rig = simulated_rig(cameras, size)
-    joint = motion(model, "open_fist_open", frames, np.random.default_rng(0))
+    joint = motion(model, "open_fist_open", frames, np.random.default_rng(seed))
     joint = joint if seen is None else joint[seen.start : seen.stop]
     solver = [model.transform.solver_params(x) for x in joint]
     views = tuple(mask_views(model, x, rig.cameras, i) for i, x in enumerate(solver))
@@ -130,5 +136,15 @@ def binary_fist() -> dict[str, float | str]:
                 f"{label}_fist_stated_mm": float(tracked.stated_mm[fist].mean()),
                 f"{label}_fist_within90": float(tracked.within90[fist].mean()),
             }
-    ours, theirs = figures["coverage_6cam_median_mm"], figures["conic_field_6cam_median_mm"]
-    return figures | {"coverage_over_conic_field_6cam": float(ours) / float(theirs)}
+    compared = ("coverage", "conic_field")
+    medians = {mode: [float(figures[f"{mode}_6cam_median_mm"])] for mode in compared}
+    for seed in _MORE_SEEDS:
+        what = scene(6, seed=seed)
+        for mode in compared:
+            medians[mode].append(float(np.median(track(what, MODES[mode]).error_mm)))
+    ratios = np.array(medians["coverage"]) / np.array(medians["conic_field"])
+    return figures | {
+        "coverage_over_conic_field_6cam": float(ratios[0]),
+        "coverage_6cam_median_worst_of_3_seeds_mm": max(medians["coverage"]),
+        "coverage_over_conic_field_6cam_worst_of_3_seeds": float(ratios.max()),
+    }

@@ -27,12 +27,14 @@ _LABELS = {
     "conic_field": "the paper's: conic field, no priors",
     "conic_field_priors": "conic field with priors",
     "coverage_paper_loop": "coverage, no priors",
+    "coverage_weak_rest": "coverage, rest prior 120°",
     "coverage": "the default: coverage with priors",
 }
 _COLORS = {
     "conic_field": "#D55E00",
     "conic_field_priors": "#E69F00",
     "coverage_paper_loop": "#56B4E9",
+    "coverage_weak_rest": "#009E73",
     "coverage": "#0072B2",
 }
 
@@ -109,13 +111,18 @@ def draw_errors(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
     _tight(figure)
     lines, names = axes[0].get_legend_handles_labels()
     figure.subplots_adjust(bottom=0.25)
-    figure.legend(lines, names, loc="lower center", ncol=len(names), frameon=False, fontsize=8)
+    figure.legend(lines, names, loc="lower center", ncol=len(names), frameon=False, fontsize=7)
     return figure
 
 
 def draw_uncertainty(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
-    """Return error and stated standard deviation by frame: two cameras, with and without priors; six."""
-    chosen = ((2, "coverage_paper_loop"), (2, "coverage"), (6, "coverage"))
+    """Return error and stated standard deviation by frame: two cameras with less and more of a prior; six."""
+    chosen = (
+        (2, "coverage_paper_loop"),
+        (2, "coverage"),
+        (2, "coverage_weak_rest"),
+        (6, "coverage"),
+    )
     figure, axes = _pyplot().subplots(1, len(chosen), figsize=(9, 2.8), sharey=True)
     for axis, (cameras, mode) in zip(axes, chosen, strict=True):
         tracked = tracks[cameras][mode]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import Array, Bytes, Floats
 from handtrack.diagnostics.render import render, shade
 from handtrack.diagnostics.residual_image import field_picture
 from handtrack.geometry.camera import Camera
@@ -48,7 +48,7 @@ def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids
     return PosedEllipsoids(np.zeros(count, int), centre, turn, np.tile(radius[:, None], (1, 3)))
 
 
-def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: Floats) -> Bytes:
+def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: Array) -> Bytes:
     """Return a picture (H, W, 3) RGB of ellipsoids in one colour."""
     front, _, normal = render(camera, flesh)
     colors = np.tile(color, (len(flesh.radii), 1))

@@ -8,6 +8,8 @@ P''; both are interpolated along their sides, and the point between them. Red an
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -18,6 +20,7 @@ PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 METHODS = ("library", "library_vng", "bilinear", "level_line", "level_line_hue")
 # OpenCV names a pattern by its second row's second and third pixel.
 _CV2_NAME = {"RGGB": "BG", "BGGR": "RG", "GRBG": "GB", "GBRG": "GR"}
+_AROUND = 4  # [px] border added for the library, which only copies its outermost pixels
 _PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
@@ -38,7 +41,9 @@ def demosaic(mosaic: Array, pattern: str, method: str = "library") -> Array:
         green = _bilinear_green(values, pattern)
     else:
         green = level_line_green(values, pattern)
-    planes = [_colour(values, pattern, c, green if method == "level_line_hue" else None) for c in "BR"]
+    planes = [
+        _colour(values, pattern, c, green if method == "level_line_hue" else None) for c in "BR"
+    ]
     image = np.stack([planes[0], green, planes[1]], axis=-1)
     most = np.iinfo(mosaic.dtype).max
     return np.clip(np.round(image), 0, most).astype(mosaic.dtype)
@@ -78,7 +83,9 @@ def _gradient(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> tuple[Floats, F
     return ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
 
 
-def level_line_value(p1: Floats, p2: Floats, p3: Floats, p4: Floats, x: Floats, y: Floats) -> Floats:
+def level_line_value(
+    p1: Floats, p2: Floats, p3: Floats, p4: Floats, x: Floats, y: Floats
+) -> Floats:
     """Return the values at points (x, y) of squares [−1, 1]² with corners P1 P2 / P3 P4 (y down).
 
     The paper's rule for any place in the square: the level line through the point is cut with the
@@ -116,8 +123,8 @@ def sample_green(mosaic: Array, pattern: str, pixels: Floats) -> Floats:
     check_mosaic(mosaic, pattern)
     height, width = mosaic.shape
     pixels = np.asarray(pixels, dtype=float)
-    inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=-1)
-    u, v = np.moveaxis(np.where(inside[..., None], pixels, 1.0), -1, 0)
+    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=-1, keepdims=True)
+    u, v = np.moveaxis(np.where(inside, pixels, 1.0), -1, 0)
     # squares in the turned grid a = u + v, b = u − v; their middles are pixels without green
     shift = 0 if pattern[0] != "G" else 1
     a = 2 * np.round((u + v - shift) / 2) + shift
@@ -125,10 +132,15 @@ def sample_green(mosaic: Array, pattern: str, pixels: Floats) -> Floats:
     column, row = ((a + b) / 2).astype(int), ((a - b) / 2).astype(int)
     padded = np.pad(mosaic.astype(float), 2, mode="reflect")
     row, column = row + 2, column + 2
-    corners = (padded[row, column - 1], padded[row - 1, column], padded[row + 1, column], padded[row, column + 1])
+    corners = (
+        padded[row, column - 1],
+        padded[row - 1, column],
+        padded[row + 1, column],
+        padded[row, column + 1],
+    )
     # of the turned square: x runs from left to above (−b … ), y from left to below
     x, y = (u - v) - b, (u + v) - a
-    return np.where(inside, level_line_value(*corners, x, y), np.nan)
+    return np.where(inside[..., 0], level_line_value(*corners, x, y), np.nan)
 
 
 def check_mosaic(mosaic: Array, pattern: str) -> None:
@@ -193,6 +205,23 @@ def psnr_db(image: Array, truth: Array, border: int = 4) -> tuple[float, float, 
     return float(b), float(g), float(r), float(whole)
 
 
+def psnr_table(pictures: dict[str, Array]) -> str:
+    """Return a Markdown table: PSNR [dB] of each method on mosaics cut from colour images (H, W, 3) BGR.
+
+    Means over the four patterns, 4 pixels of border left out: green, and all three colours together.
+    """
+    names = [f"{name}: green | all" for name in pictures]
+    lines = [f"| method | {' | '.join(names)} |", "|---" * (1 + 2 * len(names)) + "|"]
+    for method in METHODS:
+        cells = []
+        for truth in pictures.values():
+            found = [demosaic(mosaic_of(truth, pattern), pattern, method) for pattern in PATTERNS]
+            mean = np.mean([psnr_db(image, truth) for image in found], axis=0)
+            cells += [f"{mean[1]:.2f}", f"{mean[3]:.2f}"]
+        lines.append(f"| `{method}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def _check_pattern(pattern: str) -> None:
     if pattern not in PATTERNS:
         raise unknown_name("Bayer pattern", pattern, PATTERNS)
@@ -205,7 +234,21 @@ def _library(mosaic: Array, pattern: str, method: str) -> Array:
         )
     kind = "EA" if method == "library" else "VNG"
     code = getattr(cv2, f"COLOR_Bayer{_CV2_NAME[pattern]}2BGR_{kind}")
-    return np.asarray(cv2.demosaicing(mosaic, code))
+    shift = _vng_shift() if kind == "VNG" else 0
+    height, width = mosaic.shape
+    # mirrored about the border's pixels, which keeps the pattern's phase
+    padded = np.pad(mosaic, _AROUND, mode="reflect")
+    colour = np.asarray(cv2.demosaicing(padded, code))
+    return colour[_AROUND + shift : _AROUND + shift + height, _AROUND : _AROUND + width].copy()
+
+
+@lru_cache(maxsize=1)
+def _vng_shift() -> int:
+    """Return by how many rows this OpenCV's VNG moves the picture down: 2 before 4.12 (its issue 27225)."""
+    step = np.zeros((32, 32), np.uint8)
+    step[16:] = 200
+    green = cv2.demosaicing(step, cv2.COLOR_BayerBG2BGR_VNG)[:, 16, 1]
+    return int(np.argmax(green > 100)) - 16
 
 
 def _mask(shape: tuple[int, ...], pattern: str, colour: str) -> Array:

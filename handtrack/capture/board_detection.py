@@ -39,7 +39,9 @@ def find_board(
 
     thorough: take a second or two an image for hard ones: blurred, or lit unevenly.
     """
-    gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    gray: Bytes = (
+        image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    )
     if isinstance(board, CharucoBoard):
         found = _find_charuco(gray, board)
     else:
@@ -139,7 +141,9 @@ def _goes_on(gray: Bytes, board: Chessboard, pixels: Floats) -> bool:
     along_x, along_y = np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5
     inner = np.stack(np.meshgrid(along_x, along_y), -1).reshape(-1, 2)
     contrast = _alternation(gray, inner, homography)
-    just = 0.2  # of a square beyond the outer ones, as the last squares of some boards are cut narrow
+    just = (
+        0.2  # of a square beyond the outer ones, as the last squares of some boards are cut narrow
+    )
     sides = [
         *(np.stack([along_x, np.full(columns - 1, y)], -1) for y in (-1 - just, rows + just)),
         *(np.stack([np.full(rows - 1, x), along_y], -1) for x in (-1 - just, columns + just)),
@@ -188,7 +192,10 @@ def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
 
 def _grid_lines(board: Board, ids: Ints, pixels: Floats) -> Floats:
     """Return (L, 2, 2) the sides of squares, ends in pixels, whose two corners were found."""
-    place = {tuple(np.round(board.points[i, :2] / board.square_m).astype(int)): p for i, p in zip(ids, pixels)}
+    place = {
+        tuple(np.round(board.points[i, :2] / board.square_m).astype(int)): p
+        for i, p in zip(ids, pixels)
+    }
     lines = [
         (p, place[near])
         for (column, row), p in place.items()

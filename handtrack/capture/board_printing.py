@@ -152,7 +152,9 @@ def _png(board: Board, dpi: float) -> bytes:
     page = draw_board(board, dpi / 25.4)
     size = _text_mm(board) * dpi / 25.4
     place = (round(_margin_mm(board) * dpi / 25.4), round(page.shape[0] - 4 * dpi / 25.4))
-    cv2.putText(page, _caption(board), place, cv2.FONT_HERSHEY_SIMPLEX, size / 32, 100, 1, cv2.LINE_AA)
+    cv2.putText(
+        page, _caption(board), place, cv2.FONT_HERSHEY_SIMPLEX, size / 32, 100, 1, cv2.LINE_AA
+    )
     return _with_resolution(cv2.imencode(".png", page)[1].tobytes(), dpi)
 
 

@@ -154,7 +154,7 @@ def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
     for view in views:
         middle = view.pixels.mean(axis=0)
         spread = view.pixels - middle
-        across, values, _ = np.linalg.svd(spread.T @ spread / len(spread))
+        _, values, _ = np.linalg.svd(spread.T @ spread / len(spread))
         long, short = np.sqrt(values)
         corner_sizes = _foreshortening(view.pixels)
         rows.append(
@@ -238,7 +238,19 @@ def require_views(
 def _other_size(board: Chessboard, images: Sequence[Array]) -> tuple[int, int] | None:
     c, r = board.columns, board.rows
     likely = [(c - 1, r - 1), (c + 1, r + 1), (c - 1, r), (c, r - 1), (c + 1, r), (c, r + 1)]
-    common = [(9, 6), (8, 6), (7, 6), (10, 7), (8, 5), (7, 5), (6, 5), (7, 4), (6, 4), (5, 4), (11, 8)]
+    common = [
+        (9, 6),
+        (8, 6),
+        (7, 6),
+        (10, 7),
+        (8, 5),
+        (7, 5),
+        (6, 5),
+        (7, 4),
+        (6, 4),
+        (5, 4),
+        (11, 8),
+    ]
     for columns, rows in dict.fromkeys(likely + common):
         if min(columns, rows) >= 3 and (columns, rows) != (c, r):
             other = Chessboard(columns, rows, board.square_m)

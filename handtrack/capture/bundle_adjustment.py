@@ -188,7 +188,10 @@ def _project(state: RigState, corners: Corners) -> tuple[Floats, Floats, Floats,
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))
     bent = np.stack(
-        [x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y],
+        [
+            x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+            y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
+        ],
         axis=-1,
     )
     return world, seen, lens[:, :2] * bent + lens[:, 2:4], bent
@@ -226,8 +229,26 @@ def _blocks(state: RigState, corners: Corners) -> Floats:
     radial_x = focal[:, :1] * (x[:, None] * np.stack([s, s * s, s**3], -1))
     radial_y = focal[:, 1:] * (y[:, None] * np.stack([s, s * s, s**3], -1))
     fx, fy = focal.T
-    in_u = [bent[:, 0], zero, one, zero, *radial_x[:, :2].T, fx * 2 * x * y, fx * (s + 2 * x * x), radial_x[:, 2]]
-    in_v = [zero, bent[:, 1], zero, one, *radial_y[:, :2].T, fy * (s + 2 * y * y), fy * 2 * x * y, radial_y[:, 2]]
+    in_u = [
+        bent[:, 0],
+        zero,
+        one,
+        zero,
+        *radial_x[:, :2].T,
+        fx * 2 * x * y,
+        fx * (s + 2 * x * x),
+        radial_x[:, 2],
+    ]
+    in_v = [
+        zero,
+        bent[:, 1],
+        zero,
+        one,
+        *radial_y[:, :2].T,
+        fy * (s + 2 * y * y),
+        fy * 2 * x * y,
+        radial_y[:, 2],
+    ]
     by_lens = np.stack([np.stack(in_u, -1), np.stack(in_v, -1)], axis=1)
     # by the point in the camera
     by_point = focal[:, :, None] * _bend_derivative(x, y, lens[:, 4:]) @ _flatten_derivative(seen)
@@ -299,6 +320,8 @@ def _uncertainty(
     coupling = scaled[:n, n:]
     own = scaled[n:, n:] - coupling.T @ inverse @ coupling
     own_inverse = np.linalg.pinv(own, rcond=1e-10, hermitian=True)
-    step = own_inverse @ (right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n]))
+    step = own_inverse @ (
+        right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n])
+    )
     skews = np.stack([step, np.sqrt(np.maximum(spread * np.diag(own_inverse), 0))], -1)
     return std.lens, std.camera, skews / diagonal[n:, None]

@@ -91,7 +91,10 @@ class CalibrationReport:
 
     def text(self) -> str:
         """Return the report as lines for a terminal."""
-        lines = [f"board {self.board}; corners scatter by {self.sigma_px:.3f} px in each direction", ""]
+        lines = [
+            f"board {self.board}; corners scatter by {self.sigma_px:.3f} px in each direction",
+            "",
+        ]
         lines.append("camera          images  found  used   rms px   alone   covered  worst views")
         for camera in self.cameras:
             worst = sorted(camera.views, key=lambda view: -view.rms_px)[:_WORST]
@@ -102,11 +105,18 @@ class CalibrationReport:
             )
         for camera in self.cameras:
             numbers = [
-                f"{name} {camera.lens[name]:.5g}" + (f" ±{camera.lens_std[name]:.2g}" if camera.lens_std[name] else " fixed")
+                f"{name} {camera.lens[name]:.5g}"
+                + (f" ±{camera.lens_std[name]:.2g}" if camera.lens_std[name] else " fixed")
                 for name in LENS
             ]
-            lines += ["", f"{camera.name}: " + "  ".join(numbers[:4]), "   " + "  ".join(numbers[4:])]
-            lines.append(f"   skew that would fit: {camera.skew_px:.2f} ±{camera.skew_std_px:.2f} px (held at 0)")
+            lines += [
+                "",
+                f"{camera.name}: " + "  ".join(numbers[:4]),
+                "   " + "  ".join(numbers[4:]),
+            ]
+            lines.append(
+                f"   skew that would fit: {camera.skew_px:.2f} ±{camera.skew_std_px:.2f} px (held at 0)"
+            )
         if self.pairs:
             lines += ["", "pair                            baseline mm   angle °   common views"]
             lines += [
@@ -146,7 +156,11 @@ def camera_report(
         skew_std_px=float(skew_std),
         views=tuple(
             ViewError(
-                view.frame, view.source, _rms(off), float(np.linalg.norm(off, axis=1).max()), i >= len(used.shared)
+                view.frame,
+                view.source,
+                _rms(off),
+                float(np.linalg.norm(off, axis=1).max()),
+                i >= len(used.shared),
             )
             for i, (view, off) in enumerate(zip(views, left, strict=True))
         ),
@@ -190,7 +204,8 @@ def _doubts(camera: CameraReport) -> list[str]:
             f"{who} fits by {camera.rms_alone_px:.2f} px alone but by {camera.rms_px:.2f} px together with "
             "the others: frames may not be synchronised, or a camera moved between views."
         )
-    elif camera.rms_px > 1.0:
+        return found  # what else the numbers say follows from that
+    if camera.rms_px > 1.0:
         found.append(
             f"{who} misses corners by {camera.rms_px:.2f} px (below 0.5 is usual): blurred or moving "
             "boards, a board that is not flat, or a lens that needs more than k1 k2 p1 p2 k3."

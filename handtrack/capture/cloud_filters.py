@@ -166,7 +166,7 @@ class CloudFilters:
 
 def finite(points: Floats) -> Array:
     """Return which points (N, 3) have three finite coordinates."""
-    return np.isfinite(points).all(axis=1)
+    return np.asarray(np.isfinite(points).all(axis=1))
 
 
 def within_range(points: Floats, eyes: Floats, near_m: float, far_m: float) -> Array:
@@ -190,8 +190,7 @@ def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
     """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
     if colors is None:
         return np.ones(count, bool)
-    inside: Array = skin.distance(colors) <= skin.size
-    return inside
+    return np.less_equal(skin.distance(colors), skin.size)
 
 
 def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
@@ -281,9 +280,7 @@ def _parts(points: Floats, link_m: float) -> Ints:
     return _connected(len(cells), pairs)[index]
 
 
-def _nearest(
-    points: Floats, distance: Floats, link_m: float, least: float
-) -> tuple[Array, float]:
+def _nearest(points: Floats, distance: Floats, link_m: float, least: float) -> tuple[Array, float]:
     """Return which points (N, 3) are in the nearest part of at least `least` points, and the
     distance of its nearest hundredth."""
     part = _parts(points, link_m)

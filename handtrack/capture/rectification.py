@@ -72,11 +72,15 @@ class RectifiedPair:
         return (across * depth[:, None]) @ self.left.rotation + self.left.centre
 
     def rectify(self, image: Array, right: bool, linear: bool = True) -> Array:
-        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it; 0
-        outside. linear: interpolate; false for masks."""
+        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it.
+
+        linear: interpolate, and repeat the border outside, which makes no edges; false for masks,
+        0 outside.
+        """
         x, y = self.right_maps if right else self.left_maps
         how = cv2.INTER_LINEAR if linear else cv2.INTER_NEAREST
-        return np.asarray(cv2.remap(image, x, y, how, borderMode=cv2.BORDER_CONSTANT))
+        border = cv2.BORDER_REPLICATE if linear else cv2.BORDER_CONSTANT
+        return np.asarray(cv2.remap(image, x, y, how, borderMode=border))
 
 
 def rectified(first: Camera, second: Camera) -> RectifiedPair:

@@ -14,12 +14,13 @@ from handtrack.capture.board_views import CameraViews, choose_views
 from handtrack.capture.boards import Board, CharucoBoard
 from handtrack.capture.bundle_adjustment import Corners, Refined, RigState, refine
 from handtrack.capture.calibration_report import CalibrationReport, camera_report, pair_reports
-from handtrack.capture.rig_graph import Placed, place_cameras, pose_of_view
+from handtrack.capture.rig_graph import Placed, frame_offset, place_cameras, pose_of_view
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
 _LEAST_VIEWS = 3
+_APART = 0.03  # share of the board's distance; rightly matched views agree to some thousandths
 _WRONG_VIEW = 4.0  # times the median error of a camera's views: the view is left out
 _WRONG_VIEW_PX = 1.0
 
@@ -65,7 +66,9 @@ class _LensFit:
 
 
 def calibrate_rig(
-    board: Board, cameras: Sequence[CameraViews], settings: CalibrationSettings = CalibrationSettings()
+    board: Board,
+    cameras: Sequence[CameraViews],
+    settings: CalibrationSettings = CalibrationSettings(),
 ) -> RigCalibration:
     """Return the rig that explains the views best.
 
@@ -84,15 +87,42 @@ def calibrate_rig(
     ]
     placed = place_cameras(chosen, poses, board)
     corners, state, frames = _assembled(board, placed, fits)
-    refined = refine(state, corners, _free_lens(chosen, settings), fixed_camera=0)
+    apart = [pair for pair, off in placed.disagreement.items() if off > _APART]
+    free = _free_lens(chosen, settings)
+    if apart:
+        free[:] = False  # lenses would bend to explain what is not theirs
+    refined = refine(state, corners, free, fixed_camera=0)
     T_world_board = {f: _pose_matrix(refined.state.view[i]) for f, i in frames.items()}
     T_new_world = _new_world(settings.world, chosen, refined.state, T_world_board)
     rig = _rig(chosen, refined.state, T_new_world)
-    boards = {f: T_new_world @ pose for f, pose in T_world_board.items()}
+    boards = {f: np.asarray(T_new_world @ pose, float) for f, pose in T_world_board.items()}
     used = placed.cameras
     left = _per_view(used, refined)
-    return RigCalibration(
-        rig, _report(board, cameras, used, fits, refined, rig, left, placed), boards, used, left
+    report = _report(board, cameras, used, fits, refined, rig, left, placed)
+    told = tuple(_told_apart(board, cameras, fits, pair) for pair in apart)
+    report = replace(report, warnings=(*told, *report.warnings))
+    return RigCalibration(rig, report, boards, used, left)
+
+
+def _told_apart(
+    board: Board, cameras: Sequence[CameraViews], fits: Sequence[_LensFit], pair: tuple[str, str]
+) -> str:
+    """Return what to say of two cameras whose common views contradict one another."""
+    poses = [
+        {view.frame: pose_of_view(view, board, fit.matrix, fit.distortions) for view in camera.shared}
+        for name in pair
+        for camera, fit in zip(cameras, fits)
+        if camera.name == name
+    ]
+    offset = frame_offset(poses[0], poses[1], board)
+    why = (
+        f"with the frames of '{pair[1]}' shifted by {-offset:+d} they agree: renumber them, or cut the video"
+        if offset is not None
+        else "the cameras may not be synchronised, or one of them moved"
+    )
+    return (
+        f"cameras '{pair[0]}' and '{pair[1]}' do not see the board in the same place in the same frames; "
+        f"{why}. Lenses were kept as each camera alone gives them; do not use the cameras' places."
     )
 
 
@@ -100,7 +130,7 @@ def _fit_lens(
     board: Board, camera: CameraViews, settings: CalibrationSettings
 ) -> tuple[CameraViews, _LensFit]:
     """Return one camera's lens from its own views, and the views without those that do not fit."""
-    known = settings.known[camera.name] if _is_known(camera, settings) else None
+    known = _known_lens(camera, settings)
     views = (*camera.shared, *camera.alone)
     least = 1 if known is not None else _LEAST_VIEWS
     if len(views) < least:
@@ -142,7 +172,12 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
     flags |= 0 if settings.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     try:
         rms, matrix, distortions, turns, shifts = cv2.calibrateCamera(
-            points, pixels, camera.size, None, None, flags=flags  # type: ignore[call-overload]
+            points,
+            pixels,
+            camera.size,
+            None,
+            None,
+            flags=flags,  # type: ignore[call-overload]
         )
     except cv2.error as error:
         raise HandtrackError(
@@ -152,14 +187,15 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
     found = np.zeros(5)
     found[: min(5, distortions.size)] = np.ravel(distortions)[:5]
     poses = tuple(
-        _pose_matrix(np.concatenate([np.ravel(turn), np.ravel(shift)]))
+        _pose_matrix(np.concatenate([np.ravel(turn), np.ravel(shift)]).astype(float))
         for turn, shift in zip(turns, shifts)
     )
     return _LensFit(np.array(matrix, dtype=float), found, poses, float(rms), ())
 
 
-def _is_known(camera: CameraViews, settings: CalibrationSettings) -> bool:
-    return settings.known is not None and camera.name in settings.known
+def _known_lens(camera: CameraViews, settings: CalibrationSettings) -> Camera | None:
+    known = settings.known
+    return known[camera.name] if known is not None and camera.name in known else None
 
 
 def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensFit:
@@ -199,7 +235,7 @@ def _free_lens(cameras: Sequence[CameraViews], settings: CalibrationSettings) ->
     free[:, 6:8] &= settings.tangential
     free[:, 8] &= settings.k3
     for row, camera in zip(free, cameras):
-        if _is_known(camera, settings):
+        if _known_lens(camera, settings) is not None:
             row[:] = False
     return free
 
@@ -250,7 +286,14 @@ def _rig(cameras: Sequence[CameraViews], state: RigState, T_new_world: Floats) -
         T_camera_new = _pose_matrix(pose) @ world
         matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
         made.append(
-            Camera(camera.name, camera.size, matrix, lens[4:], T_camera_new[:3, :3], T_camera_new[:3, 3])
+            Camera(
+                camera.name,
+                camera.size,
+                matrix,
+                lens[4:],
+                T_camera_new[:3, :3],
+                T_camera_new[:3, 3],
+            )
         )
     return CameraRig(tuple(made))
 
@@ -311,7 +354,9 @@ def _report(
             "a board that moves. A board with one even and one odd count (such as 9x6) is safe."
         )
     if not refined.converged:
-        warnings.append("the refinement stopped before it had settled; treat the numbers with care.")
+        warnings.append(
+            "the refinement stopped before it had settled; treat the numbers with care."
+        )
     if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
         warnings.append(
             "ChArUco boards with an even number of rows were printed otherwise by OpenCV before 4.6; "

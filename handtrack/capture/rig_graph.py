@@ -76,7 +76,7 @@ def place_cameras(
     turns = _turn_transforms(board)
     poses = [dict(own) for own in poses]
     placed: dict[int, Floats] = {0: np.eye(4)}
-    boards = {frame: pose for frame, pose in poses[0].items()}
+    boards = dict(poses[0])
     renumbered = list(cameras)
     disagreement: dict[tuple[str, str], float] = {}
     while len(placed) < len(cameras):
@@ -96,6 +96,24 @@ def place_cameras(
     return Placed(
         tuple(renumbered), np.stack([placed[i] for i in range(len(cameras))]), boards, disagreement
     )
+
+
+def frame_offset(
+    a: dict[int, Floats], b: dict[int, Floats], board: Board, most: int = 60
+) -> int | None:
+    """Return by how many frames the second camera seems to be late, None when no shift explains it.
+
+    a, b: T_camera_board by frame. With frames rightly matched, all views agree on the cameras' places.
+    """
+    turns = _turn_transforms(board)
+    found: dict[int, float] = {}
+    for offset in range(-most, most + 1):
+        frames = [frame for frame in a if frame + offset in b][:60]
+        if len(frames) >= 5:
+            news, nears = [b[f + offset] for f in frames], [a[f] for f in frames]
+            found[offset] = _agreed(news, nears, turns)[1]
+    best = min(found, key=lambda offset: found[offset], default=0)
+    return best if best != 0 and found[best] < 0.3 * found.get(0, np.inf) else None
 
 
 def _require_connected(
@@ -135,9 +153,7 @@ def _turn_transforms(board: Board) -> list[Floats]:
     return found
 
 
-def _agreed(
-    news: list[Floats], nears: list[Floats], turns: list[Floats]
-) -> tuple[Floats, float]:
+def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tuple[Floats, float]:
     """Return T_new_near on which most common views agree, and their median disagreement.
 
     Each view proposes one per way the board looks the same; wrong ones move with the board, the right

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import Array, Floats
 from handtrack.capture.boards import Board
 from handtrack.capture.rig_calibration import RigCalibration
 from handtrack.geometry.camera import Camera
@@ -15,24 +15,35 @@ from handtrack.geometry.rotation import rotation_matrix
 
 _PANEL = 620  # [px] side of one view of the rig
 _INK, _FAINT, _PAPER = (40, 40, 40), (200, 200, 200), (255, 255, 255)
-_COLOURS = [(180, 110, 30), (40, 90, 220), (60, 150, 50), (160, 60, 160), (20, 150, 200), (120, 120, 0)]
+_COLOURS = [
+    (180, 110, 30),
+    (40, 90, 220),
+    (60, 150, 50),
+    (160, 60, 160),
+    (20, 150, 200),
+    (120, 120, 0),
+]
 _MAGNIFIED = 50  # times a residual is drawn
 
 
-def draw_rig(calibration: RigCalibration, board: Board) -> Bytes:
+def draw_rig(calibration: RigCalibration, board: Board) -> Array:
     """Return a picture (H, W, 3) of cameras and boards: from behind the first camera, from its side and
     from above it."""
     first = calibration.rig.cameras[0]
     tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))
     side = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     above = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    views = [("oblique", tilted), (f"from the side of {first.name}", side), (f"from above {first.name}", above)]
+    views = [
+        ("oblique", tilted),
+        (f"from the side of {first.name}", side),
+        (f"from above {first.name}", above),
+    ]
     return cv2.hconcat(
         [_rig_panel(calibration, board, turn @ first.rotation, title) for title, turn in views]
     )
 
 
-def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: str) -> Bytes:
+def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: str) -> Array:
     """Return one view without perspective along the z axis of `look` (3, 3), R_view_world."""
     size = _frustum_size(calibration)
     cameras = [_frustum(camera, size) for camera in calibration.rig]
@@ -61,7 +72,9 @@ def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: s
 def _frustum_size(calibration: RigCalibration) -> float:
     """Return how long cameras are drawn [m]: smaller than their distances to each other and the boards."""
     centres = np.stack([camera.centre for camera in calibration.rig])
-    boards = np.stack([pose[:3, 3] for pose in calibration.T_world_board.values()] or [centres[0] + 1])
+    boards = np.stack(
+        [pose[:3, 3] for pose in calibration.T_world_board.values()] or [centres[0] + 1]
+    )
     return 0.15 * float(np.median(np.linalg.norm(boards[:, None] - centres[None], axis=-1)))
 
 
@@ -74,7 +87,7 @@ def _frustum(camera: Camera, size: float) -> Floats:
     return np.concatenate([camera.centre[None], camera.centre + points @ camera.rotation])
 
 
-def _draw_camera(panel: Bytes, points: Array, name: str, colour: tuple[int, int, int]) -> None:
+def _draw_camera(panel: Array, points: Array, name: str, colour: tuple[int, int, int]) -> None:
     centre, *corners = [tuple(int(v) for v in p) for p in points]
     for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
         cv2.line(panel, a, b, colour, 1, cv2.LINE_AA)
@@ -83,8 +96,12 @@ def _draw_camera(panel: Bytes, points: Array, name: str, colour: tuple[int, int,
     _write(panel, name, (centre[0] + 6, centre[1] - 6), colour)
 
 
-def _draw_scale(panel: Bytes, zoom: float) -> None:
-    metres = max(m for m in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5) if m * zoom < 0.4 * _PANEL or m == 0.01)
+def _draw_scale(panel: Array, zoom: float) -> None:
+    metres = max(
+        m
+        for m in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
+        if m * zoom < 0.4 * _PANEL or m == 0.01
+    )
     end = 12 + round(metres * zoom)
     cv2.line(panel, (12, _PANEL - 16), (end, _PANEL - 16), _INK, 2)
     _write(panel, f"{metres * 1e3:g} mm", (end + 8, _PANEL - 11), _INK)
@@ -97,11 +114,13 @@ def _outline(board: Board) -> Floats:
     return np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
 
 
-def draw_residuals(calibration: RigCalibration) -> Bytes:
+def draw_residuals(calibration: RigCalibration) -> Array:
     """Return one picture with a panel a camera: each corner, and 50 times how far it was missed."""
     panels = [
         _residual_panel(camera, [v.pixels for v in (*seen.shared, *seen.alone)], left)
-        for camera, seen, left in zip(calibration.rig, calibration.cameras, calibration.residuals, strict=True)
+        for camera, seen, left in zip(
+            calibration.rig, calibration.cameras, calibration.residuals, strict=True
+        )
     ]
     columns = min(3, len(panels))
     height, width = (max(panel.shape[axis] for panel in panels) for axis in (0, 1))
@@ -112,13 +131,13 @@ def draw_residuals(calibration: RigCalibration) -> Bytes:
     return np.asarray(cv2.vconcat(rows))
 
 
-def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats]) -> Bytes:
+def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats]) -> Array:
     zoom = _PANEL / max(camera.size)
     width, height = (round(side * zoom) for side in camera.size)
     panel = np.full((height + 30, width, 3), 255, np.uint8)
     cv2.rectangle(panel, (0, 30), (width - 1, height + 29), _FAINT, 1)
     for view, (points, off) in enumerate(zip(pixels, left, strict=True)):
-        hue = np.uint8([[[(view * 37) % 180, 200, 170]]])
+        hue = np.array([[[(view * 37) % 180, 200, 170]]], dtype=np.uint8)
         colour = tuple(int(v) for v in cv2.cvtColor(hue, cv2.COLOR_HSV2BGR)[0, 0])
         starts = np.round(points * zoom + [0, 30]).astype(int)
         ends = np.round((points * zoom + off * _MAGNIFIED * zoom) + [0, 30]).astype(int)
@@ -126,14 +145,19 @@ def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Flo
             cv2.line(panel, tuple(a), tuple(b), colour, 1, cv2.LINE_AA)
             cv2.circle(panel, tuple(a), 1, _INK, -1)
     rms = float(np.sqrt((np.concatenate(list(left)) ** 2).sum(axis=1).mean()))
-    _write(panel, f"{camera.name}: {len(pixels)} views, rms {rms:.3f} px, residuals x {_MAGNIFIED}", (8, 20), _INK)
+    _write(
+        panel,
+        f"{camera.name}: {len(pixels)} views, rms {rms:.3f} px, residuals x {_MAGNIFIED}",
+        (8, 20),
+        _INK,
+    )
     return panel
 
 
-def _padded(panel: Bytes, height: int, width: int) -> Bytes:
+def _padded(panel: Array, height: int, width: int) -> Array:
     below, right = height - panel.shape[0], width - panel.shape[1]
     return cv2.copyMakeBorder(panel, 0, below, 0, right, cv2.BORDER_CONSTANT, value=_PAPER)
 
 
-def _write(panel: Bytes, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
+def _write(panel: Array, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
     cv2.putText(panel, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)

@@ -46,7 +46,10 @@ def pose_bones(
     """Fill rotation (B, 3, 3), position (B, 3) and the hinges' world axes (S − 6, 3)."""
     bones, hinges = parent.shape[0], hinge_bone.shape[0]
     step, frame = np.empty((3, 3)), np.empty((3, 3))
-    rotation[0], position[0] = root_rotation, params[:3]
+    for i in range(3):  # whole rows would be shorter, but take seconds to compile
+        position[0, i] = params[i]
+        for j in range(3):
+            rotation[0, i, j] = root_rotation[i, j]
     h = 0
     for b in range(bones):
         if b > 0:
@@ -63,7 +66,9 @@ def pose_bones(
                     axis_world[h, i] += rotation[b, i, j] * hinge_axis[h, j]
             _turn(hinge_axis[h], params[6 + h], step)
             _multiply(rotation[b], step, frame)
-            rotation[b] = frame
+            for i in range(3):
+                for j in range(3):
+                    rotation[b, i, j] = frame[i, j]
             h += 1
 
 

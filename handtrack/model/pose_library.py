@@ -1,22 +1,44 @@
-"""Named poses: joint angles that users start from."""
+"""Named poses: joint angles that users start from, and how the hand is held where that matters.
+
+The letters `lsf_a` to `lsf_z` are the French manual alphabet, with which the 2004 paper validated its
+model. A letter's turn of the hand is a hint for pictures and for placing a hand, not part of the pose:
+`named_pose` always leaves the root at the world's origin.
+"""
 
 from __future__ import annotations
 
 import tomllib
 from functools import lru_cache
 from importlib import resources
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import unknown_name
+from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
+
+_FILES = ("hand.toml", "lsf.toml")
+_HINTS = ("palm", "fingers", "like")
+_PALM, _FINGERS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)  # to the viewer, up
 
 
 @lru_cache(maxsize=1)
-def _library() -> dict[str, dict[str, float]]:
-    text = resources.files("handtrack.model.poses").joinpath("hand.toml").read_text()
-    return tomllib.loads(text)
+def _library() -> dict[str, dict[str, Any]]:
+    folder = resources.files("handtrack.model.poses")
+    poses: dict[str, dict[str, Any]] = {}
+    for file in _FILES:
+        poses |= tomllib.loads(folder.joinpath(file).read_text(encoding="utf-8"))
+    return {name: _with_model(poses, name) for name in poses}
+
+
+def _with_model(poses: dict[str, dict[str, Any]], name: str) -> dict[str, Any]:
+    """Return a pose with what it takes over from the one it is `like`."""
+    own = poses[name]
+    if "like" not in own:
+        return own
+    return _with_model(poses, own["like"]) | own
 
 
 def pose_names() -> tuple[str, ...]:
@@ -24,11 +46,40 @@ def pose_names() -> tuple[str, ...]:
     return tuple(_library())
 
 
+def alphabet() -> tuple[str, ...]:
+    """Return the names of the 26 letters, `lsf_a` to `lsf_z`."""
+    return tuple(name for name in pose_names() if name.startswith("lsf_"))
+
+
 def named_pose(model: ArticulatedModel, name: str) -> Floats:
     """Return joint parameters (S,) of a named hand pose, the root at the world's origin."""
+    joint = np.zeros(len(model.parameter_names))
+    for parameter, degrees in _pose(name).items():
+        if parameter not in _HINTS:
+            joint[model.skeleton.parameter(parameter)] = np.deg2rad(degrees)
+    return joint
+
+
+def pose_turn(name: str, side: str = "right") -> Floats:
+    """Return the rotation vector (3,) [rad] that holds the hand as the pose is shown to a viewer.
+
+    It turns the hand's axes into the viewer's: x to the viewer's right, y up, z to the viewer. A pose
+    without a hint is held with its palm to the viewer and fingers up. A left hand is the mirror image.
+    """
+    pose = _pose(name)
+    along = np.array(pose.get("fingers", _FINGERS), dtype=float)
+    palm = np.array(pose.get("palm", _PALM), dtype=float)
+    y = along / np.linalg.norm(along)
+    z = -(palm - palm @ y * y)
+    z /= np.linalg.norm(z)
+    turn = np.stack([np.cross(y, z), y, z], axis=1)
+    if side == "left":
+        mirror = np.diag([-1.0, 1.0, 1.0])
+        turn = mirror @ turn @ mirror
+    return rotation_vector(turn)
+
+
+def _pose(name: str) -> dict[str, Any]:
     if name not in _library():
         raise unknown_name("pose", name, pose_names())
-    joint = np.zeros(len(model.parameter_names))
-    for parameter, degrees in _library()[name].items():
-        joint[model.skeleton.parameter(parameter)] = np.deg2rad(degrees)
-    return joint
+    return _library()[name]

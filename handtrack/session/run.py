@@ -9,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
@@ -25,6 +27,7 @@ from handtrack.tracker.size import refine_scale
 from handtrack.tracker.tracker import Tracker
 
 _SIZE_STRETCH = 40  # frames tracked to fit the hand's size
+_SIZE_ANGLE = np.deg2rad(20.0)  # between two lines of sight
 _SIZE_STEP = 5  # every so many of them are used: neighbours show the same
 
 
@@ -79,7 +82,7 @@ class TrackingRun:
             if result.status == Status.TRACKED and result.frame % _SIZE_STEP == start % _SIZE_STEP
         ]
         seen = [self.session.observation(result.frame) for result in tracked]
-        keep = [i for i, known in enumerate(seen) if known.silhouettes or known.cloud is not None]
+        keep = [i for i, known in enumerate(seen) if _seen_around(known, tracked[i])]
         if not keep:
             return self
         poses = [self.model.transform.solver_params(tracked[i].parameters) for i in keep]
@@ -106,6 +109,19 @@ class TrackingRun:
         return replace(
             self, scale=scale, model=_model(self.session, self.settings, scale, self.forearm)
         )
+
+    def with_arm_in_view(self, frame: int, params: Floats) -> TrackingRun:
+        """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
+        frame show one beyond the hand's pose (P,); without a first pose nothing else can tell.
+        """
+        chosen = self.settings.model.forearm
+        if chosen == "auto":
+            chosen = str(self.session.file.hand.forearm).lower()
+        if self.forearm or chosen != "auto":
+            return self
+        if not forearm_in_view(self.model, params, self.session.observation(frame)):
+            return self
+        return replace(self, forearm=True).with_scale(self.scale)
 
     @property
     def tracker(self) -> Tracker:
@@ -163,6 +179,18 @@ def _version() -> str:
         return version("handtrack")
     except PackageNotFoundError:
         return "unknown"
+
+
+def _seen_around(seen: Observation, result: FrameResult) -> bool:
+    """Return whether silhouettes show the hand from directions that differ enough to tell its size.
+
+    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
+    """
+    middle = result.joint_positions.mean(axis=0)
+    sights = [middle - silhouette.camera.centre for silhouette in seen.silhouettes]
+    sights = [sight / np.linalg.norm(sight) for sight in sights]
+    least = min((float(a @ b) for a in sights for b in sights), default=1.0)
+    return least < np.cos(_SIZE_ANGLE)
 
 
 def _model(

@@ -18,7 +18,14 @@ from handtrack.errors import HandtrackError
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _CLOUD_SOURCES = ("files", "stereo", "depth")
-_CLOUD_NUMBERS = {"crop_m": "m", "voxel_m": "m", "near_m": "m", "far_m": "m", "front_m": "m", "outlier_ratio": ""}
+_CLOUD_NUMBERS = {
+    "crop_m": "m",
+    "voxel_m": "m",
+    "near_m": "m",
+    "far_m": "m",
+    "front_m": "m",
+    "outlier_ratio": "",
+}
 _CLOUD_COUNTS = ("max_points", "outlier_neighbours", "per_voxel")
 
 

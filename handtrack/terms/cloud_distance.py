@@ -12,9 +12,12 @@ from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.terms.bone_system import BoneSystem
-from handtrack.terms.cloud_kernels import BLOCK, arrange, cloud_system
+from handtrack.terms.cloud_kernels import BLOCK, aligned, arrange, cloud_system
 from handtrack.terms.cloud_loss import compiled_loss
 from handtrack.terms.loss import Loss, Quadratic
+
+FARTHEST_M = 1e6
+"""A coordinate beyond this is no measurement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,19 +39,22 @@ class PreparedCloud:
 
     @property
     def dropped(self) -> int:
-        """How many points were left out because a coordinate is NaN or infinite."""
+        """How many points were left out because a coordinate is NaN, infinite or absurd."""
         return self.given - self.count
 
 
 def prepare_cloud(points: Floats) -> PreparedCloud:
-    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted."""
+    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
     points = np.asarray(points, dtype=float)
     check_shape(points, (None, 3), "cloud")
-    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    with np.errstate(invalid="ignore"):
+        finite = np.flatnonzero((np.abs(points) < FARTHEST_M).all(axis=1))  # False for NaN
     kept = np.ascontiguousarray(points[finite])
     along, count = np.arange(len(kept)), len(kept)
     arrange(kept, along, BLOCK)
-    ordered = np.concatenate([kept[along].T, np.repeat(kept[along[-1:]].T, -count % 8, axis=1)], axis=1)
+    ordered = np.concatenate(
+        [kept[along].T, np.repeat(kept[along[-1:]].T, -count % 8, axis=1)], axis=1
+    )
     blocks = -(-count // BLOCK)
     spheres = np.zeros((4, blocks + -blocks % 8))
     if count:
@@ -59,7 +65,9 @@ def prepare_cloud(points: Floats) -> PreparedCloud:
         off = ordered - np.repeat(spheres[:3], BLOCK, axis=1)[:, : ordered.shape[1]]
         furthest = np.maximum.reduceat((off**2).sum(axis=0), first)
         spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
-    return PreparedCloud(np.ascontiguousarray(ordered), finite[along], spheres, len(points))
+    rows = aligned(ordered.size).reshape(ordered.shape)
+    rows[:] = ordered
+    return PreparedCloud(rows, finite[along], spheres, len(points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +88,9 @@ class CloudDistanceTerm:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sigma_m < np.inf:
-            raise HandtrackError(f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length.")
+            raise HandtrackError(
+                f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length."
+            )
         _ = self._loss
 
     def cost(self, bones: BonePoses) -> float:

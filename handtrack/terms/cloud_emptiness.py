@@ -152,7 +152,9 @@ def _in_front(points: Floats, centre: Floats) -> Array:
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
     depth = out @ z
-    flat = np.stack([out @ x, out @ np.cross(z, x)], axis=1) * (far / np.maximum(depth, 1e-3))[:, None]
+    flat = (
+        np.stack([out @ x, out @ np.cross(z, x)], axis=1) * (far / np.maximum(depth, 1e-3))[:, None]
+    )
     cell = np.floor((flat - flat.min(axis=0)) / CELL).astype(np.int64)
     width = int(cell[:, 1].max()) + 1
     place = cell[:, 0] * width + cell[:, 1]

@@ -12,19 +12,18 @@ import numba
 import numpy as np
 
 from handtrack.model.metaballs_kernels import STRETCH
-from handtrack.terms.cloud_loss_kernels import counted
 from handtrack.terms.cloud_lanes_kernels import (
-    LANES,
     cross_products,
     distances,
     gradients,
     merge,
     nearer,
     own_products,
-    reaches,
     shares,
     twist_rows,
 )
+from handtrack.terms.cloud_loss_kernels import counted
+from handtrack.terms.lanes_kernels import LANES
 
 BLOCK = 32
 """points of a block in space"""
@@ -32,6 +31,14 @@ BUFFER = 128
 """points that are worked off together"""
 NEGLIGIBLE = 25.0
 """An ellipsoid whose weight is below e^−25 of the closest one's counts for nothing: 1e-11."""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def aligned(count):  # pragma: no cover - compiled
+    """Return an empty array (count,) that starts on a cache line: vectors that straddle two cost twice."""
+    memory = np.empty(count + LANES)
+    start = (-memory.ctypes.data // 8) % LANES
+    return memory[start : start + count]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -45,34 +52,48 @@ def cloud_system(
     """
     ellipsoids, stride, flat = table.shape[0], points.shape[1], points.reshape(-1)
     low, least_high = bounds(table, turning, spheres)
-    buffers, filled = np.empty((ellipsoids, 3, BUFFER)), np.zeros(ellipsoids, np.int64)
+    buffers = aligned(ellipsoids * 3 * BUFFER).reshape(ellipsoids, 3, BUFFER)
+    filled = np.zeros(ellipsoids, np.int64)
     wanted = np.zeros(members.shape[0], np.bool_)
-    best, who = np.empty(BLOCK), np.empty(BLOCK)
+    best, who = aligned(BLOCK), aligned(BLOCK)
     tried = np.empty(ellipsoids, np.int64)
     most = 0
     for e in range(ellipsoids):
         most = max(most, start[e + 1] - start[e])
-    near, rows = np.empty((most, 5, BUFFER)), np.empty((most, 6, BUFFER))
-    vectors = np.empty((5, BUFFER))
+    near = aligned(most * 5 * BUFFER).reshape(most, 5, BUFFER)
+    rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
+    vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
     margin = NEGLIGIBLE / sharpness
     cost = 0.0
     for block in range((count + BLOCK - 1) // BLOCK + 1):
         first = block * BLOCK
         here = min(count - first, BLOCK)
         last = here <= 0
-        tries = 0
+        tries, first_try = 0, 0
         for e in range(ellipsoids):
             if last or low[e, block] <= least_high[block]:
                 tried[tries] = e
+                if not last and low[e, block] < low[tried[first_try], block]:
+                    first_try = tries
                 tries += 1
+        worst = least_high[block] if not last else 0.0
         if tries == 1:
             who[:] = tried[0]
         elif not last:
-            best[:] = np.inf
-            for t in range(tries):
-                nearer(
-                    flat, first, stride, (here + LANES - 1) // LANES, table, tried[t], turning, best, who
-                )  # fmt: skip
+            best[:], who[:] = np.inf, ellipsoids
+            groups = (here + LANES - 1) // LANES
+            likely = tried[first_try]
+            worst = nearer(flat, first, stride, groups, table, likely, turning, best, who)
+            kept = 0
+            for t in range(tries):  # those that the likely one beats at every point need no look
+                e = tried[t]
+                if e != likely:
+                    if low[e, block] > worst:
+                        continue
+                    worst = nearer(flat, first, stride, groups, table, e, turning, best, who)
+                tried[kept] = e
+                kept += 1
+            tries = kept
         for t in range(tries):  # room for a whole block in each buffer; at the end all are worked off
             e = tried[t]
             if filled[e] > (0 if last else BUFFER - BLOCK):
@@ -83,7 +104,7 @@ def cloud_system(
                 filled[e] = 0
             if not last:
                 for n in range(start[e], start[e + 1]):
-                    wanted[n] |= low[members[n], block] <= least_high[block] + margin
+                    wanted[n] |= low[members[n], block] <= worst + margin
         for i in range(here):
             e = np.int64(who[i])
             at = filled[e]
@@ -100,10 +121,11 @@ def bounds(table, turning, spheres):  # pragma: no cover - compiled
     Exact distance at a sphere's centre, plus or minus its steepest slope times the radius.
     """
     blocks = spheres.shape[1]
-    low, least_high = np.empty((table.shape[0], blocks)), np.full(blocks, np.inf)
+    low = aligned(table.shape[0] * blocks).reshape(table.shape[0], blocks)
+    least_high = np.full(blocks, np.inf)
     flat, out = spheres.reshape(-1), low.reshape(-1)
     for e in range(table.shape[0]):
-        distances(flat, 0, blocks, blocks // LANES, table, e, turning, out, e * blocks)
+        distances(flat, blocks // LANES, blocks, table, e, turning, 0.0, out, e * blocks)
         stretch = table[e, STRETCH]
         for i in range(blocks):
             change = stretch * spheres[3, i]
@@ -172,26 +194,32 @@ def work_off(
     groups = (count + LANES - 1) // LANES
     points = buffers[e].reshape(-1)
     close, row = near.reshape(-1), rows.reshape(-1)
-    total, distance, factor, residual, size = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    total, distance, factor, residual, size = (
+        vectors[0],
+        vectors[1],
+        vectors[2],
+        vectors[3],
+        vectors[4],
+    )
     who = np.empty(near.shape[0], np.int64)
     total[:], near[0, 4] = 1.0, 1.0
     who[0], used = e, 1
-    if want_system:
-        gradients(points, 0, BUFFER, groups, table, e, turning, close, 0)
-    else:
-        distances(points, 0, BUFFER, groups, table, e, turning, close, 0)
     margin = NEGLIGIBLE / sharpness
+    if want_system:
+        gradients(points, groups, BUFFER, table, e, turning, margin, close, 0)
+    else:
+        distances(points, groups, BUFFER, table, e, turning, margin, close, 0)
     for n in range(start[e] + 1, start[e + 1]):
-        other, at = members[n], used * 5 * BUFFER
         if not wanted[n]:
             continue
         wanted[n] = False
-        if not reaches(points, 0, BUFFER, groups, table, other, turning, margin, close, 0):
-            continue
+        other, at = members[n], used * 5 * BUFFER
         if want_system:
-            gradients(points, 0, BUFFER, groups, table, other, turning, close, at)
+            counts = gradients(points, groups, BUFFER, table, other, turning, margin, close, at)
         else:
-            distances(points, 0, BUFFER, groups, table, other, turning, close, at)
+            counts = distances(points, groups, BUFFER, table, other, turning, margin, close, at)
+        if not counts:
+            continue
         shares(close, 0, at, groups, sharpness, close, at + 4 * BUFFER, total)
         who[used], used = other, used + 1
     if used > 1:
@@ -235,9 +263,7 @@ def work_off(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def robust(
-    loss, scale, sigma, count, distance, residual, size
-):  # pragma: no cover - compiled
+def robust(loss, scale, sigma, count, distance, residual, size):  # pragma: no cover - compiled
     """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ."""
     cost = 0.0
     for i in range(count):

@@ -78,9 +78,7 @@ def distance_map(
     mean = [np.bincount(member, points[:, i]) / counts for i in range(3)]
     empty = np.ones(shape, bool)
     empty.reshape(-1)[filled] = False
-    nearest = distance_transform_edt(
-        empty, return_distances=False, return_indices=True
-    )
+    nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
     place = np.zeros(shape, np.int32)
     place.reshape(-1)[filled] = np.arange(len(filled))
     place = place[tuple(nearest)]  # type: ignore[index]

@@ -23,6 +23,7 @@ _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
 _FEWEST = 30
 _CUT_MARGIN_M = 0.02
 _MESH_MM = 4.0  # between points of the model's surface
+_EMPTY_ROBUST = 3.0  # sigmas; a part further from all points was rather not measured than misplaced
 _EMPTY_SIGMAS = 2.0  # the nearest cloud point is rarely the one measured there
 
 
@@ -104,7 +105,7 @@ def cloud_terms(
                 seen.emptiness,
                 local=seen.emptiness.local * stretch,
                 sigma_m=_EMPTY_SIGMAS * chosen.sigma_mm * _MM,
-                loss=robust,
+                loss=GemanMcClure(_EMPTY_ROBUST),
                 weight=2 * (1 - chosen.balance) * chosen.weight * share,
             )
         )

@@ -73,7 +73,7 @@ class FrameTerms:
         terms: list[ObservationTerm] = list(self.keypoints)
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, self.model, self.settings, settings.bands_mm[index])
-        if not self.prepared or settings.weight == 0:
+        if not self.prepared:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
         if settings.term == "conic_field":
@@ -119,7 +119,8 @@ def frame_terms(
     expected: predicted joint parameters (S,), or None in a first frame.
     """
     prepared, scales = [], []
-    for silhouette in observation.silhouettes:
+    looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
+    for silhouette in looked_at:
         prepared.append(prepare(silhouette, _forearm_cut(silhouette, model, start, settings)))
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []

@@ -79,6 +79,9 @@ class FakeRun:
         model = load_model("hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
 
+    def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
+        return self
+
     @property
     def scale(self) -> HandScale:
         return self.model.scale

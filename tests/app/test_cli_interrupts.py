@@ -93,7 +93,11 @@ def test_interrupted_size_fit_saves_nothing(
 
 
 def test_ctrl_c_in_the_real_program(handtrack: CommandLine, tmp_path: Path) -> None:
-    session = Path(shutil.copytree(bundled_session(), tmp_path / "bundled"))
+    session = Path(
+        shutil.copytree(
+            bundled_session(), tmp_path / "bundled", ignore=shutil.ignore_patterns("tracks")
+        )
+    )
     out = tmp_path / "warm.npz"
     assert handtrack("track", session, "--frames", ":1", "--out", out).code == 0  # kernels compile
     process = program("track", session)

@@ -111,9 +111,17 @@ PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float
     ("name", "content", "words"),
     [
         ("0.ply", b"no", "not a .ply file"),
-        ("0.ply", (PLY + "1 2 3\n").encode(), "announces 2 points, but holds 1; the file is cut off"),
+        (
+            "0.ply",
+            (PLY + "1 2 3\n").encode(),
+            "announces 2 points, but holds 1; the file is cut off",
+        ),
         ("0.ply", (PLY + "1 2 3\n1 b 3\n").encode(), "the points cannot be read"),
-        ("0.ply", PLY.replace("float z", "float w").encode(), "no x, y, z; properties there: x, y, w"),
+        (
+            "0.ply",
+            PLY.replace("float z", "float w").encode(),
+            "no x, y, z; properties there: x, y, w",
+        ),
         ("0.ply", PLY.replace("ascii", "xml").encode(), "no known format"),
         ("0.ply", PLY.replace("vertex", "face").encode(), "expected the vertices first"),
         ("0.npz", b"no", "not a readable .npz file"),

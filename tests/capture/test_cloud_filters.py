@@ -82,9 +82,7 @@ def test_the_nearest_and_the_largest_part(rng):
 
 
 def test_a_hand_is_cut_from_the_body_it_hangs_on(rng):
-    arm = np.column_stack(
-        [rng.uniform(-0.03, 0.03, (20_000, 2)), np.linspace(0.5, 0.9, 20_000)]
-    )
+    arm = np.column_stack([rng.uniform(-0.03, 0.03, (20_000, 2)), np.linspace(0.5, 0.9, 20_000)])
     points = np.vstack([patch(rng, (0, 0, 0.5), 2000), arm, patch(rng, (0, 0, 0.9), 50_000, 0.5)])
     assert filters.nearest_part(points, EYE).all()
     keep = filters.nearest_part(points, EYE, front_m=0.12)
@@ -104,7 +102,9 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
     assert tight < 0.4
     assert not filters.skin_coloured(np.zeros((2, 3), np.uint8), 2, ellipse).any()
     assert filters.skin_coloured(None, 4, ellipse).all()
-    with pytest.raises(HandtrackError, match="at least 20 sampled pixels that are not black; found 3"):
+    with pytest.raises(
+        HandtrackError, match="at least 20 sampled pixels that are not black; found 3"
+    ):
         fit_skin_ellipse(tone[:3].astype(np.uint8))
 
 
@@ -130,7 +130,9 @@ def test_without_hand_and_cameras_their_filters_are_left_out():
 
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_few_points_pass_through_every_filter(count, rng):
-    cloud = PointCloud(rng.normal((0, 0, 0.5), 0.001, (count, 3)), np.full((count, 3), 90, np.uint8))
+    cloud = PointCloud(
+        rng.normal((0, 0, 0.5), 0.001, (count, 3)), np.full((count, 3), 90, np.uint8)
+    )
     skin = fit_skin_ellipse(np.full((50, 3), 90, np.uint8))
     for component in filters.COMPONENTS:
         chain = CloudFilters(component=component, skin=skin, front_m=0.1, voxel_m=1e-6)
@@ -139,7 +141,10 @@ def test_few_points_pass_through_every_filter(count, rng):
 
 
 def test_merged_clouds_keep_colours_where_all_have_them(rng):
-    plain, coloured = PointCloud(rng.normal(size=(4, 3))), PointCloud(np.ones((2, 3)), np.ones((2, 3)))
+    plain, coloured = (
+        PointCloud(rng.normal(size=(4, 3))),
+        PointCloud(np.ones((2, 3)), np.ones((2, 3))),
+    )
     assert merged([plain, coloured]).colors is None
     assert merged([coloured, EMPTY]).colors.shape == (2, 3)
     assert len(merged([])) == 0

@@ -73,7 +73,9 @@ def test_derivatives_at_rest_and_elsewhere(rng, model, view, loss, at_rest):
     bones = model.bones(params)
     near = model.bones(model.clipped(params + rng.normal(scale=0.03, size=26)))
     observed = view(model, near)
-    term = KeypointTerm(model, observed) if loss is None else KeypointTerm(model, observed, 0.7, loss)
+    term = (
+        KeypointTerm(model, observed) if loss is None else KeypointTerm(model, observed, 0.7, loss)
+    )
     check_observation_term(term, bones, model.skeleton.bone_names)
 
 

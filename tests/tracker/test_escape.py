@@ -69,16 +69,21 @@ def test_a_finger_folded_by_mistake_is_unfolded(finger):
     here = Escape(truth, start)
     found = here()
     assert here.near.cost(found) <= here.near.cost(here.params)
-    assert worst_mm(found, truth) < 3.0  # measured 0.3–1 mm
+    assert worst_mm(found, truth) < 0.5  # measured 0.28 mm, 48 to 157 mm before
 
 
-def test_a_finger_stretched_by_mistake_is_folded():
-    """Middle finger folded, taken for straight."""
-    truth = with_finger_at(posed("open"), "middle", 75)
+@pytest.mark.parametrize(
+    ("finger", "degrees", "measured_mm"),
+    [("middle", 45, 0.5), ("index", 60, 1.9), ("little", 75, 3.9), ("ring", 60, 3.7)],
+)
+def test_a_finger_stretched_by_mistake_is_folded(finger, degrees, measured_mm):
+    """Folded behind the hand, taken for straight: 5 to 14 cm off before. Where it is hidden, priors decide."""
+    truth = with_finger_at(posed("open"), finger, degrees)
     here = Escape(truth, posed("open"))
     found = here()
-    assert here.near.cost(found) <= here.near.cost(here.params)
-    assert worst_mm(found, truth) < 12.0
+    assert worst_mm(here.params, truth) > 40.0
+    assert here.near.cost(found) <= here.near.cost(truth) + 0.1
+    assert worst_mm(found, truth) < 1.5 * measured_mm + 0.5
 
 
 @pytest.mark.parametrize("seed", range(4))

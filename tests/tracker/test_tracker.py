@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack.bench.binary_fist import scene
+from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.tracker.result import Status
 from handtrack.tracker.sequence import track_frames
@@ -25,10 +26,7 @@ def errors_mm(results):
     """Return the mean joint error of each result."""
     truth = SCENE.joints
     return np.array(
-        [
-            1e3 * np.linalg.norm(r.joint_positions - truth[r.frame], axis=1).mean()
-            for r in results
-        ]
+        [1e3 * np.linalg.norm(r.joint_positions - truth[r.frame], axis=1).mean() for r in results]
     )
 
 
@@ -51,13 +49,13 @@ def forward():
 def test_the_hand_is_followed(forward):
     assert [r.frame for r in forward] == list(range(COUNT))
     assert {r.status for r in forward} == {Status.TRACKED}
-    assert errors_mm(forward).max() < 0.4  # measured 0.20 mm at 320 × 240
+    assert errors_mm(forward).max() < 0.4  # measured 0.27 mm at 320 × 240
 
 
 def test_a_disturbed_first_frame_is_put_right(rng):
     off = rng.normal(size=26) * ([0.004] * 3 + [np.deg2rad(4.0)] * 23)
     result = TRACKER.step(SCENE.observations[0], start=MODEL.clipped(START + off))
-    assert errors_mm([result])[0] < 0.4
+    assert errors_mm([result])[0] < 0.3  # measured 0.18 mm
     assert result.status == Status.TRACKED
 
 
@@ -76,7 +74,7 @@ def test_any_frame_can_be_redone(forward):
 def test_backward_from_a_later_frame():
     results = followed(start=COUNT - 1)
     assert [r.frame for r in results] == [COUNT - 1, *range(COUNT - 2, -1, -1)]
-    assert errors_mm(results).max() < 0.4  # measured 0.25 mm
+    assert errors_mm(results).max() < 0.4  # measured 0.27 mm
 
 
 def test_both_ways_from_the_middle():
@@ -98,7 +96,7 @@ def test_a_camera_missing_for_some_frames(forward):
 
     results = followed(observe)
     assert {r.status for r in results} == {Status.TRACKED}
-    assert errors_mm(results).max() < 0.8  # measured 0.45 mm with two cameras
+    assert errors_mm(results).max() < 0.4  # measured 0.26 mm
     stated = [np.median(r.parameter_std) for r in results]
     assert stated[6] > stated[3]  # less is seen, and said
     assert stated[6] > np.median(forward[6].parameter_std)
@@ -106,8 +104,9 @@ def test_a_camera_missing_for_some_frames(forward):
 
 def test_one_camera_alone_is_followed_and_says_that_it_knows_less(forward):
     results = followed(lambda f: without(SCENE.observations[f], ("cam0", "cam2")))
+    assert errors_mm(results).max() < 3.0  # measured 1.5 mm
     spread = np.trace(results[5].joint_covariance, axis1=1, axis2=2).mean()
-    assert spread > 3 * np.trace(forward[5].joint_covariance, axis1=1, axis2=2).mean()
+    assert spread > 5 * np.trace(forward[5].joint_covariance, axis1=1, axis2=2).mean()
 
 
 def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
@@ -127,7 +126,7 @@ def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
         np.testing.assert_allclose(lost.parameters, results[4].parameters, atol=1e-12)
         assert lost.note == "no camera saw anything in this frame"
     assert [r.status for r in results[8:]] == [Status.TRACKED] * (COUNT - 8)
-    assert errors_mm(results[8:]).max() < 0.4  # measured 0.2 mm
+    assert errors_mm(results[8:]).max() < 0.4  # measured 0.26 mm
 
 
 def test_a_first_frame_that_nobody_saw_holds_the_start():
@@ -174,8 +173,6 @@ def test_every_accepted_step_is_shown(forward):
 
 @pytest.mark.parametrize("coupling", ["21", "18"])
 def test_a_coupled_hand_keeps_its_couplings(coupling):
-    from handtrack.model.model_file import load_model
-
     model = load_model(coupling=coupling)
     tracker = Tracker(model)
     start = model.transform.solver_params(SCENE.joint_params[0])
@@ -197,4 +194,4 @@ def test_without_prediction_and_priors_it_still_follows():
         }
     )
     results = followed(tracker=Tracker(MODEL, plain))
-    assert errors_mm(results).max() < 0.5  # measured 0.2 mm
+    assert errors_mm(results).max() < 0.4  # measured 0.29 mm

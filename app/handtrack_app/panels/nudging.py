@@ -23,7 +23,11 @@ _ROWS: dict[str, dict[str, str]] = {
         "⇤": "turn left", "⇥": "turn right",
     },
 }  # fmt: skip
-_KEYS = (
+_HINTS = {
+    "Move": "Across the view; near and far keep the hand in its place in this camera's image. Keys J L I K, Y H.",
+    "Turn": "Roll, tilt and turn about the hand's middle, as seen. Keys U O; with Shift I K J L.",
+}
+_KEYS: tuple[tuple[Any, Any, str], ...] = (
     ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
     ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
     ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
@@ -45,9 +49,7 @@ class NudgePanel:
         gui, page = self.page.gui, self.page
         with gui.add_folder("Nudge the hand as you see it", expand_by_default=True):
             for label, words in _ROWS.items():
-                row = gui.add_button_group(
-                    label, tuple(words), hint=", ".join(f"{k} {v}" for k, v in words.items())
-                )
+                row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
                 row.on_click(
                     page.from_user(
                         lambda e, words=words: self.nudge(words.get(e.target.value), e.client)

@@ -38,8 +38,7 @@ class _Axes(NamedTuple):
 def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
     wide = overview(session, hand)
-    share = 2 * _HAND / (2 * np.linalg.norm(wide.position - hand) * np.tan(wide.fov / 2))
-    return wide if share >= _LEAST else hand_view(session, hand)
+    return wide if _size(wide, hand) >= _LEAST else hand_view(session, hand)
 
 
 def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
@@ -50,11 +49,43 @@ def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
 
 
 def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:
-    """Return a view of hand and cameras, from behind and above the cameras: their pictures are seen upright."""
+    """Return a view of hand and cameras that shows the hand as large as can be, with no camera before it.
+
+    From the cameras' side and above, so that their pictures are seen upright, not from their backs.
+    """
     up = upward(session)
-    axes = _axes(session, hand, up, 0.9)
     frusta = [frustum_corners(card, hand) for card in session.cameras]
-    return _fitted(np.concatenate([hand + _HAND * _corners(), *frusta]), axes, up)
+    images = [corners[1:] for corners in frusta]
+    points = np.concatenate([hand + _HAND * _corners(), *images])
+    best, found = -np.inf, hand_view(session, hand)
+    for turn in np.deg2rad(np.arange(-75, 76, 15)):
+        for raised in (0.2, 0.4, 0.6, 0.9, 1.3):
+            axes = _axes(session, hand, up, raised, turn)
+            view = _fitted(points, axes, up)
+            score = _size(view, hand) - 0.04 * abs(turn)
+            for card, corners in zip(session.cameras, frusta, strict=True):
+                score -= 0.5 * _hides(view, axes, corners, hand)
+                score += 0.15 * min(float(-axes.away @ card.rotation[:, 2]), 0.6) / len(frusta)
+            if score > best:
+                best, found = score, view
+    return found
+
+
+def _size(view: Viewpoint, hand: Floats) -> float:
+    """Return the share of the picture's height that a hand fills."""
+    return float(_HAND / (np.linalg.norm(view.position - hand) * np.tan(view.fov / 2)))
+
+
+def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats) -> bool:
+    """Return whether a drawn camera (5, 3) comes into the round place that the hand has in the picture."""
+    apex, *image = frustum
+    middle = np.mean(image, axis=0)
+    edges = [a + s * (b - a) for a in image for b in (apex, middle) for s in np.linspace(0, 1, 7)]
+    seen = np.array([hand, *edges]) - view.position
+    depth = -seen @ axes.away
+    flat = np.stack([seen @ axes.right, seen @ axes.top], axis=1) / np.maximum(depth, 1e-6)[:, None]
+    near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * _HAND / depth[0]
+    return bool(near.any())
 
 
 def upward(session: SessionSnapshot) -> Floats:
@@ -85,8 +116,10 @@ def _corners() -> Floats:
     return np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-def _axes(session: SessionSnapshot, hand: Floats, up: Floats, raised: float) -> _Axes:
-    """Return the axes of a view from where the cameras are, raised by a share of the way."""
+def _axes(
+    session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float = 0.0
+) -> _Axes:
+    """Return the axes of a view from where the cameras are, raised by a share of the way, turned about `up` [rad]."""
     back = np.array([0.0, -1.0, 0.3])
     if session.cameras:
         ways = [card.centre - hand for card in session.cameras]
@@ -99,7 +132,8 @@ def _axes(session: SessionSnapshot, hand: Floats, up: Floats, raised: float) -> 
         back = -session.cameras[0].rotation[:, 1] if session.cameras else np.array([1.0, 0, 0])
         back = back - (back @ up) * up
         length = max(float(np.linalg.norm(back)), 1e-9)
-    away = back / length + raised * up
+    level = back / length
+    away = np.cos(turn) * level + np.sin(turn) * np.cross(up, level) + raised * up
     away /= np.linalg.norm(away)
     right = np.cross(up, away)
     right /= max(float(np.linalg.norm(right)), 1e-9)

@@ -1,0 +1,33 @@
+"""The paper's Fig. 1, and what the drawings are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.bench.model_pictures import model_pictures, segments
+from handtrack.model.model_file import load_model
+
+
+def test_the_four_pictures_show_the_hand():
+    model = load_model()
+    params = model.rest_params()
+    params[1] -= 0.09
+    pictures = model_pictures(model, params)
+    assert list(pictures) == ["skeleton", "flesh", "field seen by cam2", "all three"]
+    for picture in pictures.values():
+        assert picture.shape == (480, 640, 3)
+        assert picture.dtype == np.uint8
+    skeleton, flesh = (pictures[name].min(axis=2) < 240 for name in ("skeleton", "flesh"))
+    assert 0.05 < (skeleton & flesh).sum() / flesh.sum() < 0.6
+    assert (skeleton & ~flesh).sum() < 0.02 * skeleton.sum()  # bones lie within the flesh
+
+
+def test_segments_are_the_bones_lengths():
+    """One to each bone with a parent, one to each fingertip; joints bend, lengths stay."""
+    model = load_model()
+    rest, bent = (
+        segments(model, model.bones(x)) for x in (model.rest_params(), 2 * model.rest_params())
+    )
+    assert rest.shape == (len(model.skeleton.parent) - 1 + 5, 2, 3)
+    lengths = [np.linalg.norm(s[:, 1] - s[:, 0], axis=1) for s in (rest, bent)]
+    np.testing.assert_allclose(*lengths, atol=1e-12)

@@ -1,0 +1,160 @@
+"""Raw mosaics → colour: the paper's rule by hand, its properties, and PSNR beside the library's."""
+
+from __future__ import annotations
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.bayer import (
+    METHODS,
+    PATTERNS,
+    demosaic,
+    level_line_green,
+    level_line_value,
+    mosaic_doubts,
+    mosaic_of,
+    psnr_db,
+    psnr_table,
+    sample_green,
+)
+from handtrack.errors import HandtrackError
+
+
+@pytest.fixture(scope="module")
+def pictures(data_dir):
+    folder = data_dir / "rgb_truth_demosaic"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    return {
+        name: cv2.imread(str(folder / f"{name}.png")) for name in ("astronaut", "coffee", "chelsea")
+    }
+
+
+def test_the_paper_s_figure_7():
+    """P' lies between P1 and P2, P'' between P2 and P4; the value is close to P2."""
+    # a bright corner P2: gradient towards the upper right, level line along the other diagonal's side
+    p1, p2, p3, p4 = 40.0, 100.0, 10.0, 60.0
+    dx, dy = ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
+    slope = dx / -dy  # of the line (−Δy, Δx), here steeper than the square's diagonal
+    x = 1 / slope
+    first = p1 + (p2 - p1) * (-x + 1) / 2  # where it leaves above, y = −1
+    second = p3 + (p4 - p3) * (x + 1) / 2  # and below
+    assert abs(x) < 1
+    assert level_line_value(p1, p2, p3, p4, 0.0, 0.0) == pytest.approx((first + second) / 2)
+
+
+def test_an_edge_is_followed_not_averaged():
+    """A vertical edge through a pixel without green: its value is that of the pixels above and below."""
+    mosaic = np.tile(np.array([0, 0, 0, 70, 200, 200, 200, 200.0]), (8, 1))
+    green = level_line_green(mosaic, "RGGB")
+    assert np.allclose(green[2:-2], mosaic[2:-2])
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_a_slope_is_reproduced(pattern):
+    v, u = np.mgrid[:20, :24].astype(float)
+    slope = 3 * u - 2 * v + 100
+    assert np.allclose(level_line_green(slope, pattern)[1:-1, 1:-1], slope[1:-1, 1:-1])
+    pixels = np.random.default_rng(7).uniform(2, 17, (300, 2))
+    sampled = sample_green(slope.round().astype(np.uint16), pattern, pixels)
+    assert np.allclose(sampled, 3 * pixels[:, 0] - 2 * pixels[:, 1] + 100)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_sampling_at_pixels_is_the_image(pattern, rng):
+    mosaic = rng.integers(0, 4095, (20, 26)).astype(np.uint16)
+    green = level_line_green(mosaic.astype(float), pattern)
+    u, v = np.meshgrid(np.arange(2, 24), np.arange(2, 18))
+    assert np.allclose(sample_green(mosaic, pattern, np.stack([u, v], -1)), green[2:18, 2:24])
+    assert np.isnan(sample_green(mosaic, pattern, np.array([[-1.0, 3.0], [3.0, 25.0]]))).all()
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("bits", [8, 16])
+def test_flat_colours_come_back(pattern, method, bits):
+    dtype, factor = (np.uint8, 1) if bits == 8 else (np.uint16, 200)
+    image = np.empty((24, 31, 3), dtype)  # an odd width
+    image[:] = np.array([40, 90, 200]) * factor
+    if method == "library_vng" and bits == 16:
+        with pytest.raises(HandtrackError, match="library_vng takes 8 bits a pixel"):
+            demosaic(mosaic_of(image, pattern), pattern, method)
+        return
+    found = demosaic(mosaic_of(image, pattern), pattern, method)
+    assert found.dtype == dtype
+    assert np.abs(found.astype(int) - image)[3:-3, 3:-3].max() <= 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_the_picture_stays_where_it_was(pattern, method):
+    """OpenCV's VNG moves the picture down by two rows before 4.12; that would spoil a calibration."""
+    image = np.full((40, 44, 3), 40, np.uint8)
+    image[17:, 23:] = 180
+    off = np.abs(demosaic(mosaic_of(image, pattern), pattern, method).astype(int) - image).max(axis=2)
+    far = np.ones((40, 44), dtype=bool)
+    far[15:19, 21:] = far[15:, 21:25] = False
+    assert off[far].max() <= 1
+
+
+@pytest.mark.parametrize("name", ["astronaut", "coffee", "chelsea"])
+def test_green_is_better_than_linear_and_than_edge_aware(pictures, name):
+    """What the paper claims, and what is so: VNG, and red and blue by colour differences, are better still."""
+    picture = pictures[name]
+    mosaic = mosaic_of(picture, "RGGB")
+    db = {method: psnr_db(demosaic(mosaic, "RGGB", method), picture) for method in METHODS}
+    assert db["level_line"][1] > db["bilinear"][1] + 0.1
+    assert db["level_line"][1] > db["library"][1] + 0.1
+    assert db["level_line_hue"][3] > db["level_line"][3] + 1.5
+    assert db["library_vng"][3] > db["level_line_hue"][3]
+
+
+def test_wrong_patterns_and_other_images_are_noticed(pictures):
+    for picture in pictures.values():
+        mosaic = mosaic_of(picture, "RGGB")
+        assert mosaic_doubts(mosaic, "RGGB") == ()
+        (text,) = mosaic_doubts(mosaic, "GRBG")
+        assert (
+            "the pattern GRBG looks wrong: the green pixels seem to lie as in RGGB or BGGR" in text
+        )
+        (text,) = mosaic_doubts(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), "RGGB")
+        assert "the image may be no mosaic (grey, or colour made grey)" in text
+
+
+@pytest.mark.parametrize(
+    ("mosaic", "pattern", "message"),
+    [
+        (
+            np.zeros((8, 8), np.uint8),
+            "RGB",
+            "no Bayer pattern 'RGB'; known: RGGB, BGGR, GRBG, GBRG",
+        ),
+        (
+            np.zeros((8, 8, 3), np.uint8),
+            "RGGB",
+            "a raw mosaic has one channel; found an image of shape (8, 8, 3)",
+        ),
+        (np.zeros((8, 8)), "RGGB", "8 or 16 bits a pixel; found float64"),
+        (np.zeros((2, 8), np.uint8), "RGGB", "at least 4 x 4 pixels; found shape (2, 8)"),
+    ],
+)
+def test_what_is_no_mosaic_is_refused(mosaic, pattern, message):
+    with pytest.raises(HandtrackError, match=re.escape(message)):
+        demosaic(mosaic, pattern)
+
+
+def test_an_unknown_method_names_the_known_ones():
+    with pytest.raises(
+        HandtrackError, match="no method 'magic'; known: library, library_vng, bilinear, level_line"
+    ):
+        demosaic(np.zeros((8, 8), np.uint8), "RGGB", "magic")
+
+
+def test_the_table_has_a_row_a_method(rng):
+    truth = cv2.GaussianBlur(rng.integers(0, 255, (40, 40, 3)).astype(np.uint8), (0, 0), 2)
+    rows = psnr_table({"noise": truth}).splitlines()
+    assert rows[0] == "| method | noise: green | all |"
+    assert [row.split("`")[1] for row in rows[2:]] == list(METHODS)

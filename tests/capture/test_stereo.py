@@ -1,0 +1,283 @@
+"""Stereo: a textured plane seen by pairs in every arrangement, real pairs with truth, bad pairs."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.calibration import read_rig
+from handtrack.capture.correlation import correlate
+from handtrack.capture.disparity import StereoSettings, consistent, disparity, without_speckles
+from handtrack.capture.rectification import rectified
+from handtrack.capture.stereo import StereoMatcher
+from handtrack.capture.stereo_check import check_pair
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+
+METHODS = ("sgbm", "correlation")
+PLANE_M = 0.5
+
+
+def camera(name, centre=(0, 0, 0), turn=(0, 0, 0), distortions=(0, 0, 0, 0, 0)) -> Camera:
+    matrix = np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]])
+    rotation = rotation_matrix(np.array(turn, dtype=float))
+    return Camera(
+        name,
+        (240, 180),
+        matrix,
+        np.array(distortions),
+        rotation,
+        -rotation @ np.array(centre, dtype=float),
+    )
+
+
+@pytest.fixture(scope="module")
+def texture():
+    """(H, W, 3) uint8: blobs of several sizes, 0.5 mm a pixel."""
+    rng = np.random.default_rng(3)
+    noise = sum(
+        s * cv2.GaussianBlur(rng.normal(size=(1600, 1600, 3)), (0, 0), s) for s in (5.0, 10.0, 20.0)
+    )
+    return np.clip(128 + 45 * noise / noise.std(), 0, 255).astype(np.uint8)
+
+
+def picture(seen: Camera, texture) -> np.ndarray:
+    """What a camera sees of the textured plane z = 0.5 m."""
+    u, v = np.meshgrid(np.arange(240.0), np.arange(180.0))
+    rays = seen.rays(np.stack([u, v], -1))
+    hit = seen.centre + rays * ((PLANE_M - seen.centre[2]) / rays[..., 2])[..., None]
+    place = (hit[..., :2] / 0.0005 + 800).astype(np.float32)
+    return cv2.remap(
+        texture,
+        np.ascontiguousarray(place[..., 0]),
+        np.ascontiguousarray(place[..., 1]),
+        cv2.INTER_LINEAR,
+    )
+
+
+ARRANGEMENTS = {
+    "parallel": camera("b", (0.06, 0, 0)),
+    "towards each other, rolled": camera("b", (0.07, 0.01, 0), (0.02, 0.12, 0.06)),
+    "above one another": camera("b", (0, 0.06, 0), (-0.08, 0, 0)),
+    "to the left": camera("b", (-0.06, 0, 0.01)),
+    "a lens with distortion": camera("b", (0.06, 0, 0), (0, 0.05, 0), (-0.25, 0.1, 0.002, 0, 0)),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("arrangement", ARRANGEMENTS)
+def test_a_plane_is_found_where_it_is(arrangement, method, texture):
+    first, second = camera("a"), ARRANGEMENTS[arrangement]
+    images = picture(first, texture), picture(second, texture)
+    matcher = StereoMatcher(first, second, StereoSettings(method, near_m=0.3, far_m=1.0))
+    view = matcher.match(*images)
+    cloud = matcher.triangulate(view)
+    assert len(cloud) > 0.45 * 240 * 180
+    error = np.abs(cloud.points[:, 2] - PLANE_M)
+    pixel = PLANE_M**2 / (300 * matcher.pair.baseline_m)  # of disparity, in depth
+    assert np.median(error) < (0.2 if method == "sgbm" else 0.06) * pixel
+    assert np.quantile(error, 0.98) < 0.01
+    left = matcher.pair.left_real
+    pixels = left.project(cloud.points).round().astype(int)
+    there = images[left is second][pixels[:, 1].clip(0, 179), pixels[:, 0].clip(0, 239), ::-1]
+    assert np.median(np.abs(there.astype(int) - cloud.colors)) < 12
+
+
+def test_the_order_of_a_pair_does_not_matter(texture):
+    first, second = camera("a"), ARRANGEMENTS["towards each other, rolled"]
+    images = picture(first, texture), picture(second, texture)
+    one = StereoMatcher(first, second).cloud(*images)
+    other = StereoMatcher(second, first).cloud(*images[::-1])
+    assert np.array_equal(one.points, other.points)
+
+
+def test_rectified_rows_are_the_same_and_depth_belongs_to_disparity(rng):
+    pair = rectified(camera("a"), ARRANGEMENTS["towards each other, rolled"])
+    points = rng.uniform((-0.1, -0.05, 0.4), (0.1, 0.05, 0.7), (50, 3))
+    left, right = pair.left.project(points), pair.right.project(points)
+    assert np.allclose(left[:, 1], right[:, 1])
+    back = pair.points(left[:, 0], left[:, 1], left[:, 0] - right[:, 0])
+    assert np.allclose(back, points)
+    assert np.allclose(pair.disparity_of(0.5), 300 * pair.baseline_m / 0.5 + pair.zero_disparity)
+    assert np.isnan(pair.depth_of(np.array([pair.zero_disparity - 1.0])))[0]
+
+
+def test_only_masked_pixels_are_matched(texture):
+    first, second = camera("a"), ARRANGEMENTS["parallel"]
+    images = picture(first, texture), picture(second, texture)
+    mask, other = np.zeros((2, 180, 240), np.uint8)
+    mask[40:140, 60:180] = 255
+    other[:, :] = 255
+    cloud = StereoMatcher(first, second).cloud(*images, mask, other)
+    pixels = first.project(cloud.points)
+    assert len(cloud) > 0.9 * 100 * 120
+    assert (pixels > (59, 39)).all()
+    assert (pixels < (180, 140)).all()
+    assert len(StereoMatcher(first, second).cloud(*images, mask, 0 * other)) == 0
+    assert len(StereoMatcher(first, second).cloud(*images, 0 * mask, other)) == 0
+
+
+def test_correlation_finds_known_shifts_and_says_nothing_of_blank_images(texture):
+    left = texture[:60, 100:260, 0]
+    right = texture[:60, 107:267, 0]  # left x is right x − 7
+    both = correlate(left, right, 0, 15)
+    assert np.nanmax(np.abs(both.left[8:-8, 20:-20] - 7)) < 0.3
+    assert (both.right[8:-8, 20:-20] == 7).all()
+    shifted = cv2.resize(texture[:120, :640, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    moved = cv2.resize(texture[:120, 9:649, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    half = correlate(shifted, moved, -3, 10).left
+    assert np.nanmedian(half[8:-8, 20:-20]) == pytest.approx(4.5, abs=0.08)
+    blank = np.full((60, 160), 90, np.uint8)
+    assert np.isnan(correlate(blank, blank, 0, 15).left).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_negative_disparities_can_be_searched(method, texture):
+    left, right = texture[:80, 100:260], texture[:80, 95:255]  # left x is right x + 5
+    found = disparity(left, right, -12, 4, StereoSettings(method))
+    assert np.isfinite(found).mean() > 0.8
+    assert np.nanmedian(found) == pytest.approx(-5, abs=0.05)
+
+
+def test_left_right_check_and_speckles():
+    left = np.full((4, 30), 5.0, np.float32)
+    right = left.copy()
+    right[0] = 9
+    left[1, 10] = np.nan
+    keep = consistent(left, right, 1.0)
+    assert not keep[0].any()
+    assert not keep[1, 10]
+    assert keep[2, 5:].all()
+    assert not keep[2, :5].any()  # their partners lie outside
+    found = np.full((40, 40), 5.0, np.float32)
+    found[10:14, 10:14] = 25
+    cleaned = without_speckles(found, 30)
+    assert np.isnan(cleaned[10:14, 10:14]).all()
+    assert np.isfinite(cleaned).sum() == 40 * 40 - 16
+
+
+# ---------------------------------------------------------------- pairs that do not fit
+
+
+def told(first, second, images, settings=StereoSettings()) -> str:
+    matcher = StereoMatcher(first, second, settings)
+    return check_pair(matcher, matcher.match(*images), *images) or "nothing"
+
+
+def test_a_good_pair_has_nothing_to_be_told(texture):
+    for arrangement, second in ARRANGEMENTS.items():
+        first = camera("a")
+        assert (
+            told(first, second, (picture(first, texture), picture(second, texture))) == "nothing"
+        ), arrangement
+
+
+def test_exchanged_images_are_noticed(texture):
+    first, second = camera("left"), camera("right", (0.06, 0, 0))
+    text = told(first, second, (picture(second, texture), picture(first, texture)))
+    assert "'left' and 'right'" in text
+    assert "behind the cameras (negative disparity)" in text
+    assert "exchanged?" in text
+
+
+def test_a_wrong_calibration_is_noticed(texture):
+    first, second = camera("a"), camera("b", (0.06, 0, 0))
+    images = picture(first, texture), picture(second, texture)
+    text = told(first, camera("b", (0.06, 0, 0), (0.05, 0, 0)), images)
+    assert "px apart in height after rectification" in text
+    assert "was a camera moved" in text
+
+
+def test_a_wrong_range_is_noticed(texture):
+    first, second = camera("a"), camera("b", (0.06, 0, 0))
+    images = picture(first, texture), picture(second, texture)
+    text = told(first, second, images, StereoSettings(near_m=1.0, far_m=3.0))
+    assert "lie at 0.50 m, but depths from 1 to 3 m are searched. Set near_m and far_m" in text
+
+
+def test_blank_images_are_noticed():
+    blank = np.full((180, 240, 3), 90, np.uint8)
+    text = told(camera("a"), camera("b", (0.06, 0, 0)), (blank, blank))
+    assert "only 0.0% of the pixels have a match" in text
+    assert "share 0 distinct features" in text
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [
+        (camera("b"), "their centres are 0 mm apart"),
+        (camera("b", (0.3, 0, 0.4), (0, 1.6, 0)), "look in directions 92 degrees apart"),
+        (camera("b", (0, 0, 0.2)), "look along the line between them"),
+    ],
+)
+def test_cameras_that_make_no_pair(second, words):
+    with pytest.raises(HandtrackError, match=words):
+        rectified(camera("a"), second)
+
+
+def test_settings_that_cannot_be_used():
+    with pytest.raises(HandtrackError, match="no stereo method 'bm'; known: sgbm, correlation"):
+        StereoSettings("bm")
+    with pytest.raises(HandtrackError, match="expected 0 < near_m < far_m"):
+        StereoSettings(near_m=2.0)
+
+
+# ---------------------------------------------------------------- data with truth
+
+
+def truth_pair(data_dir, name):
+    folder = data_dir / "stereo_pairs_truth"
+    if not folder.is_dir():
+        pytest.skip("no stereo_pairs_truth among the shared data")
+    if name == "motorcycle":
+        truth = np.load(folder / "motorcycle_disp.npz")["arr_0"]
+        images = [cv2.imread(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right")]
+        return *images, np.where(np.isfinite(truth), truth, np.nan), 64
+    truth = cv2.imread(str(folder / "aloeGT.png"), cv2.IMREAD_GRAYSCALE).astype(float)
+    images = [cv2.imread(str(folder / f"aloe{side}.jpg")) for side in "LR"]
+    # half of its rows, for speed
+    part = slice(300, 700)
+    return images[0][part], images[1][part], np.where(truth > 0, truth, np.nan)[part], 216
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "density", "within_1", "within_2"),
+    [
+        ("motorcycle", "sgbm", 0.84, 0.91, 0.93),
+        ("motorcycle", "correlation", 0.72, 0.87, 0.90),
+        ("aloe", "sgbm", 0.74, 0.85, 0.93),
+    ],
+)
+def test_real_pairs_with_true_disparity(name, method, density, within_1, within_2, data_dir):
+    left, right, truth, most = truth_pair(data_dir, name)
+    found = disparity(left, right, 0, most, StereoSettings(method))
+    known = np.isfinite(truth)
+    error = np.abs(found - truth)[known & np.isfinite(found)]
+    assert np.isfinite(found)[known].mean() > density
+    assert (error <= 1).mean() > within_1
+    assert (error <= 2).mean() > within_2
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_hand_with_true_depth(method, data_dir):
+    folder = data_dir / "sessions" / "webxr_stereo_768"
+    if not folder.is_dir():
+        pytest.skip("no webxr_stereo_768 among the shared data")
+    rig = read_rig(folder / "calibration.toml")
+    left = rig["left"]
+
+    def of(kind):
+        return cv2.imread(str(sorted((folder / kind).glob("*"))[30]), cv2.IMREAD_UNCHANGED)
+
+    matcher = StereoMatcher(left, rig["right"], StereoSettings(method))
+    cloud = matcher.cloud(of("left"), of("right"), of("masks/left"), of("masks/right"))
+    truth = of("truth_depth/left") * 0.0001
+    columns, rows = left.project(cloud.points).round().astype(int).T
+    on_hand = truth[rows, columns] > 0
+    error = np.abs(left.to_camera(cloud.points)[:, 2] - truth[rows, columns])[on_hand]
+    assert on_hand.mean() > 0.98
+    assert len(cloud) > 0.8 * (truth > 0).sum()
+    assert np.median(error) < 0.0007
+    assert np.quantile(error, 0.9) < 0.004

@@ -1,0 +1,105 @@
+"""The pose library: 26 letters and the common poses, all within limits, each its own."""
+
+from __future__ import annotations
+
+import string
+
+import numpy as np
+import pytest
+
+from handtrack.diagnostics.pose_sheet import pose_sheet
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import alphabet, named_pose, pose_names, pose_turn
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_model("hand26")
+
+
+def joints(hand, name):
+    return hand.joint_positions(hand.bones(hand.transform.solver_params(named_pose(hand, name))))
+
+
+def at(hand, name, joint):
+    return joints(hand, name)[hand.joint_names.index(joint)]
+
+
+def test_the_library_has_the_alphabet_and_the_common_poses():
+    assert alphabet() == tuple(f"lsf_{letter}" for letter in string.ascii_lowercase)
+    assert {"rest", "open", "flat", "fist", "point", "pinch", "curl"} < set(pose_names())
+
+
+@pytest.mark.parametrize("name", pose_names())
+def test_every_pose_is_within_limits(hand, name):
+    joint = named_pose(hand, name)
+    bounds = hand.limits.bounds(joint)
+    outside = (joint < bounds[:, 0] - 1e-9) | (joint > bounds[:, 1] + 1e-9)
+    assert not outside.any(), [hand.parameter_names[i] for i in np.flatnonzero(outside)]
+    assert not joint[:6].any()  # the root stays at the world's origin
+
+
+def test_letters_differ_in_fingers_or_in_how_the_hand_is_held(hand):
+    seen = {}
+    for name in alphabet():
+        held = joints(hand, name) @ rotation_matrix(pose_turn(name)).T
+        for other, before in seen.items():
+            assert np.linalg.norm(held - before, axis=1).max() > 0.012, (name, other)
+        seen[name] = held
+
+
+def test_fingers_touch_where_letters_want_them(hand):
+    for name, joint in (("lsf_o", "middle_tip"), ("lsf_d", "middle_tip"), ("pinch", "index_tip")):
+        gap = np.linalg.norm(at(hand, name, "thumb_tip") - at(hand, name, joint))
+        assert gap < 0.03, name
+    # R: index and middle finger cross
+    assert at(hand, "lsf_r", "index_tip")[0] > at(hand, "lsf_r", "middle_tip")[0]
+    assert at(hand, "lsf_u", "index_tip")[0] < at(hand, "lsf_u", "middle_tip")[0]
+
+
+@pytest.mark.parametrize(
+    ("letter", "straight"),
+    [("b", "index middle ring little"), ("h", "index little"), ("i", "little"), ("l", "index"), ("u", "index middle"),
+     ("v", "index middle"), ("w", "index middle ring"), ("m", "index middle ring"), ("n", "index middle"), ("y", "little"),
+     ("g", "index"), ("s", ""), ("a", "")],
+)  # fmt: skip
+def test_straight_fingers(hand, letter, straight):
+    found = [
+        finger
+        for finger in ("index", "middle", "ring", "little")
+        if at(hand, f"lsf_{letter}", f"{finger}_tip")[1]
+        - at(hand, f"lsf_{letter}", f"{finger}_mcp")[1]
+        > 0.05
+    ]
+    assert found == straight.split()
+
+
+def test_how_hands_are_held():
+    palm, fingers = np.array([0, 0, -1.0]), np.array([0, 1.0, 0])  # in the hand's axes
+    turn = rotation_matrix(pose_turn("lsf_b"))
+    assert np.allclose(turn @ palm, [0, 0, 1])
+    assert np.allclose(turn @ fingers, [0, 1, 0])
+    turn = rotation_matrix(pose_turn("lsf_n"))
+    assert np.allclose(turn @ palm, [0, 0, -1])  # to the signer
+    assert np.allclose(turn @ fingers, [1, 0, 0])
+    left = rotation_matrix(pose_turn("lsf_n", side="left"))
+    assert np.allclose(left @ fingers, [-1, 0, 0])
+    assert np.linalg.det(rotation_matrix(pose_turn("lsf_q", "left"))) == pytest.approx(1)
+
+
+def test_an_unknown_pose_names_the_known_ones(hand):
+    with pytest.raises(HandtrackError, match="no pose 'lsf_é'; known: rest, open, flat, fist"):
+        named_pose(hand, "lsf_é")
+    with pytest.raises(HandtrackError, match="no pose 'x'"):
+        pose_turn("x")
+
+
+def test_the_contact_sheet_shows_every_pose(hand):
+    sheet = pose_sheet(hand, ["lsf_a", "lsf_b", "fist"], columns=2, size=60)
+    assert sheet.shape == (120, 120, 3)
+    for row, column in ((0, 0), (0, 1), (1, 0)):
+        tile = sheet[60 * row : 60 * row + 60, 60 * column : 60 * column + 60]
+        assert (tile[25:] < 230).any(axis=-1).mean() > 0.05
+    assert (sheet[60:, 60:] == 255).all()

@@ -1,0 +1,84 @@
+"""The mesh lies on the solver's surface, and its vertices move with their bones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.model.model_file import load_model
+from handtrack.model.surface import sample_surface, surface_mesh
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def bones(model):
+    return model.bones(model.rest_params())
+
+
+@pytest.fixture(scope="module")
+def mesh(model, bones):
+    return surface_mesh(MetaballSurface.of(model), bones)
+
+
+def area(mesh):
+    corner = mesh.vertices[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return 0.5 * float(np.linalg.norm(across, axis=1).sum())
+
+
+def test_vertices_lie_on_the_surface(model, bones, mesh):
+    d = np.abs(MetaballSurface.of(model).distance(bones, mesh.vertices))
+    assert np.quantile(d, 0.99) < 1e-5
+    assert d.max() < 2e-4  # at a jump of d
+
+
+def test_the_mesh_is_closed_and_turned_outwards(mesh):
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    assert (counts == 2).all()
+    corner = mesh.vertices[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    volume = float((corner[:, 0] * across).sum()) / 6.0
+    assert 1.5e-4 < volume < 6e-4  # a hand without its wrist displaces 0.2 to 0.5 litres
+    assert ((across * mesh.normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
+
+
+def test_each_vertex_is_fixed_to_its_closest_ellipsoids_bone(model, bones, mesh):
+    np.testing.assert_array_equal(mesh.bone, model.flesh["metaballs"].bone[mesh.ellipsoid])
+    np.testing.assert_allclose(mesh.carried(bones), mesh.vertices, atol=1e-12)
+    assert set(mesh.bone.tolist()) == set(model.flesh["metaballs"].bone.tolist())
+
+
+def test_the_mesh_moves_with_the_hand(model, bones, mesh):
+    turn, shift = rotation_matrix(np.array([0.3, -0.5, 0.8])), np.array([0.1, 0.2, 0.7])
+    moved = BonePoses(
+        turn @ bones.reference + shift, turn @ bones.rotation, bones.position @ turn.T + shift
+    )
+    np.testing.assert_allclose(mesh.carried(moved), mesh.vertices @ turn.T + shift, atol=1e-12)
+    again = surface_mesh(MetaballSurface.of(model), moved)
+    assert area(again) == pytest.approx(area(mesh), rel=0.01)
+
+
+def test_samples_lie_on_the_surface_and_cover_it_evenly(rng, model, bones, mesh):
+    surface = MetaballSurface.of(model)
+    points, normals = sample_surface(surface, bones, 4000, rng)
+    assert np.abs(surface.distance(bones, points)).max() < 1e-6
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    to_vertex = np.linalg.norm(points[:, None, :] - mesh.vertices[None, ::8], axis=2).min(axis=1)
+    assert np.quantile(to_vertex, 0.99) < 0.02
+
+
+def test_a_grid_without_end_is_refused(model, bones):
+    with pytest.raises(HandtrackError, match=r"at most 16000000 are used. Choose a coarser one."):
+        surface_mesh(MetaballSurface.of(model), bones, 1e-5)
+    with pytest.raises(HandtrackError) as caught:
+        surface_mesh(MetaballSurface.of(model), bones, 0.0)
+    assert str(caught.value) == "surface mesh: grid spacing 0 m; expected a positive length."

@@ -1,0 +1,141 @@
+"""The one engine of command line and workbench: what a session makes of settings, first pose and size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
+from handtrack.observation.observation import Keypoints
+from handtrack.session.bundled import bundled_session
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.simulate import Simulation, simulate
+from handtrack.tracker.result import Status
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session.open(bundled_session("open_fist_open"))
+
+
+@pytest.fixture(scope="module")
+def run(session):
+    return TrackingRun.open(session)
+
+
+@pytest.fixture(scope="module")
+def larger(tmp_path_factory):
+    """A hand 6 % larger before three small cameras, its size to be fitted."""
+    folder = tmp_path_factory.mktemp("larger") / "session"
+    what = Simulation(
+        frames=6, size=(320, 240), scale=1.06, images=False, motion="curl", init_noise_m=0.003
+    )
+    simulate(folder, what)
+    file = folder / "session.toml"
+    text = file.read_text()
+    assert "scale = 1.06" in text
+    file.write_text(text.replace("scale = 1.06", 'scale = "fit"'))
+    return Session.open(folder)
+
+
+def test_a_result_says_where_it_comes_from(session, run):
+    track = run.result(reversed(list(run.track(range(2), *run.initial()))))
+    np.testing.assert_array_equal(track.frame, [0, 1])
+    assert (track.model, track.side, track.session) == ("hand26", "right", session.name)
+    assert json.loads(track.scale) == {"overall": 1.0, "parts": {}}
+    settings = json.loads(track.settings)
+    assert settings == json.loads(json.dumps(run.settings.flat()))
+    assert settings["silhouettes.term"] == "coverage"
+    assert track.version
+    np.testing.assert_allclose(track.time_s, [0.0, 1 / session.fps])
+
+
+def test_overrides_win_over_the_session_and_wrong_ones_are_refused(session):
+    run = TrackingRun.open(session, {"solver.iterations": "5", "model.coupling": "18"})
+    assert run.settings.solver.iterations == 5
+    assert len(run.initial()[1]) == 18
+    with pytest.raises(HandtrackError, match="no setting 'solver.speed'; known: "):
+        TrackingRun.open(session, {"solver.speed": 5})
+
+
+def test_with_values_keeps_the_hand(run):
+    resized = run.with_scale(HandScale(1.1, {"index": 0.97}))
+    other = resized.with_values({"model.coupling": "21", "model.forearm": "true"})
+    assert other.scale == resized.scale
+    assert other.model.has_forearm
+    assert "wrist_flex" in other.model.transform.names
+    assert "index_dip_flex" not in other.model.transform.names
+    assert not run.model.has_forearm  # the first is as it was
+
+
+def test_without_a_first_pose_it_says_how_to_make_one(run):
+    with pytest.raises(HandtrackError) as error:
+        replace(run, first=None).initial()
+    assert str(error.value).startswith(f"{run.session.folder}: there is no init.json, ")
+    assert "Save first-frame pose" in str(error.value)
+    assert "--init FILE" in str(error.value)
+
+
+def test_the_first_frame_holds_the_given_keypoints_and_no_other(run):
+    frame, params = run.initial()
+    assert frame == 0
+    given = run.observation(0).keypoints
+    assert len(given) == 1
+    assert isinstance(given[0], Keypoints)
+    assert run.observation(1).keypoints == ()
+    off = run.model.keypoints21(run.model.bones(params)) - run.first.xyz
+    assert np.linalg.norm(off, axis=1).mean() < 0.010  # 5 mm a coordinate of noise: 8 mm a point
+
+
+def test_a_first_pose_by_parameters_is_taken_as_it_is(run):
+    pose = FirstPose(3, {"root_tx": 0.01, "index_pip_flex": 0.7})
+    other = replace(run, first=pose)
+    frame, params = other.initial()
+    assert frame == 3
+    value = dict(zip(run.model.transform.names, params, strict=True))
+    assert value["root_tx"] == 0.01
+    assert value["index_pip_flex"] == 0.7
+    assert sum(map(bool, params)) == 2
+    assert other.observation(3).keypoints == ()
+
+
+def test_no_forearm_where_none_is_seen(run):
+    assert not run.forearm
+
+
+def test_a_forearm_is_modelled_where_masks_show_one(tmp_path):
+    what = Simulation(frames=2, size=(320, 240), forearm=True, images=False)
+    run = TrackingRun.open(Session.open(simulate(tmp_path / "new", what)))
+    assert run.forearm
+    assert run.model.has_forearm
+    frame, params = run.initial()
+    result = next(iter(run.track(range(1), frame, params)))
+    assert result.status == Status.TRACKED
+
+
+def test_the_hands_size_is_fitted_to_keypoints_and_masks(larger):
+    by_points = TrackingRun.open(larger, {"model.fit_size": False})
+    run = TrackingRun.open(larger)
+    assert by_points.scale.overall == pytest.approx(1.06, rel=0.06)
+    assert run.scale.overall == pytest.approx(1.06, rel=0.015)
+    track = run.result(run.track(range(4), *run.initial()))
+    off = 1e3 * np.linalg.norm(track.keypoints21 - larger.truth.keypoints21[:4], axis=2)
+    assert off.mean() < 1.0
+    size = json.loads(track.scale)
+    assert size["overall"] == run.scale.overall
+    assert set(size["parts"]) >= {"thumb", "index", "middle", "ring", "little"}
+
+
+def test_fitting_the_size_stops_when_asked(larger):
+    run = TrackingRun.open(larger, should_stop=lambda: True)
+    assert run.scale.overall == pytest.approx(1.06, rel=0.06)  # that of the keypoints
+
+
+def test_tracking_stops_when_asked(run):
+    assert list(run.track(range(5), *run.initial(), should_stop=lambda: True)) == []

@@ -1,0 +1,160 @@
+"""E2: the distance map, its derivatives, which surface points may be asked for, and its pull."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.model.model_file import load_model
+from handtrack.model.surface import sample_surface, surface_mesh
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.cloud_loss import UniformOutliers
+from handtrack.terms.distance_map import distance_map
+from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.rows import Rows, point_row
+from tests.derivatives import check_jacobian, check_observation_term
+
+LOSSES = [Quadratic(), GemanMcClure(2.0), Huber(1.5), UniformOutliers(0.2, 20.0)]
+BOX = np.array([-0.1, -0.1, -0.1]), np.array([0.1, 0.12, 0.15])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def scene(model):
+    rng = np.random.default_rng(3)
+    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
+    points, _ = sample_surface(surface, bones, 4000, rng)
+    return points, bones, surface_mesh(surface, bones, 0.006)
+
+
+def test_the_map_is_right_to_a_fraction_of_a_voxel(rng):
+    cloud = rng.uniform(*BOX, size=(300, 3))
+    field = distance_map(cloud, *BOX)
+    assert field.spacing == 0.004
+    points = rng.uniform(*BOX, size=(500, 3))
+    exact = np.linalg.norm(points[:, None] - cloud, axis=2).min(axis=1)
+    off = np.abs(field.at(points)[0] - exact)
+    assert np.median(off) < 0.001 and off.max() < 0.0045
+
+
+def test_the_map_is_trilinear_and_goes_on_beyond_its_border(rng):
+    cloud = rng.uniform(*BOX, size=(40, 3))
+    field = distance_map(cloud, *BOX, spacing_m=0.01)
+    node = field.low + 0.01 * np.array([3, 5, 7])
+    assert field.at(node[None])[0][0] == pytest.approx(field.values[3, 5, 7])
+    border = np.array([[0.03, 0.02, field.low[2]]])
+    beyond = border - [[0, 0, 0.07]]
+    assert field.at(beyond)[0][0] == pytest.approx(field.at(border)[0][0] + 0.07)
+    for point in rng.uniform(-0.3, 0.3, size=(60, 3)):
+        check_jacobian(
+            lambda x: field.at(x[None])[0],
+            field.at(point[None])[1],
+            point,
+            step=1e-8,
+            rtol=1e-5,
+            atol=1e-5,
+        )
+
+
+def test_a_large_box_gets_a_coarser_grid_not_more_memory(rng):
+    field = distance_map(
+        rng.normal(size=(50, 3)), np.full(3, -5.0), np.full(3, 5.0), most_voxels=50_000
+    )
+    assert field.values.size <= 50_000 and field.spacing > 0.25
+
+
+def test_points_outside_the_box_and_not_finite_do_not_count():
+    cloud = np.array([[0.0, 0, 0], [np.nan, 0, 0], [9.0, 9, 9], [0, np.inf, 0]])
+    field = distance_map(cloud, *BOX)
+    assert field.at(np.array([[0.05, 0, 0]]))[0][0] == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_kernel_equals_rows(rng, model, scene, loss):
+    points, bones, mesh = scene
+    moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
+    term = CloudEmptinessTerm.at_start(points, mesh, loss=loss, weight=0.3, slack_m=0.001)
+    x = moved.to_world(term.bone, term.local)
+    distance, n = term.distances.at(x)
+    residual = np.maximum(distance - 0.001, 0.0) / 0.004
+    twist = np.where(residual[:, None] > 0, point_row(x, n / 0.004, moved.reference), 0.0)
+    squared = residual**2
+    cost = 0.15 * float(loss.value(squared).sum())
+    rows = Rows(residual, np.arange(len(x)), term.bone, twist, cost, 0.3 * loss.weight(squared))
+    plain, system = rows.bone_system(len(bones.position)), term.linearize(moved)
+    assert system.cost == pytest.approx(plain.cost, rel=1e-12) == term.cost(moved)
+    np.testing.assert_allclose(
+        system.gradient, plain.gradient, atol=1e-9 * np.abs(plain.gradient).max()
+    )
+    np.testing.assert_allclose(system.hessian, plain.hessian, atol=1e-9 * plain.hessian.max())
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_derivatives_by_every_bone(rng, model, scene, loss):
+    points, _, mesh = scene
+    moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
+    start = CloudEmptinessTerm.at_start(points, mesh, loss=loss)
+    term = CloudEmptinessTerm(start.distances, start.bone, start.local, loss=loss)
+    check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+
+
+def test_an_empty_cloud_asks_for_nothing(model, scene):
+    _, bones, mesh = scene
+    for points in (np.zeros((0, 3)), np.full((3, 3), np.nan), np.full((5, 3), 50.0)):
+        term = CloudEmptinessTerm.at_start(points, mesh)
+        system = term.linearize(bones)
+        zero = BoneSystem.zero(len(bones.position))
+        assert system.cost == term.cost(bones) == 0.0
+        np.testing.assert_array_equal(system.hessian, zero.hessian)
+        np.testing.assert_array_equal(system.gradient, zero.gradient)
+
+
+def test_it_pulls_a_finger_out_of_empty_space(model):
+    """Cloud of a bent index, model with a straighter one: E2's gradient bends it."""
+    surface = MetaballSurface.of(model)
+    bent = model.bones(model.params_from({"index_mcp_flex": 1.2}))
+    straight, twist_jacobian, _ = model.linearize(model.params_from({"index_mcp_flex": 0.6}))
+    points, _ = sample_surface(surface, bent, 4000, np.random.default_rng(0))
+    term = CloudEmptinessTerm.at_start(points, surface_mesh(surface, straight, 0.006))
+    gradient = term.linearize(straight).pull_back(twist_jacobian).gradient
+    slope = gradient[model.parameter_names.index("index_mcp_flex")]
+    assert slope < 0
+    assert slope == gradient[6:].min()
+
+
+def test_only_what_a_view_can_have_measured_is_asked_for(model):
+    """A flat open hand from the front: no point of its back, none behind, and both cameras of a pair must see."""
+    surface, bones = MetaballSurface.of(model), model.bones(model.params_from({}))
+    mesh = surface_mesh(surface, bones, 0.005)
+    front, side = np.array([[0.0, 0.1, 0.5]]), np.array([[0.5, 0.1, 0.1]])
+    seen = seen_from(mesh.vertices, mesh.normals, [front])
+    assert (mesh.normals[seen] @ [0, 0, 1] > 0).all()
+    assert seen[mesh.normals[:, 2] > 0.8].mean() > 0.9
+    both = seen_from(mesh.vertices, mesh.normals, [np.concatenate([front, side])])
+    either = seen_from(mesh.vertices, mesh.normals, [front, side])
+    by_side = seen_from(mesh.vertices, mesh.normals, [side])
+    np.testing.assert_array_equal(both, seen & by_side)
+    np.testing.assert_array_equal(either, seen | by_side)
+    assert seen_from(mesh.vertices, mesh.normals, []).all()
+    # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
+    thumb = np.isin(mesh.bone, [model.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
+    facing = mesh.normals @ [1, 0, 0] > 0.5
+    assert by_side[thumb & facing].mean() < 0.5 < by_side[~thumb & facing].mean()
+
+
+def test_what_cannot_be_is_refused_in_words(scene):
+    points, _, mesh = scene
+    with pytest.raises(HandtrackError) as caught:
+        CloudEmptinessTerm.at_start(points, mesh, sigma_m=-1.0)
+    assert str(caught.value) == (
+        "cloud_emptiness: sigma -1 m and slack 0.002 m; expected positive lengths."
+    )
+    with pytest.raises(HandtrackError, match="expected positive lengths"):
+        distance_map(points, np.zeros(3), np.zeros(3))

@@ -1,0 +1,155 @@
+"""The documentation tells the truth: links lead somewhere, commands exist, settings are all there, examples run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from docs.settings_page import PAGE, docstrings, settings_page
+from handtrack.session.session import Session
+from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.cli import build_parser
+from tests.conftest import REPOSITORY
+
+PAGES = sorted(
+    [REPOSITORY / "README.md"]
+    + list((REPOSITORY / "docs").rglob("*.md"))
+    + list((REPOSITORY / "sessions").glob("*.md"))
+    + list((REPOSITORY / "sessions").glob("*/*.md"))
+)
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SHORT = range(3)
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(REPOSITORY))
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """Return the fenced blocks of a page that are in a language."""
+    found = FENCE.findall(page.read_text(encoding="utf-8"))
+    return [body for kind, body in found if kind == language]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return what a link may point at within a page, as GitHub makes it of the headings."""
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
+    plain = [re.sub(r"[^\w\- ]", "", title.lower()) for title in titles]
+    return {title.replace(" ", "-") for title in plain}
+
+
+def broken_links(page: Path) -> list[str]:
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    wrong = []
+    for link in LINK.findall(text):
+        if re.match(r"[a-z]+:", link):
+            continue
+        file, _, anchor = unquote(link).partition("#")
+        target = (page.parent / file).resolve() if file else page
+        if not target.exists() or (
+            anchor and target.suffix == ".md" and anchor not in anchors(target)
+        ):
+            wrong.append(link)
+    return wrong
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Return the `handtrack …` lines of a page's shell blocks, as arguments."""
+    lines = [line.strip() for body in blocks(page, "sh") for line in body.splitlines()]
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("handtrack ")]
+
+
+def known_commands() -> set[str]:
+    choices = next(a.choices for a in build_parser()._actions if a.dest == "command")
+    return set(choices or ())
+
+
+# ---- every page ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_relative_links_lead_somewhere(page):
+    assert broken_links(page) == [], f"{name(page)} links to what is not there"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_of_shell_blocks_can_be_given(page, capsys):
+    for arguments in commands(page):
+        try:
+            build_parser().parse_args(arguments)
+        except SystemExit:
+            pytest.fail(f"handtrack {' '.join(arguments)}\n{capsys.readouterr().err}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_named_in_the_text_exist(page):
+    text = page.read_text(encoding="utf-8")
+    named = set(re.findall(r"`handtrack ([a-z]+)", text)) - {"COMMAND"}
+    assert named <= known_commands(), f"{name(page)}: {sorted(named - known_commands())}"
+
+
+def test_broken_links_are_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# One\n[a](page.md#one) [b](page.md#two) [c](nowhere.md) [d](https://x.y)\n")
+    assert broken_links(page) == ["page.md#two", "nowhere.md"]
+
+
+# ---- README ----------------------------------------------------------------------------------------
+
+
+def test_readme_names_every_command():
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"`handtrack ([a-z]+)", text)) == known_commands()
+
+
+def test_readme_example_runs_as_written(tmp_path, monkeypatch, capsys):
+    """The first frames only: the example itself says nothing about how many."""
+    (example,) = blocks(REPOSITORY / "README.md", "python")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Session, "frame_range", property(lambda _: SHORT))
+    exec(compile(example, "README.md", "exec"), {"__name__": "readme"})
+    assert f"({len(SHORT)}, 21, 3)" in capsys.readouterr().out
+    rows = (tmp_path / "angles.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(SHORT)
+
+
+def test_readme_pictures_are_small():
+    """What everybody downloads with the page."""
+    large = [
+        f"{name(path)}: {path.stat().st_size / 1024:.0f} KiB"
+        for path in (REPOSITORY / "docs" / "figures").glob("workbench_*.png")
+        if path.stat().st_size > 250 * 1024
+    ]
+    assert large == []
+
+
+# ---- settings --------------------------------------------------------------------------------------
+
+
+def test_settings_page_is_up_to_date():
+    assert PAGE.read_text(encoding="utf-8") == settings_page(), "run: python docs/settings_page.py"
+
+
+def test_settings_page_lists_exactly_the_known_settings():
+    rows = re.findall(r"^\| `([a-z_.]+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert rows == list(TrackerSettings().flat())
+
+
+def test_every_setting_has_a_meaning():
+    rows = [line for line in settings_page().splitlines() if line.startswith("| `")]
+    assert [row for row in rows if row.rstrip(" |").endswith("|")] == []
+    assert all(len(row.split(" | ")[3].strip(" |")) > 3 for row in rows)
+
+
+def test_docstrings_are_read_across_lines():
+    from handtrack.tracker.settings import SilhouetteSettings
+
+    assert docstrings(SilhouetteSettings)["outline_sigma_mm"].startswith(
+        "how far a model's outline"
+    )
