@@ -10,7 +10,9 @@ class HandtrackError(Exception):
     """
 
 
-def unknown_name(kind: str, given: str, known: list[str] | tuple[str, ...], where: str = "") -> HandtrackError:
+def unknown_name(
+    kind: str, given: str, known: list[str] | tuple[str, ...], where: str = ""
+) -> HandtrackError:
     """Return the error for a name that does not exist, listing the names that do."""
     place = f" in {where}" if where else ""
     return HandtrackError(f"no {kind} '{given}'{place}; known: {', '.join(known)}")

@@ -279,6 +279,14 @@ class Download:
     client_id: int
 
 
+@dataclass(frozen=True)
+class RerunPage:
+    """Where rerun's viewer shows the residuals."""
+
+    url: str
+
+
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | StripSnapshot | ProgressSnapshot | Notice | Download
+    | RerunPage
 )  # fmt: skip

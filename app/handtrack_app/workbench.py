@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import sys
 import threading
 import time
 import webbrowser
 from pathlib import Path
-from typing import Any
 
 import viser
 
-from handtrack.tracker.result import FrameResult
 from handtrack_app import messages as m
-from handtrack_app.background_job import Watch
 from handtrack_app.demo import Demo
 from handtrack_app.exporting import LOG_FILE
 from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
@@ -24,6 +20,7 @@ from handtrack_app.opening import open_document
 from handtrack_app.own_copy import own_copy
 from handtrack_app.panels.page import Page
 from handtrack_app.player import Player
+from handtrack_app.recording import LiveRecorder
 from handtrack_app.scene.stage import Stage
 from handtrack_app.screen_layout import PageLayout
 from handtrack_app.state import UserState
@@ -42,15 +39,21 @@ class Workbench:
         host: str = "127.0.0.1",
         port: int = 8080,
         opener: Opener = open_document,
-        watch: Watch | None = None,
+        rerun: bool = False,
         demo: bool = False,
+        open_pages: bool = False,
     ) -> None:
-        """demo: track by itself as soon as the session is shown, then play it."""
+        """rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
+        open_pages: open rerun's viewer in the browser, too.
+        """
+        self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
         self._snapshots: Mailbox[m.Snapshot] = Mailbox(
             lambda s: None if isinstance(s, (m.Notice, m.Download)) else type(s)
         )
+        self._recorder = LiveRecorder(self._snapshots.put) if rerun else None
+        watch = None if self._recorder is None else self._recorder.show
         self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[m.Notice] = []
@@ -86,6 +89,8 @@ class Workbench:
         self._stopping.set()
         self.player.stop()
         self.worker.stop()
+        if self._recorder is not None:
+            self._recorder.close()
         self._thread.join(5.0)
         self.server.stop()
 
@@ -172,6 +177,11 @@ class Workbench:
                 else:  # nobody is there yet: the first to come is told
                     self._unread.append(snapshot)
                 self.layout.show_notice(snapshot)
+            case m.RerunPage():
+                print(f"handtrack: residuals are at {snapshot.url}", flush=True)
+                self.layout.tracking.show_rerun(snapshot.url)
+                if self._open_pages:
+                    webbrowser.open(snapshot.url)
             case m.Download():
                 self.layout.export.deliver(snapshot)
 
@@ -207,11 +217,9 @@ def run_workbench(
     records = logging.FileHandler(LOG_FILE, delay=True)
     records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.getLogger("handtrack_app").addHandler(records)
-    recorder = _Recorder() if rerun else None
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    watch = recorder.show if recorder is not None else None
     folder = own_copy(session_folder)
-    bench = Workbench(folder, host, chosen, watch=watch, demo=demo).start()
+    bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()
     try:
         failure = bench.worker.wait_opened(_PATIENCE_S)
         if failure is not None:
@@ -227,28 +235,3 @@ def run_workbench(
         pass
     finally:
         bench.stop()
-        if recorder is not None:
-            recorder.close()
-
-
-class _Recorder:
-    """Streams tracked frames to a live rerun viewer, one recording for each state of the settings."""
-
-    def __init__(self) -> None:
-        self._run: Any = None
-        self._recorder: Any = None
-
-    def show(self, run: Any, result: FrameResult) -> None:
-        """Show one tracked frame."""
-        if run is not self._run:
-            self.close()
-            module = importlib.import_module("handtrack_app.residual_recorder")  # rerun is heavy
-            self._run = run
-            self._recorder = module.ResidualRecorder(run, live=True, path=None, closely=None)
-        self._recorder.show(result)
-
-    def close(self) -> None:
-        """End the recording."""
-        if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = None

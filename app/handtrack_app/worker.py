@@ -22,6 +22,7 @@ from handtrack_app.opening import open_document
 from handtrack_app.pictures import PictureMaker
 
 log = logging.getLogger(__name__)
+_PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
 
 _NO_POSE = (
@@ -67,7 +68,7 @@ class Worker:
         self._wanted = m.WantPictures(True, None, "plain")
         self._conductor: Conductor | None = None
         self._compiles = CompileWatch(self._compiling)
-        self._stale_pictures = False
+        self._stale_pictures, self._painted = False, 0.0
         self._unsaved: int | None = None
         self._edited = 0.0
 
@@ -108,8 +109,8 @@ class Worker:
     def _work(self) -> None:
         self._guarded(self._open)
         while not self._stopping.is_set():
-            idle = self._stale_pictures and not len(self._mail)
-            request = self._mail.take(0.0 if idle else 0.1)
+            rest = self._painted + _PAINT_EVERY_S - time.monotonic()
+            request = self._mail.take(max(rest, 0.0) if self._stale_pictures else 0.1)
             if request is not None:
                 self._guarded(lambda request=request: self._serve(request))
             elif self._stale_pictures:
@@ -266,30 +267,29 @@ class Worker:
         self._show_strip()
 
     def _show_pictures(self) -> None:
-        self._stale_pictures = False
+        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
+        self._stale_pictures, self._painted = False, time.monotonic()
         document, maker, wanted = self._document, self._pictures, self._wanted
         if document is None or maker is None:
             return
-        frame = document.frame
-        small, large = {}, None
+        frame, names = document.frame, document.run.session.rig.names
         bones = document.model.bones(params_of(document.model, document.shown))
         flesh = document.model.flesh["fine"].posed(bones)
-        if wanted.thumbnails:
-            small = {
-                name: maker.thumbnail(name, frame, wanted.paint, flesh)
-                for name in document.run.session.rig.names
-            }
-        if wanted.screen in document.run.session.rig.names and wanted.screen is not None:
-            seen = (
-                document.run.session.observation(frame).silhouettes
-                if wanted.paint == "residual"
-                else ()
-            )
-            mask = next((s.mask for s in seen if s.camera.name == wanted.screen), None)
-            large = maker.screen(wanted.screen, frame, wanted.paint, flesh, mask)
-        self._publish(
-            m.PictureSnapshot(frame, small, wanted.screen if large is not None else None, large)
-        )
+        large, screen = None, wanted.screen if wanted.screen in names else None
+        if screen is not None:
+            residual = wanted.paint == "residual"
+            seen = document.run.session.observation(frame).silhouettes if residual else ()
+            mask = next((s.mask for s in seen if s.camera.name == screen), None)
+            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
+            self._publish(m.PictureSnapshot(frame, {}, screen, large))
+        small = {}
+        for name in names if wanted.thumbnails else ():
+            if len(self._mail):
+                self._stale_pictures = True
+                return
+            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
+        if small:
+            self._publish(m.PictureSnapshot(frame, small, screen, large))
 
     def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
         if self._conductor is not None and self._conductor.busy:

@@ -173,7 +173,7 @@ def _tight(figure: Any) -> Any:
 
 
 def _saved(figure: Any, path: Path) -> None:
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
     _pyplot().close(figure)
 
 

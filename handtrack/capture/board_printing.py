@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import Bytes, Floats
 from handtrack.capture.boards import Board, CharucoBoard
 from handtrack.errors import HandtrackError
 
@@ -22,7 +22,7 @@ _TEXT_MM = 3.5
 def write_board(path: Path, board: Board, dpi: float = 300.0) -> tuple[float, float]:
     """Write a board to an SVG, PDF or PNG file in true size; return the page's size (w, h) [mm].
 
-    dpi: of a PNG, which then rounds squares to whole pixels' neighbours; SVG and PDF are exact.
+    dpi: of a PNG, whose edges are shaded to a quarter of a pixel; SVG and PDF are exact.
     """
     writers = {".svg": _svg, ".pdf": _pdf, ".png": lambda b: _png(b, dpi)}
     writer = writers.get(path.suffix.lower())
@@ -165,8 +165,3 @@ def _with_resolution(png: bytes, dpi: float) -> bytes:
     chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))
     at = 8 + 25  # signature and header
     return png[:at] + chunk + png[at:]
-
-
-def board_picture(board: Board, pixels_per_mm: float) -> Array:
-    """Return the page as a BGR image, for showing."""
-    return cv2.cvtColor(draw_board(board, pixels_per_mm), cv2.COLOR_GRAY2BGR)

@@ -76,6 +76,8 @@ class CalibrationReport:
     cameras: tuple[CameraReport, ...]
     pairs: tuple[PairReport, ...]
     warnings: tuple[str, ...]
+    contradictions: tuple[str, ...] = ()
+    """pairs of cameras whose common views contradict one another: the rig is not to be used"""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain numbers, lists and texts, for JSON."""
@@ -123,7 +125,7 @@ class CalibrationReport:
                 f"{' – '.join(pair.names):30s}  {1e3 * pair.baseline_m:11.2f} {pair.angle_deg:9.2f} {pair.common_views:14d}"
                 for pair in self.pairs
             ]
-        notes = (*self.warnings, *self.doubts)
+        notes = (*self.contradictions, *self.warnings, *self.doubts)
         return "\n".join([*lines, *(["", *(f"note: {note}" for note in notes)] if notes else [])])
 
 

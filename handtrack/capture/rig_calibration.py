@@ -100,7 +100,7 @@ def calibrate_rig(
     left = _per_view(used, refined)
     report = _report(board, cameras, used, fits, refined, rig, left, placed)
     told = tuple(_told_apart(board, cameras, fits, pair) for pair in apart)
-    report = replace(report, warnings=(*told, *report.warnings))
+    report = replace(report, contradictions=told)
     return RigCalibration(rig, report, boards, used, left)
 
 
@@ -109,7 +109,10 @@ def _told_apart(
 ) -> str:
     """Return what to say of two cameras whose common views contradict one another."""
     poses = [
-        {view.frame: pose_of_view(view, board, fit.matrix, fit.distortions) for view in camera.shared}
+        {
+            view.frame: pose_of_view(view, board, fit.matrix, fit.distortions)
+            for view in camera.shared
+        }
         for name in pair
         for camera, fit in zip(cameras, fits)
         if camera.name == name
@@ -122,7 +125,7 @@ def _told_apart(
     )
     return (
         f"cameras '{pair[0]}' and '{pair[1]}' do not see the board in the same place in the same frames; "
-        f"{why}. Lenses were kept as each camera alone gives them; do not use the cameras' places."
+        f"{why}. Lenses are as each camera alone gives them."
     )
 
 

@@ -18,9 +18,8 @@ def assemble(
 ) -> JointSystem:
     """Return the sum of all terms at solver parameters (P,), as a system in them."""
     bones, twist_jacobian, joint_params = model.linearize(params)
-    seen = BoneSystem.zero(model.skeleton.bone_count)
-    for term in observation_terms:
-        seen = seen + term.linearize(bones)
+    systems = [term.linearize(bones) for term in observation_terms]
+    seen = sum(systems[1:], systems[0]) if systems else BoneSystem.zero(len(bones.position))
     joints = seen.pull_back(twist_jacobian)
     for prior in parameter_terms:
         joints = joints + prior.linearize(joint_params)

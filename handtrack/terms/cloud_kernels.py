@@ -94,7 +94,9 @@ def cloud_system(
                 tried[kept] = e
                 kept += 1
             tries = kept
-        for t in range(tries):  # room for a whole block in each buffer; at the end all are worked off
+        for t in range(
+            tries
+        ):  # room for a whole block in each buffer; at the end all are worked off
             e = tried[t]
             if filled[e] > (0 if last else BUFFER - BLOCK):
                 cost += work_off(

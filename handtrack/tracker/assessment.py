@@ -78,7 +78,9 @@ def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
         return Status.TRACKED, ""
     limits = terms.settings.tracker
     share = explained_share(terms.cloud, terms.model, bones, _NEAR_M)
-    reason = f"{100 * share:.0f} % of the cloud's points lie within {1e3 * _NEAR_M:g} mm of the model"
+    reason = (
+        f"{100 * share:.0f} % of the cloud's points lie within {1e3 * _NEAR_M:g} mm of the model"
+    )
     if share < limits.lost_cloud:
         return Status.LOST, reason
     if share < limits.doubtful_cloud:

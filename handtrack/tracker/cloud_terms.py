@@ -112,7 +112,9 @@ def cloud_terms(
     return terms
 
 
-def explained_share(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses, within_m: float) -> float:
+def explained_share(
+    seen: SeenCloud, model: ArticulatedModel, bones: BonePoses, within_m: float
+) -> float:
     """Return the share of the cloud's points that lie within a distance of the surface."""
     off = cloud_distances(seen, model, bones)
     return float(np.mean(np.abs(off) < within_m))

@@ -25,15 +25,15 @@ def escape(
     descend: Callable[[Floats], Floats],
     should_stop: Callable[[], bool] | None = None,
 ) -> Floats:
-    """Return params (P,), or a pose with some finger elsewhere whose cost in `near` is clearly lower.
+    """Return params (P,), or a pose with fingers elsewhere whose cost in `near` is clearly lower.
 
-    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
+    Each round tries the most promising single fingers, then all fingers shifted by one either way. far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
     near: decides. descend: solves the frame from a start. Never returns a pose that costs more in `near`.
     """
     cost = near.cost(params)
     for _ in range(_ROUNDS):
         found = None
-        for start in _candidates(far, params):
+        for start in (*_candidates(far, params), *_shifted(far.model, params)):
             if should_stop is not None and should_stop():
                 return params
             trial = descend(start)
@@ -57,6 +57,25 @@ def _candidates(far: Problem, params: Floats) -> list[Floats]:
             best.append(min(costs, key=lambda pair: pair[0]))
     best = [pair for pair in best if pair[0] < here]
     return [start for _, start in sorted(best, key=lambda pair: pair[0])[:_TRIED]]
+
+
+def _shifted(model: ArticulatedModel, params: Floats) -> list[Floats]:
+    """Return params with the palm moved sideways by a finger's breadth, either way (2004 paper, section 5.3).
+
+    Every finger then stands where its neighbour was: the way out when all are one finger off.
+    """
+    if not {"index_mcp", "middle_mcp"} <= set(model.joint_names):
+        return []
+    bones = model.bones(params)
+    places = model.joint_positions(bones)
+    index, middle = (places[model.joint_names.index(name)] for name in ("index_mcp", "middle_mcp"))
+    sideways = bones.rotation[0][:, 0] * float(np.linalg.norm(middle - index))
+    starts = []
+    for side in (-1.0, 1.0):
+        joint = model.joint_params(params)
+        joint[:3] += side * sideways
+        starts.append(model.clipped(model.transform.solver_params(joint)))
+    return starts
 
 
 def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterator[Floats]:

@@ -51,8 +51,8 @@ class CloudSettings:
     part of the model lies where the cloud is empty"""
     sigma_mm: float = 2.0
     """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids"""
-    patch_mm: float = 8.0
-    """over how much of the surface that error stays the same"""
+    patch_mm: float = 4.0
+    """over how much of the surface that error stays the same: some pixels of a sensor"""
     crop_mm: float = 40.0
     """points further than this from the predicted hand are not the hand's"""
 
@@ -92,7 +92,7 @@ class FollowSettings:
     """look for lost fingers over their whole range when a frame fits worse than usual"""
     jumps: bool = False
     """restart a doubtful frame from kinematic jumps"""
-    doubtful_overlap: float = 0.70
+    doubtful_overlap: float = 0.65
     """a frame whose silhouettes overlap less (intersection over union) is doubtful"""
     lost_overlap: float = 0.45
     """and less than this: lost"""

@@ -94,7 +94,9 @@ def test_the_picture_stays_where_it_was(pattern, method):
     """OpenCV's VNG moves the picture down by two rows before 4.12; that would spoil a calibration."""
     image = np.full((40, 44, 3), 40, np.uint8)
     image[17:, 23:] = 180
-    off = np.abs(demosaic(mosaic_of(image, pattern), pattern, method).astype(int) - image).max(axis=2)
+    off = np.abs(demosaic(mosaic_of(image, pattern), pattern, method).astype(int) - image).max(
+        axis=2
+    )
     far = np.ones((40, 44), dtype=bool)
     far[15:19, 21:] = far[15:, 21:25] = False
     assert off[far].max() <= 1

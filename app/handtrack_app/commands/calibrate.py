@@ -69,8 +69,13 @@ def run(args: argparse.Namespace) -> int:
         known=read_rig(args.known) if args.known else None,
     )
     calibration = calibrate_rig(board, cameras, settings)
-    write_rig(args.out, calibration.rig)
     _write_report(calibration, board, args)
+    if calibration.report.contradictions:
+        raise HandtrackError(
+            f"{' '.join(calibration.report.contradictions)} {args.out} was not written; the report was."
+        )
+    write_rig(args.out, calibration.rig)
+    say(f"wrote {args.out}")
     return 0
 
 
@@ -243,4 +248,4 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
         print(json.dumps(calibration.report.as_dict(), indent=1))
     else:
         print(text)
-    say(f"wrote {args.out}, {', '.join(path.name for path in files)}")
+    say(f"wrote {', '.join(map(str, files))}")

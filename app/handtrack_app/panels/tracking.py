@@ -30,6 +30,7 @@ class TrackingPanel:
     session: SessionSnapshot | None = None
     progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
     starters: list[Any] = field(default_factory=list)
+    rerun: viser.GuiMarkdownHandle | None = None
     range: viser.GuiMultiSliderHandle[int] | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -82,6 +83,15 @@ class TrackingPanel:
         self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
         save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
         self.starters = [everything, here, onward, span]
+
+    def show_rerun(self, url: str) -> None:
+        """Show where the residuals of what is tracked can be seen."""
+        words = f"[Residuals of every camera, in rerun]({url})"
+        if self.rerun is not None:
+            self.rerun.content = words
+            return
+        with self.tab:
+            self.rerun = self.page.gui.add_markdown(words)
 
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on
