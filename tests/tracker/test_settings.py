@@ -41,7 +41,7 @@ def test_flat_and_with_values_are_inverse():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"silhouettes.wieght": 1}, "no setting 'silhouettes.wieght'; known: keypoints.sigma_mm, keypoints.weight"),
+        ({"silhouettes.wieght": 1}, "no setting 'silhouettes.wieght'; known: cloud.balance, cloud.crop_mm"),
         ({"solver": 1}, "no setting 'solver'"),
         ({"solver.iterations": "many"}, "setting 'solver.iterations': expected a value of kind int, found 'many'"),
         ({"solver.iterations": 2.5}, "expected a value of kind int, found 2.5"),
