@@ -135,7 +135,7 @@ class Keeper:
                         document.run.with_values({event.data["name"]: event.data["value"]})
                     )
                 elif event.kind == "scale":
-                    document.set_scale(HandScale(event.data["overall"], event.data["fingers"]))
+                    document.set_scale(HandScale(event.data["overall"], event.data["parts"]))
                     continue
                 elif event.kind == "limits":
                     interval = event.data["interval"]

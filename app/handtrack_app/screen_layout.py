@@ -39,7 +39,7 @@ class PageLayout:
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(330)
+        gui.main_panel.set_width(342)
 
         left = gui.add_panel()
         self.pose = PosePanel(

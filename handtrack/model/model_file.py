@@ -54,14 +54,17 @@ def load_model(
 
 
 def read_scale(path: Path) -> HandScale:
-    """Return a person's saved hand: JSON with `overall` and `fingers`. Raises HandtrackError."""
+    """Return a person's saved hand: JSON with `overall` and `parts`. Raises HandtrackError."""
     try:
         data = json.loads(path.read_text())
+        odd = sorted(set(data) - {"overall", "parts"})
+        if odd:
+            raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
         size = HandScale(float(data["overall"]), parts)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
-            f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "fingers": {{"thumb": 0.98}}}}; {error}.'
+            f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
         ) from None
     for part in parts:
         if part not in HAND_PARTS:

@@ -71,7 +71,7 @@ def simulated_rig(
 ) -> CameraRig:
     """Return cameras around the world's origin, looking at it.
 
-    Two or three stand 40° apart in an arc before the palm; more surround the hand, alternately above and below.
+    Two or three stand 40° apart in an arc before the hand's back; more surround the hand, alternately above and below.
     """
     cameras = []
     focal = 0.95 * size[0]

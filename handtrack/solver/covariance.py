@@ -40,10 +40,20 @@ def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
 
 
 def uncertainty(
-    model: ArticulatedModel, params: Floats, hessian: Floats, variance: float = 1.0
+    model: ArticulatedModel,
+    params: Floats,
+    hessian: Floats,
+    seen: Floats | None = None,
+    variance: float = 1.0,
 ) -> Uncertainty:
-    """Return the uncertainty of a pose. hessian: (P, P) of the cost ½ Σ r²; variance: of one residual."""
+    """Return the uncertainty of a pose. hessian: (P, P) of the cost ½ Σ r²; variance: of one residual.
+
+    seen: (P, P) the observations' part of it, without priors. What only a prior holds counts as unobservable: its
+    standard deviation is infinite, though its covariance is the prior's.
+    """
     cov, blind = covariance(hessian, variance)
+    if seen is not None:
+        _, blind = covariance(seen, variance)
     matrix = model.transform.matrix
     joint_cov = matrix @ cov @ matrix.T
     std = np.sqrt(np.maximum(np.diag(joint_cov), 0.0))

@@ -96,7 +96,7 @@ class FrameTerms:
     def _weight(self, band_px: Floats) -> list[float]:
         """Return a weight for each camera that make the cost a negative log-likelihood.
 
-        ½ Σ r² grows by 1/(2·band) for each pixel of outline and pixel² of shift. An outline that is off by sigma,
+        ½ Σ r² grows by d²/(4·band) for each pixel of outline that is shifted by d. An outline that is off by sigma,
         the same error over a stretch of it, should cost ½ for each stretch.
         """
         settings = self.settings.silhouettes

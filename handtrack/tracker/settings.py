@@ -70,7 +70,7 @@ class KeypointSettings:
 class PriorSettings:
     """What is assumed where nothing is seen."""
 
-    rest_sigma_deg: float = 40.0
+    rest_sigma_deg: float = 80.0
     """how far joint angles are from the relaxed hand's; 0 switches the prior off"""
     posture: float = 1.0
     """strength of what is known of joints that go together (neighbouring fingers, last two joints); 0: none"""
@@ -91,7 +91,7 @@ class FollowSettings:
     escape: bool = True
     """look for lost fingers over their whole range when a frame fits worse than usual"""
     jumps: bool = False
-    """restart a doubtful frame from kinematic jumps"""
+    """restart a doubtful frame from kinematic jumps; without effect in this version"""
     doubtful_overlap: float = 0.65
     """a frame whose silhouettes overlap less (intersection over union) is doubtful"""
     lost_overlap: float = 0.45
@@ -195,9 +195,9 @@ def _check(settings: TrackerSettings) -> None:
                 f"setting '{name}': expected one of {', '.join(choices)}, found '{flat[name]}'."
             )
     for name, value in flat.items():
-        least = 0.0 if name not in _POSITIVE else 1e-12
+        above, least = ("above", 1e-12) if name in _POSITIVE else ("of at least", 0.0)
         if isinstance(value, (int, float)) and value < least:
-            raise HandtrackError(f"setting '{name}': expected a number above 0, found {value}.")
+            raise HandtrackError(f"setting '{name}': expected a number {above} 0, found {value}.")
     if settings.cloud.balance > 1:
         raise HandtrackError(
             f"setting 'cloud.balance': expected K between 0 and 1, found {settings.cloud.balance}."

@@ -131,7 +131,8 @@ class Tracker:
     ) -> FrameResult:
         params = summary.params.copy()
         system = problem.linearize(params)
-        spread = uncertainty(self.model, params, system.hessian)
+        alone = Problem(self.model, problem.observation_terms).linearize(params)
+        spread = uncertainty(self.model, params, system.hessian, alone.hessian)
         status, note = assess(terms, self.model.bones(params), system.cost, previous)
         std = (
             np.full_like(spread.parameter_std, np.inf)

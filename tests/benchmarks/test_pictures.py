@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+import sys
 
+import numpy as np
+import pytest
+
+from handtrack.bench import figures
 from handtrack.bench.model_pictures import model_pictures, segments
+from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 
 
@@ -31,3 +36,15 @@ def test_segments_are_the_bones_lengths():
     assert rest.shape == (len(model.skeleton.parent) - 1 + 5, 2, 3)
     lengths = [np.linalg.norm(s[:, 1] - s[:, 0], axis=1) for s in (rest, bent)]
     np.testing.assert_allclose(*lengths, atol=1e-12)
+
+
+def test_a_figure_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    figures._saved(figures.draw_recovery(load_model(), seeds=2), tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 5000
+
+
+def test_without_matplotlib_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(HandtrackError, match=r"pip install 'handtrack\[docs\]'"):
+        figures.draw_recovery(load_model(), seeds=1)

@@ -46,7 +46,7 @@ def test_flat_and_with_values_are_inverse():
         ({"solver.iterations": "many"}, "setting 'solver.iterations': expected a value of kind int, found 'many'"),
         ({"solver.iterations": 2.5}, "expected a value of kind int, found 2.5"),
         ({"silhouettes.weight": "nan"}, "expected a value of kind float, found 'nan'"),
-        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number above 0, found -1.0"),
+        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number of at least 0, found -1.0"),
         ({"silhouettes.term": "edges"}, "expected one of coverage, conic_field, found 'edges'"),
         ({"silhouettes.bands_mm": "4,0"}, "expected widths above 0"),
         ({"tracker.jumps": "perhaps"}, "expected a value of kind bool"),

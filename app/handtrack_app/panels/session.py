@@ -67,7 +67,7 @@ class SessionPanel:
                 )
                 self.paint = gui.add_dropdown(
                     "Paint over it", tuple(_PAINT_WORDS.values()), initial_value=_PAINT_WORDS[display.paint],
-                    hint="Residual: blue is silhouette without model, orange is model without silhouette.",
+                    hint="Residual: orange is silhouette without model, blue is model without silhouette.",
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 self._toggle(
