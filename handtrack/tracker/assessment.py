@@ -13,6 +13,7 @@ from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.result import FrameResult, Status
 
 _NEAR_M = 0.006  # three times the usual error of a point
+_ENOUGH, _FEWEST = 5, 3  # tracked frames to go by; any frames at all
 _HISTORY = 30  # frames that tell what is usual
 _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
@@ -24,10 +25,14 @@ _DOUBTFUL = 2.0  # times the usual energy: say so
 def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> float:
     """Return a frame's energy in units of what is usual: the lower quartile of the tracked frames before it.
 
-    1 where nothing came before. A floor keeps nearly perfect fits from calling each other bad.
+    Of all frames where few are tracked: what is always so is usual. 1 where hardly anything came before. A floor
+    keeps nearly perfect fits from calling each other bad.
     """
-    known = [r.energy for r in previous[-_HISTORY:] if r.status == Status.TRACKED]
-    if not known:
+    posed = [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
+    known = [r.energy for r in posed if r.status == Status.TRACKED]
+    if len(known) < _ENOUGH:
+        known = [r.energy for r in posed]
+    if len(known) < _FEWEST:
         return 1.0
     return energy / max(float(np.percentile(known, 25)), _LEAST_USUAL * max(views, 1))
 

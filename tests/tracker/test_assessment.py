@@ -93,7 +93,10 @@ def test_a_fit_much_worse_than_usual_is_doubtful(seen):
 def test_usual_is_what_tracked_frames_were():
     assert energy_ratio(200.0, 3, []) == 1.0
     assert energy_ratio(200.0, 3, earlier(100.0)) == pytest.approx(2.0)
-    assert energy_ratio(200.0, 3, earlier(100.0, status=Status.DOUBTFUL)) == 1.0
+    assert energy_ratio(200.0, 3, earlier(100.0, status=Status.LOST)) == 1.0
+    assert energy_ratio(200.0, 3, earlier(100.0, 2)) == 1.0  # too few to go by
+    always_doubtful = earlier(100.0, status=Status.DOUBTFUL)
+    assert energy_ratio(200.0, 3, always_doubtful) == pytest.approx(2.0)
     mixed = earlier(100.0, 20) + earlier(900.0, 5)
     assert energy_ratio(200.0, 3, mixed) == pytest.approx(2.0)
 
