@@ -156,13 +156,13 @@ def _shown(axis: Any, picture: Bytes, title: str = "") -> None:
 
 def _pyplot() -> Any:
     try:
-        import matplotlib
+        import matplotlib  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise HandtrackError(
             "figures are drawn with matplotlib, which is not installed: pip install 'handtrack[docs]'."
         ) from None
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot  # pyright: ignore[reportMissingImports]
 
     return pyplot
 

@@ -38,8 +38,8 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
 
 
 def is_suspicious(energy: float, views: int, previous: Sequence[FrameResult]) -> bool:
-    """Return whether a frame fits worse than usual, or is the first, which nothing vouches for."""
-    return not previous or energy_ratio(energy, views, previous) > _SUSPICIOUS
+    """Return whether a frame fits worse than usual, or is one of the first, which nothing vouches for."""
+    return len(previous) < _FEWEST or energy_ratio(energy, views, previous) > _SUSPICIOUS
 
 
 def assess(
