@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import time
@@ -148,16 +149,24 @@ class Keeper:
         return len(names)
 
     def _restore_work(self) -> None:
-        path = self.folder / WORK_FILE
-        if not path.is_file():
+        """Take the newer of the workbench's own track and what `handtrack track` wrote."""
+        found = [p for p in (self.folder / WORK_FILE, self.folder / POSES_FILE) if p.is_file()]
+        if not found:
             return
+        path = max(found, key=lambda p: p.stat().st_mtime)
         try:
             track = read_npz(path)
-        except HandtrackError as error:
-            self.warning = f"The work in progress of last time cannot be read: {error}"
+            size = json.loads(track.scale)
+            scale = HandScale(float(size["overall"]), dict(size["parts"]))
+        except (HandtrackError, ValueError, KeyError, TypeError) as error:
+            self.warning = f"The track of last time, {path.name}, cannot be read: {error}"
             return
-        if track.parameter_names == self.document.model.parameter_names:
-            self.document.results.update({result.frame: result for result in track.frames()})
+        if track.parameter_names != self.document.model.parameter_names:
+            self.warning = f"{path.name} was tracked with another model; it is not shown."
+            return
+        if scale != self.document.run.scale:
+            self.document.set_scale(scale)
+        self.document.results.update({result.frame: result for result in track.frames()})
 
     def _replay(self, event: Event) -> None:
         document, data = self.document, event.data

@@ -84,6 +84,16 @@ def test_a_finished_run_moves_from_the_journal_to_a_file(tmp_path: Path) -> None
     assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
 
 
+def test_what_the_command_line_tracked_is_shown(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    keeper.save_track()  # tracks/poses.npz, as `handtrack track` writes it
+    (tmp_path / WORK_FILE).unlink(missing_ok=True)
+    (tmp_path / "tracks" / "journal.jsonl").unlink()
+    again = Keeper.open(fake_document(tmp_path))
+    assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
+    assert sorted(again.document.results) == list(range(FRAMES))
+
+
 def test_a_pose_that_tracking_replaced_does_not_come_back_over_it(tmp_path: Path) -> None:
     keeper = Keeper.open(fake_document(tmp_path, step_s=0.0))
     document = keeper.document
