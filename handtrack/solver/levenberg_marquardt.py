@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Floats
 from handtrack.terms.bone_system import JointSystem
 
 
@@ -186,8 +186,3 @@ def _shortened(step: Floats, settings: SolverSettings) -> Floats:
         float(np.abs(step[3:]).max(initial=0.0)) / settings.step_limit_rad,
     )
     return step / longest if longest > 1.0 else step
-
-
-def free_directions(params: Floats, bounds: Floats, tolerance: float = 1e-6) -> Array:
-    """Return (P,) True where a parameter is away from its bounds."""
-    return (params > bounds[:, 0] + tolerance) & (params < bounds[:, 1] - tolerance)

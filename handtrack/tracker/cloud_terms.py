@@ -116,11 +116,6 @@ def explained_share(
     seen: SeenCloud, model: ArticulatedModel, bones: BonePoses, within_m: float
 ) -> float:
     """Return the share of the cloud's points that lie within a distance of the surface."""
-    off = cloud_distances(seen, model, bones)
-    return float(np.mean(np.abs(off) < within_m))
-
-
-def cloud_distances(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Floats:
-    """Return the points' signed distances (N,) to the surface [m]."""
     points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
-    return MetaballSurface.of(model).distance(bones, points)
+    off = MetaballSurface.of(model).distance(bones, points)
+    return float(np.mean(np.abs(off) < within_m))
