@@ -16,9 +16,8 @@ from handtrack.capture.frames import files_by_frame
 from handtrack.capture.point_cloud import PointCloud
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
-from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import MODELS, load_model
-from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source
 from handtrack.session.doctor import Finding, examine
 from handtrack.session.first_pose import FirstPose, read_first_pose
@@ -39,7 +38,6 @@ _T = TypeVar("_T")
 _K = TypeVar("_K")
 _OBSERVATIONS_KEPT = 12
 _CLOUDS_KEPT = 12  # before filtering; some have a million points
-_INIT_SIGMA_M = 0.005  # a detector's or a person's error in placing a keypoint
 
 
 class Session:
@@ -62,7 +60,7 @@ class Session:
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
-        self._observations: OrderedDict[tuple[int, bool], Observation] = OrderedDict()
+        self._observations: OrderedDict[int, Observation] = OrderedDict()
         self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -197,12 +195,10 @@ class Session:
             return None, ()
         return (filters or self.cloud_filters).apply(measured, hand_distance, self._clouds.eyes)
 
-    def observation(self, frame: int, keypoints: bool = False) -> Observation:
+    def observation(self, frame: int) -> Observation:
         """Return what was seen of one frame. Missing views are absent; an empty mask is seen
-        emptiness. The cloud is filtered, but not cropped to a hand: see `cloud`.
-
-        keypoints: add those of init.json at its own frame. Raises HandtrackError outside the
-        session's frames.
+        emptiness. The cloud is filtered, but not cropped to a hand: see `cloud`. Raises
+        HandtrackError outside the session's frames.
         """
         if frame not in self.frame_range:
             raise HandtrackError(
@@ -210,10 +206,10 @@ class Session:
                 f"{self.frame_count - 1}."
             )
         with self._lock:
-            known = self._observations.get((frame, keypoints))
+            known = self._observations.get(frame)
         if known is None:
-            known = self._observe(frame, keypoints)
-        _remember(self._observations, (frame, keypoints), known, _OBSERVATIONS_KEPT, self._lock)
+            known = self._observe(frame)
+        _remember(self._observations, frame, known, _OBSERVATIONS_KEPT, self._lock)
         return known
 
     def doctor(self) -> list[Finding]:
@@ -221,18 +217,11 @@ class Session:
         or error."""
         return examine(self)
 
-    def _observe(self, frame: int, keypoints: bool) -> Observation:
+    def _observe(self, frame: int) -> Observation:
         seen = tuple(s for view in self.views if (s := view.silhouette(frame)) is not None)
-        points: tuple[Keypoints, ...] = ()
-        if (
-            keypoints
-            and self.init is not None
-            and self.init.frame == frame
-            and self.init.xyz is not None
-        ):
-            points = (Keypoints(keypoint_names(), self.init.xyz, _INIT_SIGMA_M),)
         sight = self._clouds.sight if self._clouds is not None else ()
-        return Observation(frame, self.time_s(frame), seen, points, self.cloud(frame)[0], sight)
+        cloud = self.cloud(frame)[0]
+        return Observation(frame, self.time_s(frame), seen, cloud=cloud, cloud_views=sight)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files

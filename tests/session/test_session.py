@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
-from tests.session.small_session import edit, keypoints, make_session, write_truth
+from tests.session.small_session import edit, make_session, write_truth
 
 
 @pytest.fixture
@@ -80,16 +80,6 @@ def test_frames_run_to_the_last_of_any_camera(folder: Path) -> None:
         session.observation(10)
 
 
-def test_keypoints_only_when_asked_and_only_at_their_frame(folder: Path) -> None:
-    session = Session.open(folder)
-    (points,) = session.observation(0, keypoints=True).keypoints
-    np.testing.assert_allclose(points.positions, keypoints())  # type: ignore[union-attr]
-    assert points.names[0] == "wrist"
-    assert len(points.names) == 21
-    assert session.observation(0).keypoints == ()
-    assert session.observation(1, keypoints=True).keypoints == ()
-
-
 def test_masks_computed_from_images(folder: Path) -> None:
     edit(folder / "session.toml", '"masks/cam0/*.png"', '{ method = "skin_ycrcb" }')
     session = Session.open(folder)
@@ -110,13 +100,15 @@ def test_a_region_of_interest_limits_a_view(folder: Path) -> None:
     assert (valid[35:] == 0).all()
 
 
-def test_an_observation_is_kept(folder: Path) -> None:
+def test_the_last_observations_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("handtrack.session.session._OBSERVATIONS_KEPT", 2)
     session = Session.open(folder)
-    assert session.observation(1) is session.observation(1)
-    for frame in range(4):
+    first = session.observation(0)
+    assert session.observation(0) is first
+    for frame in (1, 2):
         session.observation(frame)
-        session.observation(frame, keypoints=True)
-    assert len(session._observations) <= 12
+    assert session.observation(2) is session.observation(2)
+    assert session.observation(0) is not first
 
 
 def test_timestamps_are_the_cameras_median(folder: Path) -> None:
