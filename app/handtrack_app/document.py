@@ -12,11 +12,22 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose, pose_names
+from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.result import FrameResult
 from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
 from handtrack_app.reaching import reach, tip_names
 
+_TERM_WORDS = {
+    "coverage": "silhouettes",
+    "conic_field": "silhouettes",
+    "cloud_distance": "cloud → model",
+    "cloud_emptiness": "model → cloud",
+    "rest": "priors",
+    "posture": "priors",
+    "motion": "priors",
+}
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
 
@@ -66,6 +77,8 @@ class Document:
         self.frame = self.first_frame
         self.shown = self.start.copy()
         self.version = 0
+        self.saved_clouds = self.clouds
+        """the settings of [clouds] as session.toml has them"""
         self.size_pending = size_pending
         """the hand's size is to be fitted before the first tracking"""
 
@@ -205,6 +218,24 @@ class Document:
         model = replace(self.model, limits=replace(self.model.limits, interval=interval))
         self.run = replace(self.run, model=model)
 
+    # ---- clouds
+
+    @property
+    def clouds(self) -> CloudSettings | None:
+        """The settings of [clouds] in force."""
+        file = getattr(self.run.session, "file", None)
+        return None if file is None else file.clouds
+
+    def use_clouds(self, settings: CloudSettings | None) -> None:
+        """Take other settings of [clouds] from now on. Raises HandtrackError, and changes nothing."""
+        self.run.session.use_clouds(settings)
+
+    @property
+    def unsaved_clouds(self) -> tuple[str, ...]:
+        """Names of the settings of [clouds] that differ from session.toml."""
+        now, saved = (clouds_values(c or CloudSettings()) for c in (self.clouds, self.saved_clouds))
+        return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))
+
     # ---- what the page sees
 
     def session_snapshot(self) -> SessionSnapshot:
@@ -272,7 +303,22 @@ class Document:
             if 0 <= i < count:
                 status[i], energy[i] = int(result.status), result.energy
                 error[i] = mean_error_mm(result.keypoints21, self.truth_at(frame))
-        return StripSnapshot(self.frames.start, status, energy, error, tuple(sorted(self.by_hand)))
+        hand = tuple(sorted(self.by_hand))
+        return StripSnapshot(self.frames.start, status, energy, error, hand, self._terms())
+
+    def _terms(self) -> dict[str, Floats]:
+        """Return the energy's parts (F,) in words, NaN where a frame has none."""
+        terms: dict[str, Floats] = {}
+        for frame, result in self.results.items():
+            i = frame - self.frames.start
+            if not 0 <= i < len(self.frames):
+                continue
+            for name, cost in result.energies.items():
+                row = terms.setdefault(
+                    _TERM_WORDS.get(name, name), np.full(len(self.frames), np.nan)
+                )
+                row[i] = np.nan_to_num(row[i]) + cost
+        return terms
 
     def truth_at(self, frame: int) -> Floats | None:
         """Return the true keypoints (21, 3) of a frame, world [m]."""

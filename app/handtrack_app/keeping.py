@@ -6,7 +6,7 @@ import json
 import logging
 import re
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
 from handtrack.session.atomic import replace_text
+from handtrack.session.clouds_settings import read_clouds
+from handtrack.session.clouds_table import clouds_values, with_clouds
 from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.journal import Event, Journal
 from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
@@ -69,6 +71,13 @@ class Keeper:
                 {"frame": frame, "parameters": dict(zip(names, values.tolist(), strict=True))},
             )
 
+    def note_clouds(self) -> None:
+        """Write the settings of [clouds], or that those of session.toml hold."""
+        clouds, table = self.document.clouds, None
+        if clouds is not None and self.document.unsaved_clouds:
+            table = clouds_values(clouds)
+        self.note("clouds", {"table": table})
+
     def note_result(self, result: FrameResult) -> None:
         """Write a tracked frame, a second late at most."""
         self._waiting.append(result)
@@ -108,7 +117,7 @@ class Keeper:
     def restore(self) -> str:
         """Bring back poses, settings and tracked frames of the last time; say what, in a sentence."""
         events = self.journal.events() if self.journal is not None else []
-        changed = self._restore_settings(events)
+        changed = self._restore_settings(events) + self._restore_clouds(events)
         self._restore_work()
         for event in events:
             try:
@@ -147,6 +156,21 @@ class Keeper:
             except (KeyError, TypeError, ValueError, HandtrackError) as error:
                 log.warning("setting of last time passed over: %s", error)
         return len(names)
+
+    def _restore_clouds(self, events: list[Event]) -> int:
+        """The last entry counts; without a table, session.toml does."""
+        document = self.document
+        entries = [event for event in events if event.kind == "clouds"]
+        if not entries or (document.clouds is None and not entries[-1].data.get("table")):
+            return 0
+        try:
+            table = entries[-1].data["table"]
+            if table is not None:
+                cameras = document.run.session.file.cameras
+                document.use_clouds(read_clouds(table, cameras, "the clouds of last time"))
+        except (KeyError, TypeError, ValueError, AttributeError, HandtrackError) as error:
+            log.warning("the clouds' settings of last time passed over: %s", error)
+        return len(document.unsaved_clouds)
 
     def _restore_work(self) -> None:
         """Take the newer of the workbench's own track and what `handtrack track` wrote."""
@@ -221,6 +245,27 @@ class Keeper:
         replace_text(path, text)
         return f" The hand's fitted size is kept in {HAND_FILE}."
 
+    def save_clouds(self) -> str:
+        """Write the settings of [clouds] into session.toml; return a sentence about it."""
+        document, path = self.document, self.folder / SESSION_FILE
+        if document.clouds is None:
+            raise HandtrackError("This session has no clouds whose settings could be saved.")
+        changed = ", ".join(document.unsaved_clouds)
+        if not changed:
+            return "session.toml has these settings already."
+        try:
+            text = with_clouds(path.read_text(encoding="utf-8"), document.clouds)
+            previous = keep_version(path)
+            replace_text(path, text)
+        except OSError as error:
+            raise HandtrackError(
+                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
+        document.saved_clouds = document.clouds
+        self.note_clouds()
+        kept = f" The file before is kept as versions/{previous.name}." if previous else ""
+        return f"[clouds] of session.toml: {changed}.{kept}"
+
     def save_track(self) -> str:
         """Write tracks/poses.npz; return a sentence about it."""
         path = self.folder / POSES_FILE
@@ -293,6 +338,7 @@ def _row(result: FrameResult) -> dict[str, Any]:
         "parameters": result.parameters,
         "std": result.parameter_std,
         "spread": np.round(result.joint_covariance, 12),
+        "energies": dict(result.energies),
     }
 
 
@@ -300,7 +346,8 @@ def _result(row: dict[str, Any], document: Document) -> FrameResult:
     values = np.asarray(row["parameters"], dtype=float)
     if values.shape != (len(document.model.parameter_names),):
         raise ValueError("another model's pose")
-    return _complete(
+    found = _complete(
         document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
         row["std"], row["spread"],
     )  # fmt: skip
+    return replace(found, energies={k: float(v) for k, v in row.get("energies", {}).items()})

@@ -124,7 +124,7 @@ class PictureMaker:
             if maps is not None:
                 image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
             return image  # type: ignore[return-value]
-        for silhouette in self._session.observation(frame).silhouettes:
+        for silhouette in self._session.observation(frame, cloud=False).silhouettes:
             if silhouette.camera.name == name:
                 grey = _DARK + (_LIGHT - _DARK) * silhouette.mask
                 return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)

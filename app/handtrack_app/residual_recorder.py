@@ -200,7 +200,8 @@ class _Painter:
         """params: (P,) the frame's pose, which fixes the bands and where the forearm is cut off."""
         self.params = params
         self._model = run.model
-        self._observation = run.session.observation(frame)
+        use = run.settings.silhouettes.weight > 0
+        self._observation = run.session.observation(frame, silhouettes=use, cloud=False)
         bones = run.model.bones(params)
         self._terms = frame_terms(run.model, run.settings, self._observation, bones, None)
         kinds = (CoverageTerm, ConicFieldTerm)

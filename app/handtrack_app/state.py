@@ -8,7 +8,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-MODES = ("Skeleton", "Flesh", "Field", "All")
+MODES = ("Flesh", "Surface", "Skeleton", "Field", "All")
+CLOUD_COLOURS = ("residual", "own", "plain")
+CLOUD_PICTURES = ("images", "stereo", "none")
 PAINTS = ("plain", "outline", "residual", "field")
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 
@@ -29,10 +31,25 @@ class Display:
     """the camera that the view looks through"""
     screen: str | None = None
     """the camera whose picture stands behind the hand"""
+    cloud: bool = True
+    cloud_colour: str = "residual"
+    """`residual` (distance to the model), `own` or `plain`"""
+    cloud_size_mm: float = 1.6
+    cloud_dropped: bool = False
+    """also the points that a filter dropped"""
+    cloud_picture: str = "images"
+    cloud_wide: bool = False
+    stereo_pair: tuple[str, str] | None = None
+    skin_box: tuple[str, tuple[int, int, int, int]] | None = None
+    """camera and x, y, w, h [px] of the marked patch of skin"""
 
     @property
     def flesh(self) -> bool:
         return self.mode in ("Flesh", "All")
+
+    @property
+    def surface(self) -> bool:
+        return self.mode == "Surface"
 
     @property
     def skeleton(self) -> bool:
@@ -101,6 +118,8 @@ class UserState:
     """(S,) joint parameters as the user last set or saw them [m, rad]"""
     version: int = 0
     playing: bool = False
+    tracking: bool = False
+    """a job runs: what is only shown gives way"""
     speed: float = 1.0
     follow: bool = True
     """the view follows the tracker"""

@@ -12,7 +12,9 @@ from typing import Any
 from handtrack.errors import HandtrackError
 from handtrack_app import exporting
 from handtrack_app import messages as m
+from handtrack_app.aside import Aside
 from handtrack_app.background_job import Ended, Report, Sized, Tracked, Watch
+from handtrack_app.cloud_desk import CloudDesk
 from handtrack_app.compile_watch import CompileWatch
 from handtrack_app.conductor import Conductor
 from handtrack_app.document import Document, params_of
@@ -30,13 +32,19 @@ _NO_POSE = (
     "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
 )
 
+_FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
+
 Request = m.Command | Report
 Publish = Callable[[m.Snapshot], None]
 Opener = Callable[[Path, dict[str, Any]], Document]
 
 
 def _kind(request: Request) -> Hashable | None:
-    latest_wins = (m.SetPose, m.PullTip, m.ShowFrame, m.WantPictures)
+    latest_wins = (
+        m.SetPose, m.PullTip, m.ShowFrame, m.WantPictures, m.WantCloud, m.WantSurface, m.SampleSkin,
+    )  # fmt: skip
+    if isinstance(request, m.SetClouds):
+        return ("clouds", *(name for name, _ in request.values))
     if isinstance(request, m.SetSetting):
         return ("setting", request.name)
     if isinstance(request, m.SetLimits):
@@ -67,6 +75,9 @@ class Worker:
         self._pictures: PictureMaker | None = None
         self._wanted = m.WantPictures(True, None, "plain")
         self._conductor: Conductor | None = None
+        self._aside = Aside(publish)
+        self._desk: CloudDesk | None = None
+        self._wishes: dict[type, m.WantCloud | m.WantSurface] = {}
         self._compiles = CompileWatch(self._compiling)
         self._stale_pictures, self._painted = False, 0.0
         self._unsaved: int | None = None
@@ -76,6 +87,7 @@ class Worker:
 
     def start(self) -> None:
         self._thread.start()
+        self._aside.start()
 
     def wait_opened(self, timeout: float) -> Exception | None:
         """Wait for the session to open, a while at most; return why it could not."""
@@ -103,6 +115,7 @@ class Worker:
         if self._conductor is not None:
             self._conductor.stop(timeout)
         self._thread.join(timeout)
+        self._aside.stop(timeout)
 
     # ---- on the worker's thread
 
@@ -159,8 +172,12 @@ class Worker:
         self._conductor = Conductor(
             document, self._keeper, self._announce, self._mail.put, self._watch, self._compiles
         )
+        self._desk = CloudDesk(document, self._aside)
         self._publish(document.session_snapshot())
+        self._publish(self._desk.card())
         document.show(document.first_frame)
+        for wish in self._wishes.values():
+            self._desk.want(wish)
         self._show_all()
         if restored:
             self._publish(m.Notice("info", "Welcome back", restored))
@@ -172,9 +189,13 @@ class Worker:
         self._opened.set()
 
     def _serve(self, request: Request) -> None:
-        document, conductor = self._document, self._conductor
-        if document is None or conductor is None:
-            if not isinstance(request, (m.WantPictures, m.ShowFrame, m.Cancel)):
+        document, conductor, desk = self._document, self._conductor, self._desk
+        if isinstance(request, m.WantCloud | m.WantSurface):
+            self._wishes[type(request)] = request
+        if document is None or conductor is None or desk is None:
+            if not isinstance(
+                request, (m.WantPictures, m.WantCloud, m.WantSurface, m.ShowFrame, m.Cancel)
+            ):  # fmt: skip
                 raise HandtrackError("No session is open yet.")
             return
         match request:
@@ -218,6 +239,10 @@ class Worker:
                 pass  # acted on in `send`
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
+            case m.WantCloud() | m.WantSurface():
+                desk.want(request)
+            case m.SetClouds() | m.SampleSkin() | m.RestoreClouds() | m.SaveClouds():
+                self._change_clouds(desk, request)
             case m.SavePose():
                 self._see_arm(document)
                 text = self._kept().save_first_pose()
@@ -251,8 +276,12 @@ class Worker:
 
     def _announce(self, snapshot: m.Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
-        self._stale_pictures |= isinstance(snapshot, m.PoseSnapshot)
         self._publish(snapshot)
+        if isinstance(snapshot, m.PoseSnapshot):
+            self._stale_pictures = True
+            if self._desk is not None:
+                busy = self._conductor is not None and self._conductor.busy
+                self._desk.show(hurried=busy)
 
     def _show_pose(self) -> None:
         if self._document is not None:
@@ -278,7 +307,8 @@ class Worker:
         large, screen = None, wanted.screen if wanted.screen in names else None
         if screen is not None:
             residual = wanted.paint == "residual"
-            seen = document.run.session.observation(frame).silhouettes if residual else ()
+            session = document.run.session
+            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
             mask = next((s.mask for s in seen if s.camera.name == screen), None)
             large = maker.screen(screen, frame, wanted.paint, flesh, mask)
             self._publish(m.PictureSnapshot(frame, {}, screen, large))
@@ -291,12 +321,34 @@ class Worker:
         if small:
             self._publish(m.PictureSnapshot(frame, small, screen, large))
 
+    def _change_clouds(
+        self,
+        desk: CloudDesk,
+        change: m.SetClouds | m.SampleSkin | m.RestoreClouds | m.SaveClouds,
+    ) -> None:
+        keeper = self._kept()
+        try:
+            if self._conductor is not None and self._conductor.busy:
+                raise HandtrackError(_FIXED)
+            match change:
+                case m.SetClouds():
+                    desk.change(dict(change.values))
+                case m.SampleSkin():
+                    text = desk.sample_skin(change)
+                    self._publish(m.Notice("done", "The skin's colour is taken", text))
+                case m.RestoreClouds():
+                    desk.restore()
+                case m.SaveClouds():
+                    self._publish(m.Notice("done", "Clouds' settings saved", keeper.save_clouds()))
+        finally:
+            self._publish(desk.card())  # the page shows what holds
+        if not isinstance(change, m.SaveClouds):
+            keeper.note_clouds()
+
     def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
         if self._conductor is not None and self._conductor.busy:
             self._publish(document.session_snapshot())  # the page goes back to what holds
-            raise HandtrackError(
-                "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
-            )
+            raise HandtrackError(_FIXED)
         try:
             if isinstance(change, m.SetLimits):
                 document.set_limits(change.name, change.interval)

@@ -23,4 +23,5 @@ BENCHMARKS = {
     "binary_fist": Benchmark("handtrack.bench.binary_fist", "binary_fist", quick=False),
     "cloud_iteration_vs_blas": Benchmark("handtrack.bench.clouds", "cloud_iteration_vs_blas"),
     "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds", "cloud_solve_vs_scipy"),
+    "jump_tree_1024": Benchmark("handtrack.bench.jump_tree", "jump_tree_1024"),
 }

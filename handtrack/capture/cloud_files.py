@@ -85,7 +85,10 @@ def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str
         return []
     hint = ""
     if world_unit_m == 1.0:
-        hint = " Are they millimetres? Then set world_unit_m = 0.001 in [session]."
+        hint = (
+            " Are they millimetres? Then set world_unit_m = 0.001 in [session], if calibration.toml is in "
+            "millimetres too; if that is in metres, write the clouds in metres."
+        )
     return [
         f"{path}: the points are spread over {extent:.0f} m, with world_unit_m = {world_unit_m:g}; "
         f"a hand before a camera fills less than a metre.{hint}"

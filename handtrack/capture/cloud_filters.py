@@ -83,13 +83,30 @@ class CloudFilters:
         hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
+        fate, reports = self.fates(cloud, hand_distance, eyes)
+        return cloud.select(fate == len(reports)), reports
+
+    def fates(
+        self,
+        cloud: PointCloud,
+        hand_distance: HandDistance | None = None,
+        eyes: Floats | None = None,
+    ) -> tuple[Array, tuple[FilterReport, ...]]:
+        """Return which filter dropped each point (N,), by its place among the reports, and the
+        reports; points that stay have the number after the last one.
+        """
+        steps = self._steps(hand_distance, eyes)
+        fate = np.full(len(cloud), len(steps), np.int8)
+        left, place = cloud, np.arange(len(cloud))
         reports: list[FilterReport] = []
-        for name, text, keep in self._steps(hand_distance, eyes):
-            before = len(cloud)
+        for number, (name, text, keep) in enumerate(steps):
+            before = len(left)
             if before:
-                cloud = cloud.select(keep(cloud))
-            reports.append(FilterReport(name, before, len(cloud), text))
-        return cloud, tuple(reports)
+                kept = keep(left)
+                fate[place[~kept]] = number
+                left, place = left.select(kept), place[kept]
+            reports.append(FilterReport(name, before, len(left), text))
+        return fate, tuple(reports)
 
     def _steps(
         self, hand_distance: HandDistance | None, eyes: Floats | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +16,9 @@ STEREO_METHODS = ("sgbm", "correlation")
 _STEP = 16  # SGBM's disparities come in multiples of that, and in 16ths of a pixel
 _UNIT = 16
 _CONTRAST_PX = 9
+
+REJECTED = ("", "left and right disagree", "no contrast", "speckle", "outside the other mask")
+"""why a match does not count, by its number in `Matches.rejected`; 0 where nothing was rejected"""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,15 @@ class StereoSettings:
             )
 
 
+class Matches(NamedTuple):
+    """What was matched, and what of it was thrown away."""
+
+    disparity: Array
+    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
+    rejected: Bytes
+    """(H, W) uint8: why a match does not count, see REJECTED."""
+
+
 def disparity(
     left: Bytes,
     right: Bytes,
@@ -62,6 +75,11 @@ def disparity(
     left, right: rectified BGR (H, W, 3) or grey (H, W) uint8 of one size; left (x, y) is right
     (x − d, y). least, most: range of d searched, both included; may be negative.
     """
+    return matches(left, right, least, most, settings).disparity
+
+
+def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSettings) -> Matches:
+    """Return what `disparity` does, and why the other matches were thrown away."""
     if settings.method == "correlation":
         window = settings.correlation_window_px
         both = correlate(_grey(left), _grey(right), least, most, window)
@@ -70,10 +88,15 @@ def disparity(
         found = _sgbm(left, right, least, most, settings.sgbm_window_px)
         back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.sgbm_window_px)
         back = back[:, ::-1]
-    keep = consistent(found, back, settings.left_right_px)
-    keep &= _contrast(_grey(left)) >= settings.least_contrast
-    found = np.where(keep, found, np.float32(np.nan))
-    return without_speckles(found, settings.speckle_px)
+    matched = np.isfinite(found)
+    rejected = np.zeros(found.shape, np.uint8)
+    rejected[_contrast(_grey(left)) < settings.least_contrast] = 2
+    rejected[~consistent(found, back, settings.left_right_px)] = 1
+    found = np.where(rejected == 0, found, np.float32(np.nan))
+    kept = without_speckles(found, settings.speckle_px)
+    rejected[np.isfinite(found) & ~np.isfinite(kept)] = 3
+    rejected[~matched] = 0
+    return Matches(kept, rejected)
 
 
 def consistent(left: Array, right: Array, tolerance_px: float) -> Array:

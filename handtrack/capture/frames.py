@@ -153,7 +153,8 @@ class ImageFiles:
         if self._kind == DEPTH and (image.dtype != np.uint16 or image.ndim != 2):
             raise HandtrackError(
                 f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
-                f"{image.shape}."
+                f"{image.shape}. Eight bits, or colours, are a picture of depth, too coarse to measure by: export "
+                "16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is."
             )
         check_size(image, self._expected_size, f"{path}, frame {frame}")
         return image

@@ -139,6 +139,9 @@ def _binary(path: Path, header: _Header, picked: Array) -> Array:
 
 def _ascii(path: Path, header: _Header, picked: Array) -> Array:
     kind = np.dtype([(name, kind) for name, kind in header.fields])
+    most = (path.stat().st_size - header.start + 1) // (2 * len(header.fields))
+    if most < header.count:  # a digit and a space each: do not believe any header
+        raise _cut_off(path, header.count, _lines(path, header.start))
     wanted = np.zeros(header.count, bool)
     wanted[picked] = True
     rows: list[str] = []
@@ -161,6 +164,12 @@ def _ascii(path: Path, header: _Header, picked: Array) -> Array:
     for i, (name, _) in enumerate(header.fields):
         table[name] = numbers[:, i]
     return table
+
+
+def _lines(path: Path, start: int) -> int:
+    with path.open("rb") as file:
+        file.seek(start)
+        return sum(1 for line in file if line.strip())
 
 
 def _cut_off(path: Path, announced: int, found: int) -> HandtrackError:

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.depth import DepthSettings, surface_pixels
-from handtrack.capture.disparity import StereoSettings, disparity
+from handtrack.capture.disparity import REJECTED, StereoSettings, disparity, matches
 from handtrack.capture.point_cloud import EMPTY, PointCloud
 from handtrack.capture.rectification import RectifiedPair, rectified
 from handtrack.geometry.camera import Camera
@@ -20,6 +20,7 @@ _COARSE_LEAST = 40  # matches there, below which the whole range is searched
 _ROOM_M = 0.04  # a hand may reach that much nearer and farther than what the coarse match saw
 _SURFACE = DepthSettings(grazing_deg=75.0, jump_share=0.003, support=6)
 _MARGIN_PX = 16  # around the masks, for the windows
+_ASTRAY = REJECTED.index("outside the other mask")
 
 
 class StereoView(NamedTuple):
@@ -34,6 +35,8 @@ class StereoView(NamedTuple):
     """least and most disparity looked for."""
     asked: int
     """pixels that could have had a disparity: those of the mask, or all."""
+    rejected: Bytes
+    """(H, W) uint8: why a match does not count, see disparity.REJECTED."""
 
     @property
     def matched_share(self) -> float:
@@ -80,19 +83,23 @@ class StereoMatcher:
         found = np.full(left.shape[:2], np.nan, np.float32)
         box = _box(wanted)
         asked = int(wanted.sum())
+        rejected = np.zeros(found.shape, np.uint8)
         if box is None or most < least:
-            return StereoView(left, right, found, (least, most), asked)
+            return StereoView(left, right, found, (least, most), asked, rejected)
         partner = _wanted(masks[1], self.pair, right=True)
         rows, columns = box
         least, most = self._narrowed(left, right, wanted, partner, box)
         # the same columns of the right image hold every partner once it is moved by `least`
         window = slice(max(columns.start - (most - least), 0), columns.stop)
         moved = _moved(right[rows], least)
-        part = disparity(left[rows, window], moved[:, window], 0, most - least, self.settings)
-        found[rows, window] = part + least
-        found[~wanted] = np.nan
-        found[~_leads_into(partner, found)] = np.nan
-        return StereoView(left, right, found, (least, most), asked)
+        part = matches(left[rows, window], moved[:, window], 0, most - least, self.settings)
+        found[rows, window] = part.disparity + least
+        rejected[rows, window] = part.rejected
+        astray = np.isfinite(found) & ~_leads_into(partner, found)
+        rejected[astray] = _ASTRAY
+        found[astray | ~wanted] = np.nan
+        rejected[~wanted] = 0
+        return StereoView(left, right, found, (least, most), asked, rejected)
 
     def cloud(
         self,

@@ -17,15 +17,20 @@ from handtrack.model.transform import ParameterTransform
 
 FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")
 HAND_PARTS: tuple[str, ...] = (*FINGERS, "forearm")
+BODY_PARTS: tuple[str, ...] = (
+    "trunk", "head", "clavicles", "upper_arms", "forearms", "hands", "thighs", "shins", "feet"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class HandScale:
-    """A person's hand as factors on the definition: overall, and each part's on top of it."""
+    """A person's hand or body as factors on the definition: overall, and each part's on top of it."""
 
     overall: float = 1.0
     parts: dict[str, float] = field(default_factory=dict)
-    """by group of bones: `thumb` … `little`, `forearm`; 1 where absent"""
+    """by group of bones: `thumb` … `little`, `forearm`; of a body `trunk`, `thighs` …; 1 where absent"""
+    proportions: dict[str, float] = field(default_factory=dict)
+    """of a body, by name: where hips, clavicles and skull sit, in standard deviations of adults; 0 where absent"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""
@@ -52,6 +57,12 @@ class ArticulatedModel:
     """(J,) the bone that carries each named joint."""
     joint_point: Floats
     """(J, 3) in that bone's frame [m]."""
+    kind: str = "hand"
+    """`hand` or `body`; a body has no side: it is never mirrored"""
+    stabilise: Floats | None = None
+    """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
+    proportion_names: tuple[str, ...] = ()
+    """internal proportions that a person's scale may have"""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -14,13 +15,14 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import HAND_PARTS, ArticulatedModel, HandScale
+from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.transform import Follows, build_transform
 
-MODELS = ("hand26", "glove9", "ball6")
+MODELS = ("hand26", "glove9", "ball6", "body34")
+KINDS = ("hand", "body")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
 
@@ -31,13 +33,16 @@ def load_model(
     scale: float | HandScale = 1.0,
     coupling: str = "26",
     forearm: bool = False,
-    spread: dict[str, float] | None = None,
+    spread: Mapping[str, float] | None = None,
+    narrowing: bool = True,
 ) -> ArticulatedModel:
     """Return a model by its name or from a definition file.
 
-    side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose.
+    side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose; a body has
+    both sides and is the same for either.
     coupling: `26` (all freedoms), `21` (distal joints follow), `18` (and abductions linked).
-    spread: a person's own ratios A_i / spread for coupling `18`, by finger. Raises HandtrackError.
+    spread: a person's own ratios A_i / spread for coupling `18`, by finger. narrowing: whether limits of abduction
+    shrink with flexion. Raises HandtrackError.
     """
     if side not in ("right", "left"):
         raise HandtrackError(f"side '{side}': a hand is 'right' or 'left'.")
@@ -45,36 +50,42 @@ def load_model(
         raise unknown_name("coupling", coupling, COUPLINGS)
     table = _read_definition(str(name))
     size = scale if isinstance(scale, HandScale) else HandScale(float(scale))
+    kind = table.get("kind", "hand")
     if not 0.2 <= size.overall <= 5.0:
         raise HandtrackError(
-            f"hand scale {size.overall:g}: expected a factor on a hand of {table['length_mm']:g} mm, between 0.2 "
+            f"{kind} scale {size.overall:g}: expected a factor on a {kind} of {table['length_mm']:g} mm, between 0.2 "
             "and 5. If this is a length, divide it by that one."
         )
+    side = "right" if kind == "body" else side
     return _build(table, side, size, coupling, forearm, spread or {})
 
 
 def read_scale(path: Path) -> HandScale:
-    """Return a person's saved hand: JSON with `overall` and `parts`. Raises HandtrackError."""
+    """Return a person's saved hand or body: JSON with `overall`, `parts`, `proportions`. Raises HandtrackError."""
     try:
         data = json.loads(path.read_text())
-        odd = sorted(set(data) - {"overall", "parts"})
+        odd = sorted(set(data) - {"overall", "parts", "proportions"})
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
-        size = HandScale(float(data["overall"]), parts)
+        proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
+        size = HandScale(float(data["overall"]), parts, proportions)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
         ) from None
     for part in parts:
-        if part not in HAND_PARTS:
-            raise unknown_name("part of a hand", part, HAND_PARTS, str(path))
+        if part not in HAND_PARTS + BODY_PARTS:
+            raise unknown_name("part of a hand or body", part, HAND_PARTS + BODY_PARTS, str(path))
     return size
 
 
 def write_scale(path: Path, scale: HandScale) -> None:
-    """Save a person's hand, to be named by `scale` in session.toml."""
-    path.write_text(json.dumps({"overall": scale.overall, "parts": scale.parts}, indent=1) + "\n")
+    """Save a person's hand or body, to be named by `scale` in session.toml."""
+    data: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
+    if scale.proportions:
+        data["proportions"] = scale.proportions
+    path.write_text(json.dumps(data, indent=1) + "\n")
 
 
 @lru_cache(maxsize=8)
@@ -97,6 +108,8 @@ def _read_definition(name: str) -> dict[str, Any]:
     ]
     if missing:
         raise HandtrackError(f"model definition {name}: the key '{missing[0]}' is missing.")
+    if table.get("kind", "hand") not in KINDS:
+        raise unknown_name("kind", table["kind"], KINDS, f"the model definition {name}")
     return table
 
 
@@ -119,7 +132,7 @@ def _build(
     size: HandScale,
     coupling: str,
     forearm: bool,
-    spread: dict[str, float],
+    spread: Mapping[str, float],
 ) -> ArticulatedModel:
     rows = [b for b in table["bone"] if forearm or b.get("only_with") != "forearm"]
     names = tuple(b["name"] for b in rows)
@@ -143,6 +156,8 @@ def _build(
         if p >= 0:
             offset[b] = frames[p].T @ (heads[b] - heads[p]) * factor[names[p]]
             rest_rotation[b] = frames[p].T @ frames[b]
+    for b, moved in _proportion_moves(table, size, names):
+        offset[b] += frames[parent[b]].T @ moved * factor[names[parent[b]]]
     length = np.array([np.linalg.norm(np.subtract(b["tail"], b["head"])) for b in rows]) * _MM
     length *= [factor[name] for name in names]
 
@@ -160,6 +175,7 @@ def _build(
         [free, np.deg2rad([f["limits_deg"] for _, f in hinges]).reshape(-1, 2)]
     )
     rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
+    held = np.deg2rad([f.get("stabilise_deg", np.inf) for _, f in hinges])
     narrowing = table.get("narrowing", {"pairs": [], "at_deg": 90.0, "to": 1.0})
     pairs = np.array(
         [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
@@ -195,7 +211,25 @@ def _build(
         joint_names=tuple(name for name, _ in joints),
         joint_bone=joint_bone,
         joint_point=joint_point,
+        kind=table.get("kind", "hand"),
+        stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
+        proportion_names=tuple(row["name"] for row in table.get("proportion", [])),
     )
+
+
+def _proportion_moves(
+    table: dict[str, Any], size: HandScale, bones: tuple[str, ...]
+) -> list[tuple[int, Floats]]:
+    """Return by how much (3,) [m], in the zero pose, a person's proportions move which bones."""
+    rows = {row["name"]: row for row in table.get("proportion", [])}
+    moves = []
+    for name, value in size.proportions.items():
+        if name not in rows:
+            raise unknown_name("proportion", name, tuple(rows), f"the model {table['name']}")
+        step = value * rows[name]["sigma_mm"] * _MM
+        for bone, direction in rows[name]["moves"].items():
+            moves.append((bones.index(bone), step * np.array(direction, dtype=float)))
+    return moves
 
 
 def _place(place: Any, side: str, length: float, factor: float) -> Floats:
@@ -208,7 +242,7 @@ def _place(place: Any, side: str, length: float, factor: float) -> Floats:
 
 
 def _couplings(
-    table: dict[str, Any], coupling: str, spread: dict[str, float]
+    table: dict[str, Any], coupling: str, spread: Mapping[str, float]
 ) -> tuple[Follows, ...]:
     chosen = {"26": (), "21": ("21",), "18": ("21", "18")}[coupling]
     rows = [row for key in chosen for row in table.get("couplings", {}).get(key, [])]

@@ -1,4 +1,4 @@
-"""All that was seen of one frame, as frozen data: silhouettes, keypoints, a point cloud."""
+"""All that was seen of one frame, as frozen data: silhouettes, images, keypoints, a point cloud."""
 
 from __future__ import annotations
 
@@ -20,6 +20,16 @@ class Silhouette:
     valid: Ints
     """(H, 2) int32: per row the half-open column span that was really observed; equal ends where
     none."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageView:
+    """What one camera saw, undistorted."""
+
+    camera: Camera
+    """without distortion; its size is the image's."""
+    pixels: Array
+    """(H, W, 3) uint8, BGR; beyond the real image its border goes on"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,3 +64,5 @@ class Observation:
     cloud: PointCloud | None = None
     cloud_views: tuple[Floats, ...] = ()
     """what can have seen the cloud's points: camera centres (K, 3), world [m], that must all see one"""
+    images: tuple[ImageView, ...] = ()
+    """only where edges or intensity are looked at"""

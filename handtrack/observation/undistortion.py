@@ -1,4 +1,4 @@
-"""Masks into the undistorted image, once a frame, so that every term may use a plain pinhole."""
+"""Masks and images into the undistorted image, once a frame, so that every term may use a plain pinhole."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Bytes, Ints, check_shape
 from handtrack.geometry.camera import Camera
-from handtrack.observation.observation import Silhouette
+from handtrack.observation.observation import ImageView, Silhouette
 
 Roi = tuple[int, int, int, int]
 """x, y, width, height [px] in the real, distorted image."""
@@ -44,6 +44,18 @@ def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) ->
         )
     coverage.flags.writeable = False
     return Silhouette(maps.camera, coverage, maps.valid)
+
+
+def undistort_image(camera: Camera, pixels: Array) -> ImageView:
+    """Return an image (H, W, 3) uint8 BGR as the camera without distortion would have taken it."""
+    width, height = camera.size
+    check_shape(pixels, (height, width, 3), f"image of camera '{camera.name}'")
+    maps = _maps(camera, None)
+    if maps.x is not None and maps.y is not None:
+        pixels = cv2.remap(
+            pixels, maps.x, maps.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+    return ImageView(maps.camera, pixels)
 
 
 @lru_cache(maxsize=32)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from handtrack.arrays import Bytes
-from handtrack.capture.frames import FrameSource, ImageFiles
+from handtrack.capture.frames import FrameSource
 from handtrack.capture.video import VideoFile
 from handtrack.session.finding import Finding, listed
 from handtrack.session.views import View
@@ -76,7 +76,7 @@ def _check_source(
     if source.size is None:
         yield Finding("error", f"camera '{view.name}': none of its {kind} can be read.")
         return
-    if isinstance(source, ImageFiles):
+    if not isinstance(source, VideoFile):
         for frame in spread(len(frames), _MOST_FILES):
             source.read(frame)  # finds unreadable files and wrong sizes
     text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"

@@ -18,9 +18,13 @@ from handtrack.capture.disparity import StereoSettings
 from handtrack.capture.point_cloud import PointCloud, merged
 from handtrack.capture.stereo import StereoMatcher, StereoView
 from handtrack.capture.stereo_check import check_pair
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session_file import CloudSettings, SessionFile
 from handtrack.session.views import View
+
+
+_TRIED = 5  # files, until one can be read
 
 
 class CloudSource(Protocol):
@@ -85,7 +89,8 @@ class StereoClouds:
     @property
     def warnings(self) -> list[str]:
         with self._lock:
-            return [self._warnings[key] for key in sorted(self._warnings)]
+            met = [self._warnings[key] for key in sorted(self._warnings)]
+        return [*filter(None, (_length_warning(a, b) for a, b, _ in self._pairs)), *met]
 
     @property
     def eyes(self) -> Floats:
@@ -133,14 +138,17 @@ class StereoClouds:
 
 
 class FileClouds:
-    """Clouds from files, one a frame."""
+    """Clouds from files, one a frame. A damaged file among others is a missing cloud, and said."""
 
     def __init__(self, files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> None:
+        """Raises HandtrackError when none of the first files can be read."""
         self._files = files
         self._unit = world_unit_m
         self._eyes = np.stack([camera.centre for camera in rig])
         self._warnings: dict[int, tuple[str, ...]] = {}
         self._lock = threading.Lock()
+        self._first: tuple[int, PointCloud | None] = (-1, None)
+        self._try_first()
 
     @property
     def warnings(self) -> list[str]:
@@ -159,11 +167,48 @@ class FileClouds:
         path = self._files.get(frame)
         if path is None:
             return None
+        first, self._first = self._first, (-1, None)
+        if first[0] == frame:
+            return first[1]
+        try:
+            return self._read(frame, path)
+        except HandtrackError as error:
+            self._say(frame, (f"{error} Frame {frame} counts as missing.",))
+            return None
+
+    def _read(self, frame: int, path: Path) -> PointCloud:
         read = read_cloud(path, self._unit)
         if read.warnings:
-            with self._lock:
-                self._warnings[frame] = read.warnings
+            self._say(frame, read.warnings)
         return read.cloud
+
+    def _say(self, frame: int, texts: tuple[str, ...]) -> None:
+        with self._lock:
+            self._warnings[frame] = texts
+
+    def _try_first(self) -> None:
+        """Read a file, so that a session none of whose clouds can be used is refused at once."""
+        problem: HandtrackError | None = None
+        for frame, path in list(self._files.items())[:_TRIED]:
+            try:
+                self._first = (frame, self._read(frame, path))
+                return
+            except HandtrackError as error:
+                problem = problem or error
+        if problem is not None:
+            raise problem
+
+
+def _length_warning(first: View, second: View) -> str:
+    """Return that a pair's recordings end at different frames; empty when they do not."""
+    lengths = [0 if v.images is None else len(v.images.frames) for v in (first, second)]
+    if lengths[0] == lengths[1]:
+        return ""
+    return (
+        f"[clouds] stereo, cameras '{first.name}' and '{second.name}': images of {lengths[0]} and {lengths[1]} "
+        f"frames; from frame {min(lengths)} on the pair has no cloud. Is one recording cut? If it started at another "
+        "time, every cloud is wrong: frames of equal number must show the same moment."
+    )
 
 
 def _depth_cloud(view: View, frame: int) -> PointCloud | None:
@@ -187,7 +232,8 @@ def cloud_filters(settings: CloudSettings) -> CloudFilters:
         usual = replace(usual, near_m=None, far_m=None)
     names = {field.name for field in fields(CloudSettings)}
     own = {f.name: getattr(settings, f.name) for f in fields(usual) if f.name in names}
-    return replace(usual, **{name: value for name, value in own.items() if value is not None})
+    chosen = {name: value for name, value in own.items() if value is not None}
+    return replace(usual, **{n: None if value is False else value for n, value in chosen.items()})
 
 
 def cloud_source(
@@ -209,6 +255,12 @@ def cloud_source(
 def stereo_settings(settings: CloudSettings) -> StereoSettings:
     """Return how pairs are matched: what [clouds] sets, the rest as it is usual."""
     usual = StereoSettings(settings.stereo_method)
-    return replace(
-        usual, near_m=settings.near_m or usual.near_m, far_m=settings.far_m or usual.far_m
-    )
+    given = {
+        "near_m": settings.near_m or None,
+        "far_m": settings.far_m or None,
+        f"{settings.stereo_method}_window_px": settings.stereo_window_px,
+        "left_right_px": settings.stereo_left_right_px,
+        "least_contrast": settings.stereo_contrast,
+        "speckle_px": settings.stereo_speckle_px,
+    }
+    return replace(usual, **{name: value for name, value in given.items() if value is not None})

@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.capture.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.first_pose import FirstPose
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
+from handtrack.tracker.hand_distance import hand_distance
 from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale, forearm_in_view
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
@@ -81,7 +84,7 @@ class TrackingRun:
             for result in self.track(stretch, start, params, should_stop)
             if result.status == Status.TRACKED and result.frame % _SIZE_STEP == start % _SIZE_STEP
         ]
-        seen = [self.session.observation(result.frame) for result in tracked]
+        seen = [self._seen_at(result) for result in tracked]
         keep = [i for i, known in enumerate(seen) if _seen_around(known, tracked[i])]
         if not keep:
             return self
@@ -95,6 +98,10 @@ class TrackingRun:
             should_stop,
         )
         return self.with_scale(scale)
+
+    def _seen_at(self, result: FrameResult) -> Observation:
+        bones = self.model.bones(self.model.transform.solver_params(result.parameters))
+        return _seen(self.session, self.settings, result.frame, self._near(bones))
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""
@@ -119,7 +126,7 @@ class TrackingRun:
             chosen = str(self.session.file.hand.forearm).lower()
         if self.forearm or chosen != "auto":
             return self
-        if not forearm_in_view(self.model, params, self.session.observation(frame)):
+        if not forearm_in_view(self.model, params, _seen(self.session, self.settings, frame)):
             return self
         return replace(self, forearm=True).with_scale(self.scale)
 
@@ -136,14 +143,19 @@ class TrackingRun:
             )
         return self.first.frame, _first_params(self.model, self.first, self.settings)
 
-    def observation(self, frame: int) -> Observation:
-        """Return what is known of a frame: silhouettes (missing views are absent), given keypoints."""
-        seen = self.session.observation(frame)
+    def observation(self, frame: int, bones: BonePoses | None = None) -> Observation:
+        """Return what is known of a frame and counts by the settings: silhouettes (missing views are absent), cloud,
+        given keypoints. bones: where the hand is expected; the cloud is cropped to it.
+        """
+        seen = _seen(self.session, self.settings, frame, self._near(bones))
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
         if not self.model.has_keypoints21:
             return seen
         return replace(seen, keypoints=(_keypoints(self.first, self.settings),))
+
+    def _near(self, bones: BonePoses | None) -> HandDistance | None:
+        return None if bones is None else hand_distance(self.model, bones)
 
     def track(
         self,
@@ -193,12 +205,28 @@ def _seen_around(seen: Observation, result: FrameResult) -> bool:
     return least < np.cos(_SIZE_ANGLE)
 
 
+def _seen(
+    session: Session, settings: TrackerSettings, frame: int, near: HandDistance | None = None
+) -> Observation:
+    """Return what a session has of a frame, without what the settings' weights switch off."""
+    silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
+    seen = session.observation(frame, silhouettes, cloud, near)
+    return replace(seen, images=session.images(frame)) if settings.looks_at_images else seen
+
+
 def _model(
     session: Session, settings: TrackerSettings, scale: HandScale, forearm: bool
 ) -> ArticulatedModel:
-    name = settings.model.name or session.hand_model
-    side, coupling = session.file.hand.side, settings.model.coupling
-    return load_model(name, side, scale, coupling=coupling, forearm=forearm)
+    chosen = settings.model
+    return load_model(
+        chosen.name or session.hand_model,
+        session.file.hand.side,
+        scale,
+        coupling=chosen.coupling,
+        forearm=forearm,
+        spread=chosen.spread,
+        narrowing=chosen.narrowing,
+    )
 
 
 def _keypoints(first: FirstPose, settings: TrackerSettings) -> Keypoints:
@@ -248,4 +276,4 @@ def _forearm(
         return True
     model = _model(session, settings, scale, False)
     params = _first_params(model, first, settings)
-    return forearm_in_view(model, params, session.observation(first.frame))
+    return forearm_in_view(model, params, _seen(session, settings, first.frame))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.calibration import read_rig
 from handtrack.capture.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.frames import files_by_frame
@@ -17,8 +18,8 @@ from handtrack.capture.point_cloud import PointCloud
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
-from handtrack.observation.observation import Observation
-from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source
+from handtrack.observation.observation import ImageView, Observation
+from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source, stereo_settings
 from handtrack.session.doctor import Finding, examine
 from handtrack.session.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import (
@@ -29,14 +30,14 @@ from handtrack.session.layout import (
     inside,
     matching_files,
 )
-from handtrack.session.session_file import SessionFile, read_session_file
+from handtrack.session.session_file import CloudSettings, SessionFile, read_session_file
 from handtrack.session.timestamps import FrameTimes, read_timestamps
 from handtrack.session.truth import Truth, read_truth
 from handtrack.session.views import View
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
-_OBSERVATIONS_KEPT = 12
+_OBSERVATIONS_KEPT = 24  # two a frame: with a cloud, and without
 _CLOUDS_KEPT = 12  # before filtering; some have a million points
 
 
@@ -60,7 +61,7 @@ class Session:
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
-        self._observations: OrderedDict[int, Observation] = OrderedDict()
+        self._observations: OrderedDict[tuple[int, bool, bool], Observation] = OrderedDict()
         self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -195,33 +196,82 @@ class Session:
             return None, ()
         return (filters or self.cloud_filters).apply(measured, hand_distance, self._clouds.eyes)
 
-    def observation(self, frame: int) -> Observation:
+    @property
+    def cloud_eyes(self) -> Floats | None:
+        """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
+        return None if self._clouds is None else self._clouds.eyes
+
+    def use_clouds(self, clouds: CloudSettings | None) -> None:
+        """Take other settings of [clouds] from now on; session.toml stays as it is.
+
+        Raises HandtrackError, and changes nothing, when they cannot be used.
+        """
+        file, source = replace(self.file, clouds=clouds), self._clouds
+        known = self.file.clouds
+        if clouds is None or known is None or _sources(clouds) != _sources(known):
+            source = cloud_source(file, self.cloud_files, self.views, self.rig)
+        filters = CloudFilters() if clouds is None else cloud_filters(clouds)
+        with self._lock:
+            if source is not self._clouds:
+                self._measured.clear()
+            self._observations.clear()
+            self.file, self.cloud_filters, self._clouds = file, filters, source
+
+    def observation(
+        self,
+        frame: int,
+        silhouettes: bool = True,
+        cloud: bool = True,
+        hand_distance: HandDistance | None = None,
+    ) -> Observation:
         """Return what was seen of one frame. Missing views are absent; an empty mask is seen
-        emptiness. The cloud is filtered, but not cropped to a hand: see `cloud`. Raises
-        HandtrackError outside the session's frames.
+        emptiness.
+
+        silhouettes, cloud: what is wanted; the other is neither read nor computed. hand_distance:
+        crops the cloud to a hand before it is thinned, see `cloud`. Raises HandtrackError outside
+        the session's frames.
         """
         if frame not in self.frame_range:
             raise HandtrackError(
                 f"{self.folder}: no frame {frame}; the session has the frames 0 to "
                 f"{self.frame_count - 1}."
             )
-        with self._lock:
-            known = self._observations.get(frame)
-        if known is None:
-            known = self._observe(frame)
-        _remember(self._observations, frame, known, _OBSERVATIONS_KEPT, self._lock)
-        return known
+        cloud = cloud and self.has_clouds
+        cropped = cloud and hand_distance is not None and self.cloud_filters.crop_m is not None
+        if cropped:
+            return self._with_cloud(self._kept(frame, silhouettes, False), hand_distance)
+        return self._kept(frame, silhouettes, cloud)
+
+    def images(self, frame: int) -> tuple[ImageView, ...]:
+        """Return a frame's images without their lenses' distortion; missing ones are absent. Not kept."""
+        return tuple(v for view in self.views if (v := view.undistorted(frame)) is not None)
 
     def doctor(self) -> list[Finding]:
         """Look at everything and return what was found, each with its severity: ok, note, warning
         or error."""
         return examine(self)
 
-    def _observe(self, frame: int) -> Observation:
-        seen = tuple(s for view in self.views if (s := view.silhouette(frame)) is not None)
-        sight = self._clouds.sight if self._clouds is not None else ()
-        cloud = self.cloud(frame)[0]
-        return Observation(frame, self.time_s(frame), seen, cloud=cloud, cloud_views=sight)
+    def _kept(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
+        """Return an observation without a crop, the same one as last time if it is still there."""
+        key = (frame, silhouettes, cloud)
+        with self._lock:
+            known = self._observations.get(key)
+        if known is None:
+            known = self._observe(*key)
+        _remember(self._observations, key, known, _OBSERVATIONS_KEPT, self._lock)
+        return known
+
+    def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
+        if cloud:
+            return self._with_cloud(self._kept(frame, silhouettes, False), None)
+        views = self.views if silhouettes else ()
+        seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
+        return Observation(frame, self.time_s(frame), seen)
+
+    def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
+        assert self._clouds is not None
+        points = self.cloud(seen.frame, hand_distance)[0]
+        return replace(seen, cloud=points, cloud_views=self._clouds.sight)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files
@@ -267,6 +317,16 @@ class Session:
     def _hand_file(self, key: str, setting: str) -> Path:
         where = f"{self.folder / SESSION_FILE}, [hand], {key}"
         return matching_files(self.folder, setting, where)[0]
+
+
+def _sources(clouds: CloudSettings) -> tuple[object, ...]:
+    """Return what of [clouds] decides on the measured clouds, before any filter."""
+    return (
+        clouds.files,
+        clouds.depth,
+        clouds.stereo,
+        stereo_settings(clouds) if clouds.stereo else None,
+    )
 
 
 def _remember(

@@ -7,26 +7,16 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.cloud_filters import COMPONENTS
-from handtrack.capture.disparity import STEREO_METHODS
+from handtrack.capture.bayer import METHODS, PATTERNS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
-from handtrack.capture.skin_ellipse import SkinEllipse
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
 from handtrack.errors import HandtrackError
+from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
-_CLOUD_SOURCES = ("files", "stereo", "depth")
-_CLOUD_NUMBERS = {
-    "crop_m": "m",
-    "voxel_m": "m",
-    "near_m": "m",
-    "far_m": "m",
-    "front_m": "m",
-    "outlier_ratio": "",
-}
-_CLOUD_COUNTS = ("max_points", "outlier_neighbours", "per_voxel")
+_BAYER = tuple(pattern.lower() for pattern in PATTERNS)
 
 
 @dataclass(frozen=True)
@@ -71,32 +61,12 @@ class CameraSettings:
     """a pattern of numbered 16 bit files."""
     depth_scale_m: float | None = None
     """metres in one unit of the depth files."""
-
-
-@dataclass(frozen=True)
-class CloudSettings:
-    """[clouds]: where point clouds come from (exactly one source), and the filters' settings;
-    None: the filter's own."""
-
-    files: str | None = None
-    """a pattern of .ply or .npz files."""
-    stereo: tuple[tuple[str, str], ...] = ()
-    """pairs of cameras to match."""
-    depth: tuple[str, ...] = ()
-    """cameras whose depth is used."""
-    stereo_method: str = "sgbm"
-    """how pairs are matched: sgbm, or correlation."""
-    near_m: float | None = None
-    far_m: float | None = None
-    crop_m: float | None = None
-    skin: SkinEllipse | None = None
-    component: str | None = None
-    front_m: float | None = None
-    voxel_m: float | None = None
-    per_voxel: int | None = None
-    outlier_neighbours: int | None = None
-    outlier_ratio: float | None = None
-    max_points: int | None = None
+    bayer: str | None = None
+    """the images are raw mosaics (8 or 16 bit files) of this pattern: rggb, bggr, grbg or gbrg."""
+    demosaic: str | None = None
+    """how mosaics become colour images."""
+    white_level: float | None = None
+    """the value of a mosaic that becomes 255."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +109,7 @@ def read_session_file(path: Path) -> SessionFile:
     cameras = _cameras(tables.get("camera"), path)
     clouds = None
     if "clouds" in tables:
-        clouds = _clouds(TableReader(tables["clouds"], f"{path}, [clouds]"), cameras)
+        clouds = read_clouds(tables["clouds"], cameras, f"{path}, [clouds]")
     tracking = tables.get("tracking", {})
     if not isinstance(tracking, Mapping):
         raise HandtrackError(f"{path}: tracking = {tracking}; expected a table [tracking].")
@@ -258,90 +228,28 @@ def _camera(table: TableReader) -> CameraSettings:
         raise HandtrackError(
             f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files."
         )
+    bayer, method, white = _mosaic(table, images)
     table.finish()
     box = None if roi is None else (roi[0], roi[1], roi[2], roi[3])
-    return CameraSettings(name, images, masks, box, depth, scale)
+    return CameraSettings(name, images, masks, box, depth, scale, bayer, method, white)
 
 
-def _clouds(table: TableReader, cameras: tuple[CameraSettings, ...]) -> CloudSettings:
-    given = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
-    if len(given) != 1:
+def _mosaic(table: TableReader, images: str | None) -> tuple[str | None, str | None, float | None]:
+    """Return pattern, method and white level of raw mosaics; None where not given."""
+    given = [key for key in ("bayer", "demosaic", "white_level") if table.raw(key) is not None]
+    if not given:
+        return None, None, None
+    if "bayer" not in given:
         raise HandtrackError(
-            f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
-            f"{', '.join(given) or 'none'}."
+            f"{table.where}: {given[0]} is about raw mosaics, but their pattern `bayer` is missing; expected one of "
+            f"{', '.join(_BAYER)}."
         )
-    filters: dict[str, Any] = {
-        key: table.number(key, above=0.0, unit=unit)
-        for key, unit in _CLOUD_NUMBERS.items()
-        if table.raw(key) is not None
-    }
-    for key in _CLOUD_COUNTS:
-        if table.raw(key) is not None:
-            filters[key] = table.whole(key, None, 1)
-    if table.raw("component") is not None:
-        filters["component"] = table.choice("component", COMPONENTS, COMPONENTS[0])
-    if table.raw("skin") is not None:
-        filters["skin"] = _skin(TableReader(table.raw("skin"), f"{table.where}, skin"))
-    if filters.get("far_m", 1e9) <= filters.get("near_m", 0.0):
-        raise table.error("far_m", filters["far_m"], f"more than near_m = {filters['near_m']:g}")
-    settings = CloudSettings(
-        files=table.text("files") if given == ["files"] else None,
-        stereo=_pairs(table, cameras) if given == ["stereo"] else (),
-        depth=_names(table, "depth", table.raw("depth"), cameras, "depth")
-        if given == ["depth"]
-        else (),
-        stereo_method=table.choice("stereo_method", STEREO_METHODS, STEREO_METHODS[0]),
-        **filters,
+    if images is None:
+        raise HandtrackError(
+            f"{table.where}: bayer says how `images` are to be read, which is missing."
+        )
+    return (
+        table.choice("bayer", _BAYER, _BAYER[0]),
+        table.choice("demosaic", METHODS, METHODS[0]) if "demosaic" in given else None,
+        table.number("white_level", above=0.0) if "white_level" in given else None,
     )
-    table.finish()
-    return settings
-
-
-def _skin(table: TableReader) -> SkinEllipse:
-    mean, covariance = table.raw("mean"), table.raw("covariance")
-    for key, value, count in (("mean", mean, 2), ("covariance", covariance, 3)):
-        form = f"{count} numbers, as fitted from samples of skin"
-        if not isinstance(value, list) or len(value) != count:
-            raise table.error(key, value, form)
-        if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in value):
-            raise table.error(key, value, form)
-    if covariance[0] <= 0 or covariance[0] * covariance[2] <= covariance[1] ** 2:
-        raise table.error("covariance", covariance, "rr, rg, gg of an ellipse: rr gg > rg²")
-    size = table.number("size", SkinEllipse.size, above=0.0, unit="standard deviations")
-    table.finish()
-    rr, rg, gg = (float(v) for v in covariance)
-    return SkinEllipse((float(mean[0]), float(mean[1])), (rr, rg, gg), size)
-
-
-def _pairs(table: TableReader, cameras: tuple[CameraSettings, ...]) -> tuple[tuple[str, str], ...]:
-    value = table.raw("stereo")
-    form = 'pairs of camera names, such as [["cam0", "cam1"]]'
-    if not isinstance(value, list) or not value:
-        raise table.error("stereo", value, form)
-    pairs = []
-    for pair in value:
-        if not isinstance(pair, list) or len(pair) != 2 or pair[0] == pair[1]:
-            raise table.error("stereo", value, form)
-        left, right = _names(table, "stereo", pair, cameras, "images")
-        pairs.append((left, right))
-    return tuple(pairs)
-
-
-def _names(
-    table: TableReader, key: str, value: Any, cameras: tuple[CameraSettings, ...], needs: str
-) -> tuple[str, ...]:
-    """Return camera names that exist and have what is needed of them."""
-    if not isinstance(value, list) or not value:
-        raise table.error(key, value, 'a list of camera names, such as ["cam0"]')
-    known = {camera.name: camera for camera in cameras}
-    for name in value:
-        if name not in known:
-            raise HandtrackError(
-                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; known: "
-                f"{', '.join(known)}."
-            )
-        if getattr(known[name], needs) is None:
-            raise HandtrackError(
-                f"{table.where}: {key} uses the camera '{name}', which has no `{needs}`."
-            )
-    return tuple(value)

@@ -20,7 +20,7 @@ from handtrack.tracker.result import Status, TrackResult
 
 FORMAT = 1
 
-_NAMES = ("parameter_names", "bone_names", "joint_names")
+_NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
 _WHOLE = ("frame", "status", "iterations")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
@@ -38,9 +38,11 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "iterations": ("F",),
     "parameter_std": ("F", "S"),
     "joint_covariance": ("F", "J", 3, 3),
+    "energy_names": ("T",),
+    "energies": ("F", "T"),
     **dict.fromkeys(_TEXTS, ()),
 }
-_OPTIONAL = ("keypoints21",)
+_OPTIONAL = ("keypoints21", "energy_names", "energies")
 
 # ---- poses.npz -------------------------------------------------------------------------------------
 

@@ -9,13 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Array, Bytes
-from handtrack.capture.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, MASK, FrameSource, ImageFiles
+from handtrack.capture.frames import (
+    COLOUR,
+    DEPTH,
+    IMAGE_SUFFIXES,
+    MASK,
+    RAW,
+    FrameSource,
+    ImageFiles,
+)
+from handtrack.capture.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.segmentation import Segmenter
 from handtrack.capture.video import VideoFile
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.observation.observation import Silhouette
-from handtrack.observation.undistortion import undistort_silhouette
+from handtrack.observation.observation import ImageView, Silhouette
+from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings
 
@@ -98,6 +107,11 @@ class View:
         mask = self.mask(frame)
         return None if mask is None else undistort_silhouette(self.camera, mask, self.settings.roi)
 
+    def undistorted(self, frame: int) -> ImageView | None:
+        """Return the frame's image without the lens's distortion; None where missing."""
+        image = self.image(frame)
+        return None if image is None else undistort_image(self.camera, image)
+
     @property
     def _segmented_source(self) -> FrameSource | None:
         method = self.settings.masks
@@ -138,11 +152,25 @@ class View:
         where = f"{self._where}, {key}"
         if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:
             files = matching_files(folder, setting, where)
-            return ImageFiles(files, kind, self.camera.size, str(folder / setting))
+            return self._files(files, kind, str(folder / setting))
         path = inside(folder, setting, where)
         if path.is_dir() or kind != COLOUR:
             matching_files(folder, setting, where)  # says what is wrong with it
             raise HandtrackError(
                 f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".'
             )
+        if self.settings.bayer is not None:
+            raise HandtrackError(
+                f'{where}: "{setting}" is a video, but bayer = "{self.settings.bayer}" says that the images are raw '
+                'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
+                "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
+            )
         return VideoFile(path, self.camera.size, f"{where}, {path}")
+
+    def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
+        pattern = self.settings.bayer
+        if kind != COLOUR or pattern is None:
+            return ImageFiles(files, kind, self.camera.size, where)
+        method = self.settings.demosaic or MosaicSettings.method
+        settings = MosaicSettings(pattern.upper(), self.settings.white_level, method)
+        return MosaicFiles(ImageFiles(files, RAW, self.camera.size, where), settings)

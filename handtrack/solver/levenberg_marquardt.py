@@ -28,6 +28,9 @@ class SolverSettings:
 
     iterations: int = 10
     """linearisations at most"""
+    limits: str = "bounds"
+    """`bounds`: no step leaves the limits, found together with it; `projection`: a step that knows no limits is
+    moved back to them afterwards (the 2004 paper's), which can stick where joints work together"""
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
     binary cameras leave weak directions"""
@@ -77,7 +80,8 @@ def solve(
 ) -> SolveSummary:
     """Return the minimum that descent reaches from params (P,), within the problem's bounds.
 
-    A step is accepted only if the true cost falls; a rejected step is never called converged.
+    A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
+    way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
     `on_iteration(k, params, cost)` sees each accepted state.
     """
     settings = settings or SolverSettings()
@@ -88,6 +92,7 @@ def solve(
     dampings: list[float] = []
     system = problem.linearize(params)
     costs.append(system.cost)
+    everywhere = np.full(len(params), np.inf)
     why, count = "iterations", 0
     for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
@@ -97,7 +102,10 @@ def solve(
         low, high = np.minimum(bounds[:, 0], params), np.maximum(bounds[:, 1], params)
         moved = None
         for _ in range(_REJECTIONS):
-            step = bounded_step(system, params, low, high, damping)
+            if settings.limits == "projection":
+                step = bounded_step(system, params, -everywhere, everywhere, damping)
+            else:
+                step = bounded_step(system, params, low, high, damping)
             step = _shortened(step, settings)
             trial = np.clip(params + step, low, high)
             there = problem.bounds(trial)  # limits that narrow with another parameter have moved
@@ -106,12 +114,12 @@ def solve(
             if cost < system.cost:
                 moved = trial
                 break
-            if np.abs(step).max() < settings.step_tolerance:
+            if np.abs(trial - params).max() < settings.step_tolerance:
                 break
             damping *= settings.tighten
         dampings.append(damping)
         if moved is None:
-            small = np.abs(step).max() < settings.step_tolerance
+            small = np.abs(trial - params).max() < settings.step_tolerance
             why = "converged" if small else "no descent"
             break
         gain = system.cost - cost

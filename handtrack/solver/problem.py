@@ -28,10 +28,14 @@ class Problem:
         return float(seen + sum(term.cost(joint) for term in self.parameter_terms))
 
     def costs(self, params: Floats) -> dict[str, float]:
-        """Return each term's cost by its name."""
+        """Return the cost of each kind of term, by its name; terms of one name are summed."""
         bones, joint = self.model.bones(params), self.model.joint_params(params)
-        seen = {term.name: float(term.cost(bones)) for term in self.observation_terms}
-        return seen | {term.name: float(term.cost(joint)) for term in self.parameter_terms}
+        costs: dict[str, float] = {}
+        for term in self.observation_terms:
+            costs[term.name] = costs.get(term.name, 0.0) + float(term.cost(bones))
+        for prior in self.parameter_terms:
+            costs[prior.name] = costs.get(prior.name, 0.0) + float(prior.cost(joint))
+        return costs
 
     def linearize(self, params: Floats) -> JointSystem:
         """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""

@@ -17,6 +17,14 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracker.appearance_terms import (
+    Before,
+    SeenAppearance,
+    appearance_stages,
+    appearance_terms,
+    at_stage,
+    see_appearance,
+)
 from handtrack.tracker.cloud_terms import SeenCloud, cloud_terms, see_cloud
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
@@ -37,13 +45,15 @@ class FrameTerms:
     pixels_per_m: tuple[float, ...]
     """of each silhouette, at the hand's distance"""
     cloud: SeenCloud | None
+    appearance: SeenAppearance | None
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
 
     def of(self, model: ArticulatedModel) -> FrameTerms:
         """Return the same observation for a hand of another size."""
         points = tuple(replace(term, model=model) for term in self.keypoints)
-        return replace(self, model=model, keypoints=points)
+        images = self.appearance and self.appearance.of(model, self.settings)
+        return replace(self, model=model, keypoints=points, appearance=images)
 
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
@@ -54,25 +64,30 @@ class FrameTerms:
         """How many bands the schedule has; one for the 2007 field, or where only keypoints are given."""
         bands = self.settings.silhouettes
         ramps = self.prepared and bands.term == "coverage"
-        return len(bands.bands_mm) if ramps or self.cloud is not None else 1
+        count = len(bands.bands_mm) if ramps or self.cloud is not None else 1
+        return count if self.appearance is None else max(count, appearance_stages(self.settings))
 
     @property
     def views(self) -> int:
-        """How many silhouettes and clouds were seen."""
-        return len(self.prepared) + (self.cloud is not None)
+        """How many silhouettes, clouds and images were seen."""
+        images = 0 if self.appearance is None else len(self.appearance.images)
+        return len(self.prepared) + (self.cloud is not None) + images
 
     @property
     def has_seen(self) -> bool:
         """Whether anything was observed at all."""
-        return bool(self.prepared or self.keypoints or self.cloud is not None)
+        return bool(self.views or self.keypoints)
 
     def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
         """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
+        band_mm = at_stage(settings.bands_mm, index)
         terms: list[ObservationTerm] = list(self.keypoints)
         if self.cloud is not None:
-            terms += cloud_terms(self.cloud, self.model, self.settings, settings.bands_mm[index])
+            terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
+        if self.appearance is not None:
+            terms += appearance_terms(self.appearance, self.settings, index, start)
         if not self.prepared:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
@@ -80,14 +95,14 @@ class FrameTerms:
             weight = self._weight(_FIELD_BAND_MM * scale)
             terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
             return terms
-        band = np.maximum(settings.bands_mm[index] * scale, _LEAST_BAND_PX)
+        band = np.maximum(band_mm * scale, _LEAST_BAND_PX)
         terms.append(
             CoverageTerm(
                 self.prepared,
                 flesh,
                 band_px=band.tolist(),
                 bones_at_start=start,
-                antisymmetric=index == len(settings.bands_mm) - 1,
+                antisymmetric=index >= len(settings.bands_mm) - 1,
                 weight=self._weight(band),
             )
         )
@@ -112,11 +127,12 @@ def frame_terms(
     start: BonePoses,
     expected: Floats | None,
     frames_ahead: int = 1,
+    before: Before | None = None,
 ) -> FrameTerms:
     """Return the terms of a frame.
 
     start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
-    expected: predicted joint parameters (S,), or None in a first frame.
+    expected: predicted joint parameters (S,), or None in a first frame. before: where texture is carried from.
     """
     prepared, scales = [], []
     looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
@@ -136,6 +152,7 @@ def frame_terms(
         tuple(prepared),
         tuple(scales),
         see_cloud(observation, model, start, settings),
+        see_appearance(observation, model, settings, before),
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead)),
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -23,6 +23,7 @@ _STACKED = (
     "iterations",
     "parameter_std",
     "joint_covariance",
+    "energies",
 )
 
 
@@ -60,6 +61,8 @@ class FrameResult:
     """(21, 3) world [m]; hands only."""
     note: str = ""
     """why the frame is doubtful or lost, in words; not saved in poses.npz."""
+    energies: Mapping[str, float] = field(default_factory=dict)
+    """each term's part of the energy, by the term's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,10 @@ class TrackResult:
     settings: str
     """JSON: every setting by its dotted name"""
     version: str
+    energy_names: tuple[str, ...] | None = None
+    """(T,) terms of the energy; None where they were not kept"""
+    energies: Floats | None = None
+    """(F, T) each term's part of the energy, NaN where a frame has no such term"""
 
     @classmethod
     def from_frames(
@@ -123,6 +130,8 @@ class TrackResult:
         first = frames[0]
         found = (len(first.parameters), len(first.T_world_bone), len(first.joint_positions))
         assert found == names, f"{found} parameters, bones, joints; {names} names"
+        terms = tuple(dict.fromkeys(name for f in frames for name in f.energies))
+        parts = [[f.energies.get(name, np.nan) for name in terms] for f in frames]
         keypoints = [f.keypoints21 for f in frames if f.keypoints21 is not None]
         assert len(keypoints) in (0, len(frames)), "keypoints21 of some frames only"
         return cls(
@@ -146,6 +155,8 @@ class TrackResult:
             session=session,
             settings=settings,
             version=version,
+            energy_names=terms or None,
+            energies=np.array(parts, dtype=float) if terms else None,
         )
 
     def __len__(self) -> int:
@@ -189,4 +200,11 @@ class TrackResult:
             T_world_bone=self.T_world_bone[row].copy(),
             joint_positions=self.joint_positions[row].copy(),
             keypoints21=None if self.keypoints21 is None else self.keypoints21[row].copy(),
+            energies=self._energies(row),
         )
+
+    def _energies(self, row: int) -> dict[str, float]:
+        if self.energies is None or self.energy_names is None:
+            return {}
+        pairs = zip(self.energy_names, self.energies[row].tolist(), strict=True)
+        return {name: value for name, value in pairs if np.isfinite(value)}

@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from handtrack.arrays import Floats
+from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
-from handtrack.tracker.result import FrameResult
+from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.tracker import Tracker
+
+Observe = Callable[[int, BonePoses | None], Observation]
+"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
+None where that is not known"""
 
 _REMEMBERED = 30  # results that a step may look back on
 
 
 def track_frames(
     tracker: Tracker,
-    observe: Callable[[int], Observation],
+    observe: Observe,
     start_frame: int,
     start_params: Floats,
     frames: range,
@@ -26,7 +31,8 @@ def track_frames(
     lies outside `frames`, it is still solved there first, so that the path to the range is tracked, but only
     the range is yielded. A step cut short by `should_stop` is not yielded.
     """
-    first = tracker.step(observe(start_frame), (), start_params, should_stop)
+    seen_first = observe(start_frame, tracker.model.bones(start_params))
+    first = tracker.step(seen_first, (), start_params, should_stop)
     if _stopped(should_stop):
         return
     if start_frame in frames:
@@ -34,12 +40,16 @@ def track_frames(
     forward = range(start_frame + 1, frames.stop)
     backward = range(start_frame - 1, frames.start - 1, -1)
     for path in (forward, backward):
-        history = [first]
+        history, before = [first], seen_first
         for frame in path:
-            result = tracker.step(observe(frame), history[-_REMEMBERED:], None, should_stop)
+            seen = observe(frame, tracker.expected_bones(frame, history[-_REMEMBERED:]))
+            result = tracker.step(
+                seen, history[-_REMEMBERED:], None, should_stop, before=before
+            )
             if _stopped(should_stop):
                 return
             history = [*history[-_REMEMBERED:], result]
+            before = before if result.status == Status.LOST else seen
             if frame in frames:
                 yield result
 

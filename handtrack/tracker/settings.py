@@ -20,8 +20,26 @@ class ModelSettings:
     """`26` all freedoms, `21` distal joints follow by 2/3, `18` abductions linked as well"""
     forearm: str = "auto"
     """`true`, `false`, or `auto`: true where the silhouette goes on beyond the wrist"""
+    spread_index: float = 1.0
+    """a person's own c of coupling 18, where the index' abduction is c · spread; `handtrack spread` measures all four"""
+    spread_middle: float = 0.1
+    """likewise the middle finger's; positive: towards the thumb"""
+    spread_ring: float = 0.6
+    """likewise the ring finger's"""
+    spread_little: float = 1.2
+    """likewise the little finger's"""
+    narrowing: bool = True
+    """bent fingers spread less: the range of abduction shrinks with flexion"""
     fit_size: bool = True
     """where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone"""
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """The person's c by finger, as far as they are set: a definition's own hold where these are as usual."""
+        names = {f"spread_{finger}": finger for finger in ("index", "middle", "ring", "little")}
+        usual = {item.name: item.default for item in fields(self)}
+        own = {name: getattr(self, name) for name in names}
+        return {names[name]: value for name, value in own.items() if value != usual[name]}
 
 
 @dataclass(frozen=True)
@@ -55,6 +73,34 @@ class CloudSettings:
     """over how much of the surface that error stays the same: some pixels of a sensor"""
     crop_mm: float = 40.0
     """points further than this from the predicted hand are not the hand's"""
+
+
+@dataclass(frozen=True)
+class EdgeSettings:
+    """How edges of the images pull the model's outline; no masks needed."""
+
+    weight: float = 0.0
+    """0: edges are not looked at; `--use edges` makes it 1"""
+    search_px: tuple[float, ...] = (16.0, 8.0, 4.0)
+    """how far to either side of the predicted outline, one stage after the other"""
+    sigma_px: float = 1.5
+    """how far a model's outline is from a real one"""
+    correlation_px: float = 10.0
+    """along how much of the outline that error stays the same"""
+
+
+@dataclass(frozen=True)
+class IntensitySettings:
+    """How the model's texture, carried from the frame before, pulls."""
+
+    weight: float = 0.0
+    """0: no texture is carried; `--use intensity` makes it 1"""
+    smooth_px: tuple[float, ...] = (4.0, 2.0, 1.0)
+    """by how much images are smoothed, one stage after the other"""
+    sigma: float = 10.0
+    """how far a point's colour is from what it was [grey levels of 0 … 255]"""
+    correlation_px: float = 6.0
+    """over how much of the image that error stays the same"""
 
 
 @dataclass(frozen=True)
@@ -109,10 +155,17 @@ class TrackerSettings:
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     cloud: CloudSettings = field(default_factory=CloudSettings)
+    edges: EdgeSettings = field(default_factory=EdgeSettings)
+    intensity: IntensitySettings = field(default_factory=IntensitySettings)
     keypoints: KeypointSettings = field(default_factory=KeypointSettings)
     prior: PriorSettings = field(default_factory=PriorSettings)
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(iterations=30))
     tracker: FollowSettings = field(default_factory=FollowSettings)
+
+    @property
+    def looks_at_images(self) -> bool:
+        """Whether a frame's images are needed, beside masks and clouds."""
+        return self.edges.weight > 0 or self.intensity.weight > 0
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""
@@ -176,6 +229,7 @@ _CHOICES = {
     "model.coupling": ("26", "21", "18"),
     "model.forearm": ("auto", "true", "false"),
     "silhouettes.term": ("coverage", "conic_field"),
+    "solver.limits": ("bounds", "projection"),
     "tracker.prediction": ("constant_velocity", "none"),
 }
 _POSITIVE = (
@@ -183,6 +237,7 @@ _POSITIVE = (
     "cloud.sigma_mm",
     "cloud.patch_mm",
     "cloud.crop_mm",
+    "edges.sigma_px", "edges.correlation_px", "intensity.sigma", "intensity.correlation_px",
     "prior.motion_sigma_deg", "prior.motion_sigma_mm", "solver.iterations", "solver.damping",
 )  # fmt: skip
 
@@ -196,12 +251,22 @@ def _check(settings: TrackerSettings) -> None:
             )
     for name, value in flat.items():
         above, least = ("above", 1e-12) if name in _POSITIVE else ("of at least", 0.0)
-        if isinstance(value, (int, float)) and value < least:
+        signed = name.startswith("model.spread_")
+        if isinstance(value, (int, float)) and value < least and not signed:
             raise HandtrackError(f"setting '{name}': expected a number {above} 0, found {value}.")
     if settings.cloud.balance > 1:
         raise HandtrackError(
             f"setting 'cloud.balance': expected K between 0 and 1, found {settings.cloud.balance}."
         )
+    if not any(flat[name] for name in flat if name.startswith("model.spread_")):
+        raise HandtrackError(
+            "settings 'model.spread_index' … 'model.spread_little' are all 0: no finger would ever spread."
+        )
+    for name, least in (("edges.search_px", 1.0), ("intensity.smooth_px", 0.0)):
+        if not flat[name] or min(flat[name]) < least:
+            raise HandtrackError(
+                f"setting '{name}': expected numbers of at least {least:g}, found {flat[name]}."
+            )
     bands = settings.silhouettes.bands_mm
     if not bands or min(bands) <= 0:
         raise HandtrackError(

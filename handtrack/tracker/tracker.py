@@ -10,10 +10,12 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
+from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
@@ -40,11 +42,14 @@ class Tracker:
         start: Floats | None = None,
         should_stop: Callable[[], bool] | None = None,
         on_iteration: Watch | None = None,
+        before: Observation | None = None,
     ) -> FrameResult:
         """Return the pose of one frame.
 
         previous: results in the order they were tracked, the latest last; they give the start and the
         expected pose. start: solver parameters (P,) to begin from instead. At least one of the two.
+        before: what was seen of one of those frames, the latest that was not lost; the model's texture is carried
+        from it.
         """
         expected = self._expected(observation.frame, previous)
         first = start is not None
@@ -55,18 +60,15 @@ class Tracker:
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(params)[3:6])
         ahead = abs(observation.frame - previous[-1].frame) if previous else 1
-        terms = frame_terms(
-            self.model, self.settings, observation, self.model.bones(params), expected, ahead
-        )
+        solved = self._solved(before, previous)
+        terms = self._terms(observation, params, expected, ahead, solved)
         if not terms.has_seen:
             if previous:  # what moved on unseen is not known: the last estimate is held
                 params = self.model.transform.solver_params(previous[-1].parameters)
             return self._unseen(observation, params)
         if first and self.model.has_forearm:
             params = aimed_forearm(self._problem(terms, 0, params), params)
-            terms = frame_terms(
-                self.model, self.settings, observation, self.model.bones(params), expected, ahead
-            )
+            terms = self._terms(observation, params, expected, ahead, solved)
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
         if self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
             free = terms.without_motion()
@@ -82,6 +84,13 @@ class Tracker:
                 count += more
         return self._result(observation, terms, problem, summary, count, previous)
 
+    def expected_bones(self, frame: int, previous: Sequence[FrameResult]) -> BonePoses | None:
+        """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
+        expected = self._expected(frame, previous)
+        if expected is None or previous[-1].status == Status.LOST:
+            return None
+        return self.model.bones(self.model.transform.solver_params(expected))
+
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
         if not previous:
             return None
@@ -89,6 +98,27 @@ class Tracker:
         if self.settings.tracker.prediction == "constant_velocity":
             known = predict(self.model, previous, frame)
         return previous[-1].parameters.copy() if known is None else known
+
+    def _solved(
+        self, before: Observation | None, previous: Sequence[FrameResult]
+    ) -> Before | None:
+        """Return what was seen together with where the model was then."""
+        if before is None:
+            return None
+        then = [result for result in previous if result.frame == before.frame]
+        assert then, f"frame {before.frame} is not among the previous results"
+        return Before(before, self.model.bones(self.model.transform.solver_params(then[-1].parameters)))
+
+    def _terms(
+        self,
+        observation: Observation,
+        params: Floats,
+        expected: Floats | None,
+        ahead: int,
+        before: Before | None,
+    ) -> FrameTerms:
+        bones = self.model.bones(params)
+        return frame_terms(self.model, self.settings, observation, bones, expected, ahead, before)
 
     def _problem(self, terms: FrameTerms, stage: int, params: Floats) -> Problem:
         seen = terms.stage(stage, self.model.bones(params))
@@ -139,15 +169,21 @@ class Tracker:
             if status == Status.LOST
             else spread.parameter_std
         )
-        return self._filled(
+        found = self._filled(
             observation, params, status, system.cost, iterations, std, spread.joint_covariance, note
         )
+        return replace(found, energies=problem.costs(params))
 
     def _unseen(self, observation: Observation, params: Floats) -> FrameResult:
         joints = len(self.model.joint_names)
         unknown = np.full(len(self.model.parameter_names), np.inf)
         far = np.tile(np.eye(3), (joints, 1, 1))  # a metre: nothing is known
         note = "no camera saw anything in this frame"
+        if observation.cloud is not None and self.settings.cloud.weight > 0:
+            note = (
+                f"the cloud has hardly any points within {self.settings.cloud.crop_mm:g} mm of where the hand was "
+                "expected"
+            )
         return self._filled(observation, params, Status.LOST, float("nan"), 0, unknown, far, note)
 
     def _filled(

@@ -55,7 +55,7 @@ class FakeSession:
     def time_s(self, frame: int) -> float:
         return frame / self.fps
 
-    def observation(self, frame: int) -> Observation:
+    def observation(self, frame: int, silhouettes: bool = True, cloud: bool = True) -> Observation:
         return Observation(frame, frame / self.fps)
 
     def image(self, camera: str, frame: int) -> Array | None:

@@ -19,10 +19,14 @@ from handtrack_app.worker import Worker
 FRAMES = range(6)
 
 
+MASKS, DEPTH = "webxr_open_close_3cam", "webxr_depth_640"
+
+
 @pytest.fixture
-def folder(data_dir: Path, tmp_path: Path) -> Path:
-    """The first frames of a recording of another hand, whose size is to be fitted."""
-    source, target = data_dir / "sessions" / "webxr_open_close_3cam", tmp_path / "session"
+def folder(request: pytest.FixtureRequest, data_dir: Path, tmp_path: Path) -> Path:
+    """The first frames of a recording of another hand, whose size is to be fitted: masks, or clouds."""
+    name = getattr(request, "param", MASKS)
+    source, target = data_dir / "sessions" / name, tmp_path / "session"
     late = {f"{frame:06d}.png" for frame in range(FRAMES.stop, 1000)}
     shutil.copytree(source, target, ignore=lambda _, names: late & set(names) | {"truth.npz"})
     assert Session.open(target).frame_count == FRAMES.stop
@@ -40,6 +44,7 @@ def tracked_by(worker: Worker, seen: list[m.Snapshot], order: m.Track) -> dict[i
     return dict(worker._document.results)
 
 
+@pytest.mark.parametrize("folder", [MASKS, DEPTH], indirect=True)
 def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None:
     run = TrackingRun.open(Session.open(folder))
     assert run.session.hand_scale == "fit"

@@ -9,13 +9,16 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.solver.problem import Problem
+from handtrack.terms.carried_texture import CarriedTextureTerm
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Quadratic
+from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.outline_edges import OutlineEdgesTerm
 from handtrack.terms.priors import GaussianPrior, LinearPrior
 from tests.derivatives import check_observation_term, check_parameter_term, check_problem
-from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of
+from tests.terms.image_scene import edges_seen, scene, texture_seen
+from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of
 
 # Pixels change hands between ellipsoids and enter bands: the cost has a kink there, so steps are short.
 KINKED = {"step": 1e-9, "rtol": 1e-3}
@@ -71,6 +74,22 @@ def test_keypoints(rng, model, params, camera, view, loss):
     term = KeypointTerm(model, observed, 0.7, loss)
     bones = model.bones(model.clipped(params + rng.normal(scale=0.02, size=len(params))))
     check_observation_term(term, bones, model.skeleton.bone_names)
+
+
+def test_outline_edges(rng):
+    bones, _, mesh, views = scene(rng)
+    term = OutlineEdgesTerm(edges_seen(bones, mesh, views), sigma_px=2.0, weight=0.7)
+    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
+    check_observation_term(term, moved)
+
+
+@pytest.mark.parametrize("loss", [Quadratic(), Huber(1.5), GemanMcClure(3.0)])
+def test_carried_texture(rng, loss):
+    bones, _, mesh, views = scene(rng)
+    seen = texture_seen(rng, bones, mesh, views)
+    term = CarriedTextureTerm(seen, sigma=12.0, loss=loss, weight=0.3)
+    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
+    check_observation_term(term, moved, **KINKED)
 
 
 def test_gaussian_prior(rng, model):

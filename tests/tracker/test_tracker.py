@@ -33,7 +33,11 @@ def errors_mm(results):
 def followed(observe=None, frames=range(COUNT), start=0, tracker=TRACKER, **more):
     params = MODEL.transform.solver_params(SCENE.joint_params[start])
     observe = observe or SCENE.observations.__getitem__
-    return list(track_frames(tracker, observe, start, params, frames, **more))
+
+    def seen(frame, _bones):
+        return observe(frame)
+
+    return list(track_frames(tracker, seen, start, params, frames, **more))
 
 
 def without(observation: Observation, cameras: tuple[str, ...]) -> Observation:

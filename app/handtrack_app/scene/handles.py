@@ -73,6 +73,11 @@ class TipHandles:
             if name != self.held:
                 control.position = place
 
+    def remove(self) -> None:
+        """Take the controls out of the scene."""
+        for control in self.controls.values():
+            control.remove()
+
     def show(self, visible: bool) -> None:
         for control in self.controls.values():
             control.visible = visible

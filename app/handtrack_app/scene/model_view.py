@@ -130,17 +130,20 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     view.truth_lines.visible = view.truth_points.visible = shown
 
 
-def show_hand(view: HandView, display: Display) -> None:
-    """Apply the display options to the hand."""
-    view.flesh.visible = display.flesh
-    most = 1.0  # over a camera's image, and around bones, the flesh lets both be seen
-    if display.through is not None:
-        most = _OVER_IMAGE
+def show_hand(view: HandView, display: Display, instead: bool = False) -> None:
+    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
+    view.flesh.visible = display.flesh or (display.surface and not instead)
+    view.flesh.opacity = flesh_opacity(display)
+    view.bones.visible = view.joints.visible = display.skeleton
+
+
+def flesh_opacity(display: Display) -> float | None:
+    """Return how opaque flesh is: over a camera's image, and around bones, it lets both be seen."""
+    most = _OVER_IMAGE if display.through is not None else 1.0
     if display.skeleton:
         most = min(most, _AROUND_BONES)
     opacity = min(display.opacity, most)
-    view.flesh.opacity = None if opacity > 0.99 else opacity
-    view.bones.visible = view.joints.visible = display.skeleton
+    return None if opacity > 0.99 else opacity
 
 
 def remove_hand(view: HandView) -> None:

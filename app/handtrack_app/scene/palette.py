@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Ints
+from handtrack.arrays import Bytes, Floats, Ints
 
 FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
     "palm": (168, 158, 150),
@@ -16,6 +16,7 @@ FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
 }
 TRUTH = (255, 255, 255)
 OUTLINE = (255, 176, 0)
+SURFACE = (196, 178, 164)
 STATUS = {
     -1: ("not tracked", "#3a3f47"),
     0: ("tracked", "#56b4e9"),
@@ -47,5 +48,44 @@ def linear(colours: object) -> Bytes:
     share = np.asarray(colours, dtype=float) / 255
     low = share <= 0.04045
     return np.rint(255 * np.where(low, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(
+        np.uint8
+    )
+
+
+KEPT = (240, 228, 66)
+FILTERS: dict[str, tuple[int, int, int]] = {
+    "range": (120, 124, 132),
+    "crop": (86, 180, 233),
+    "skin": (204, 121, 167),
+    "component": (0, 114, 178),
+    "voxel": (150, 142, 60),
+    "outliers": (213, 94, 0),
+    "most": (150, 142, 60),
+}
+"""of the points that a filter dropped; thinned ones look like those that stay, only darker"""
+REJECTS = ((0, 0, 0), (213, 94, 0), (86, 180, 233), (240, 228, 66), (204, 121, 167))
+"""of matches that were thrown away, in the order of disparity.REJECTED"""
+TERMS = {
+    "silhouettes": "#009e73",
+    "cloud → model": "#e69f00",
+    "model → cloud": "#56b4e9",
+    "keypoints": "#cc79a7",
+    "edges": "#f0e442",
+    "intensity": "#d55e00",
+    "priors": "#9aa0a8",
+}
+"""of the energy's parts on the timeline"""
+RESIDUAL_MM = 10.0
+_RAMP = np.array(
+    [[0, 90, 200], [86, 170, 233], [226, 226, 222], [240, 170, 50], [200, 70, 0]], float
+)
+
+
+def residual_colours(residual_mm: Floats) -> Bytes:
+    """Return (N, 3) colours of distances to the model (N,) [mm]: blue inside, grey on it, orange outside."""
+    share = np.nan_to_num(np.clip(residual_mm / RESIDUAL_MM, -1.0, 1.0))
+    place = 0.5 * (share + 1.0) * (len(_RAMP) - 1)
+    stops = np.arange(len(_RAMP))
+    return np.stack([np.interp(place, stops, _RAMP[:, c]) for c in range(3)], axis=-1).astype(
         np.uint8
     )

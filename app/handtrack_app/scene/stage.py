@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import viser
+import viser.transforms as vtf
 
 from handtrack.arrays import Floats
 from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.messages import (
+    CameraCard,
+    CloudSnapshot,
     PictureSnapshot,
     PoseSnapshot,
     PullTip,
     SessionSnapshot,
     SetPose,
+    SurfaceSnapshot,
+    WantCloud,
     WantPictures,
+    WantSurface,
 )
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.camera_view import (
@@ -25,15 +34,18 @@ from handtrack_app.scene.camera_view import (
     update_screen,
     update_thumbnails,
 )
+from handtrack_app.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
 from handtrack_app.scene.handles import RootHandle, TipHandles, add_root_handle, add_tip_handles
 from handtrack_app.scene.model_view import (
     HandView,
     add_hand,
+    flesh_opacity,
     remove_hand,
     show_hand,
     update_hand,
     update_truth,
 )
+from handtrack_app.scene.surface_view import add_surface, update_surface
 from handtrack_app.scene.surroundings import Surroundings, add_surroundings
 from handtrack_app.scene.viewpoint import (
     Viewpoint,
@@ -59,6 +71,9 @@ class Stage:
         self.view: Viewpoint | None = None
         self.surroundings: Surroundings | None = None
         self.pose: PoseSnapshot | None = None
+        self.cloud: CloudView = add_cloud(page.server, "/cloud")
+        self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
+        self._surface_at: tuple[int, str] | None = None
         scene = page.server.scene
         scene.world_axes.visible = False
         scene.configure_default_lights(enabled=False)
@@ -71,6 +86,9 @@ class Stage:
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session, looked_at(session))
             self.root = add_root_handle(self.page.server, "/root", self._root_moved)
+        if before is None or before.tip_names != session.tip_names:
+            if self.tips is not None:
+                self.tips.remove()
             self.tips = add_tip_handles(
                 self.page.server, "/tips", session.tip_names, self._tip_moved
             )
@@ -101,7 +119,9 @@ class Stage:
             return
         with self.page.server.atomic():
             self.tips.show(display.tips and self.pose is not None)
-            show_hand(self.hand, display)
+            self._show_flesh(display)
+            if self.pose is not None:
+                show_cloud(self.cloud, display, self.pose.frame, recolour=True)
             show_cameras(self.cameras, display)
             if self.surroundings is not None:
                 self.surroundings.ground.visible = display.through is None
@@ -109,6 +129,24 @@ class Stage:
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
                 place_screen(self.cameras, self.screen_camera(display), middle_of(self.pose))
+
+    def _show_flesh(self, display: Display) -> None:
+        """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
+        assert self.hand is not None
+        pose, state = self.pose, self.page.state
+        still = not (state.playing or state.tracking)
+        ready = still and self._surface_at is not None and display.surface
+        ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
+        show_hand(self.hand, display, instead=ready)
+        if self.surface.visible != ready:
+            self.surface.visible = ready
+        opacity = flesh_opacity(display)
+        if self.surface.opacity != opacity:
+            self.surface.opacity = opacity
+
+    @property
+    def _model(self) -> str:
+        return "" if self.session is None else self.session.model
 
     def screen_camera(self, display: Display) -> str | None:
         """Return the camera whose picture stands behind the hand: the one looked through, or for fields the first."""
@@ -122,6 +160,17 @@ class Stage:
         """Return which pictures these display options need."""
         paint = "field" if display.field else display.paint
         return WantPictures(display.images, self.screen_camera(display), paint)
+
+    def wanted_surface(self, display: Display) -> WantSurface:
+        """Return whether the solver's surface is shown now."""
+        return WantSurface(display.surface and not self.page.state.playing)
+
+    def wanted_cloud(self, display: Display) -> WantCloud:
+        """Return what is shown of clouds."""
+        return WantCloud(
+            display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
+            display.cloud_wide, display.stereo_pair, display.skin_box,
+        )  # fmt: skip
 
     def hand_middle(self) -> Floats | None:
         """Return the middle of the hand shown (3,) [m]."""
@@ -140,14 +189,20 @@ class Stage:
         """Move the hand."""
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
+        if self.session is None or len(pose.centre) != len(self.session.radii):
+            return  # of the model before
+        if len(pose.tips) != len(self.tips.controls):
+            return
         first, self.pose = self.pose is None, pose
         with self.page.server.atomic():
             update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
+            self._show_flesh(display)
+            show_cloud(self.cloud, display, pose.frame)
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self.tips.show_at(pose.tips)
-        if first and self.session is not None:
+        if first:
             self._set_first_view(self.session, pose)
             self.apply(display)
         else:
@@ -160,6 +215,22 @@ class Stage:
         update_thumbnails(self.cameras, pictures.thumbnails)
         if pictures.screen_image is not None and pictures.screen == self.cameras.screen_camera:
             update_screen(self.cameras, pictures.screen_image)
+
+    def show_surface(self, surface: SurfaceSnapshot, display: Display) -> None:
+        """Show the solver's surface, if it is that of the frame shown."""
+        if self.hand is None or self.pose is None or surface.frame != self.pose.frame:
+            return
+        with self.page.server.atomic():
+            update_surface(self.surface, surface)
+            self._surface_at = (surface.frame, self._model)
+            self._show_flesh(display)
+
+    def show_cloud(self, cloud: CloudSnapshot, display: Display) -> None:
+        """Show a frame's cloud."""
+        with self.page.server.atomic():
+            update_cloud(self.cloud, cloud, display)
+            if self.pose is not None:
+                show_cloud(self.cloud, display, self.pose.frame)
 
     # ---- views
 
@@ -199,6 +270,53 @@ class Stage:
                 view = overview if everything else hand_view
                 look_from(target, view(self.session, hand))
         self.page.redraw()
+
+    def mark_box(
+        self,
+        camera: str,
+        client: viser.ClientHandle,
+        marked: Callable[[tuple[int, int, int, int]], None],
+    ) -> None:
+        """Look through a camera, and hand over the next rectangle dragged over its image."""
+        if self.cameras is None or camera not in self.cameras.cards:
+            return
+        self.look(camera, client)
+        card = self.cameras.cards[camera]
+        client.scene.remove_rect_select_callback()
+
+        @client.scene.on_rect_select()
+        def _(event: viser.SceneRectSelectEvent) -> None:
+            client.scene.remove_rect_select_callback()
+            if self.page.state.display.through != camera:
+                return
+            box = pixel_box(event.client.camera, card, (event.screen_min, event.screen_max))
+            if box is not None:
+                marked(box)
+
+
+def pixel_box(
+    client_camera: Any, card: CameraCard, corners: tuple[tuple[float, float], tuple[float, float]]
+) -> tuple[int, int, int, int] | None:
+    """Return x, y, w, h [px] in a camera's undistorted image of a rectangle dragged over a view from its centre.
+
+    corners: opposite ones, as shares of the window. None for a rectangle beside the image.
+    """
+    up = np.tan(0.5 * float(client_camera.fov))
+    across = up * float(client_camera.aspect)
+    turn = vtf.SO3(np.asarray(client_camera.wxyz, dtype=float)).as_matrix()
+    places = []
+    for x, y in (
+        (a, b) for a in (corners[0][0], corners[1][0]) for b in (corners[0][1], corners[1][1])
+    ):
+        ray = card.rotation.T @ turn @ np.array([(2 * x - 1) * across, (2 * y - 1) * up, 1.0])
+        if ray[2] <= 1e-6:
+            return None
+        places.append((card.matrix @ (ray / ray[2]))[:2])
+    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    low = np.clip(np.round(low), 0, np.array(card.size) - 1)
+    high = np.clip(np.round(high), 0, card.size)
+    width, height = (high - low).astype(int)
+    return (int(low[0]), int(low[1]), int(width), int(height)) if width > 1 and height > 1 else None
 
 
 def looked_at(session: SessionSnapshot) -> Floats:

@@ -1,0 +1,117 @@
+"""The meshes of all parts of a model together, each part fixed to its bone: what a camera can see of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+
+
+@dataclass(frozen=True, eq=False)
+class PartMesh:
+    """Closed triangle meshes on bones. Parts may lie in each other; what is hidden is for the camera to find."""
+
+    bone: Ints
+    """(V,) the bone of each vertex; the three of a face have the same"""
+    local: Floats
+    """(V, 3) in that bone's frame [m]"""
+    normal: Floats
+    """(V, 3) unit, outwards, in that bone's frame"""
+    faces: Ints
+    """(F, 3)"""
+
+    def carried(self, bones: BonePoses) -> tuple[Floats, Floats]:
+        """Return vertices (V, 3) [m] and their normals (V, 3) in the world."""
+        turned = np.einsum("vij,vj->vi", bones.rotation[self.bone], self.normal)
+        return bones.to_world(self.bone, self.local), turned
+
+    def subset(self, keep: Array) -> PartMesh:
+        """Return only the faces of which all vertices are kept. keep: (V,) booleans."""
+        kept = np.flatnonzero(keep)
+        renumbered = np.full(len(self.bone), -1)
+        renumbered[kept] = np.arange(len(kept))
+        faces = renumbered[self.faces[keep[self.faces].all(axis=1)]]
+        return PartMesh(self.bone[kept], self.local[kept], self.normal[kept], faces)
+
+
+def model_mesh(model: ArticulatedModel) -> PartMesh:
+    """Return the parts of a model: its ellipsoids for silhouettes."""
+    return ellipsoid_mesh(model.flesh["fine"])
+
+
+def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:
+    """Return every ellipsoid as a mesh with 20 · 4^divisions faces.
+
+    Its corners stand a little outside, so that the outline is of the right size on average: a chord of angle θ lies
+    θ²/12 inside its arc.
+    """
+    ball, faces = _icosphere(divisions)
+    edge = ball[faces[:, 0]] - ball[faces[:, 1]]
+    outside = 1.0 + float((edge**2).sum(axis=1).mean()) / 12.0
+    scaled = flesh.radii[:, None, :] * ball * outside
+    local = flesh.centre[:, None] + np.einsum("eij,evj->evi", flesh.rotation, scaled)
+    normal = np.einsum("eij,evj->evi", flesh.rotation, ball / flesh.radii[:, None, :])
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    count = len(flesh)
+    everyone = faces[None] + len(ball) * np.arange(count)[:, None, None]
+    return PartMesh(
+        np.repeat(flesh.bone, len(ball)),
+        local.reshape(-1, 3),
+        normal.reshape(-1, 3),
+        everyone.reshape(-1, 3),
+    )
+
+
+def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
+    """Return (V, 3) unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
+    corner = vertices[faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(normal, faces[:, i], across)
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+
+
+def _icosphere(divisions: int) -> tuple[Floats, Ints]:
+    """Return points (V, 3) on the unit ball and faces (F, 3), counter-clockwise seen from outside."""
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    long, short = [1.0, -1.0], [golden, -golden]
+    points = [(0.0, a, b) for a in long for b in short]
+    points += [(a, b, 0.0) for a in long for b in short]
+    points += [(b, 0.0, a) for a in long for b in short]
+    ball = np.array(points) / np.hypot(1.0, golden)
+    faces = _hull(ball)
+    for _ in range(divisions):
+        ball, faces = _divided(ball, faces)
+    return ball, faces
+
+
+def _hull(ball: Floats) -> Ints:
+    """Return the faces of the icosahedron: all threes of neighbours."""
+    near = np.linalg.norm(ball[:, None] - ball[None], axis=2)
+    edge = near[near > 1e-9].min() * 1.01
+    found = []
+    for i in range(len(ball)):
+        for j in range(i + 1, len(ball)):
+            for k in range(j + 1, len(ball)):
+                if max(near[i, j], near[j, k], near[i, k]) < edge:
+                    inward = np.linalg.det(ball[[i, j, k]]) < 0
+                    found.append((i, k, j) if inward else (i, j, k))
+    return np.array(found)
+
+
+def _divided(ball: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return each face cut into four."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, at = np.unique(edges, axis=0, return_inverse=True)
+    middle = ball[unique].sum(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    a, b, c = faces.T
+    ab, bc, ca = (len(ball) + at.reshape(-1, 3)).T
+    parts = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+    return np.concatenate([ball, middle]), np.concatenate([np.stack(p, axis=1) for p in parts])

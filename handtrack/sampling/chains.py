@@ -1,0 +1,202 @@
+"""Chains: limbs and fingers as links between joints, and the hinges that move each link's end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
+
+_SAME_POINT_M = 1e-9
+_HELD = -1
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Joints that are jumped together, the one nearest to the root first."""
+
+    name: str
+    joints: tuple[str, ...]
+    parameters: tuple[str, ...]
+    """the solver parameters that move this chain and nothing else"""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedChain:
+    """A chain's geometry at the zero pose, where its rotations are a product of turns about fixed axes.
+
+    Hinge by hinge in kinematic order, K of them; L links. A link's end is moved by its own hinges, all of
+    which pass through its start: a bone's twist belongs to the link after it, for it does not move the
+    bone's own end.
+    """
+
+    chain: Chain
+    carrier: int
+    """the bone that carries the chain: parent of the first hinge's bone"""
+    carrier_zero: Floats
+    """(3, 3) its rotation at the zero pose"""
+    start_bone: int
+    start_point: Floats
+    """(3,) where the chain's first joint is, in that bone's frame [m]"""
+    base_columns: Ints
+    """the joint parameters of all hinges before the chain"""
+    columns: Ints
+    """(K,) joint parameter of each hinge"""
+    axes: Floats
+    """(K, 3) at the zero pose, world"""
+    link: Ints
+    """(K,) the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
+    joint of the chain"""
+    leader: Ints
+    """(K,) the hinge that this one follows; itself when free; −1 when it keeps its angle"""
+    ratio: Floats
+    """(K,) to the leader's angle"""
+    interval: Floats
+    """(K, 2) limits [rad]"""
+    reach: Floats
+    """(L, 3) from a link's start to its end at the zero pose [m]"""
+    end_joints: Ints
+    """(L,) index of each link's end among the model's joints"""
+
+    def hinges(self, link: int) -> Ints:
+        """Return the places among the chain's hinges of those that move a link's end."""
+        return np.flatnonzero(self.link == link)
+
+
+def chains_of(model: ArticulatedModel) -> tuple[Chain, ...]:
+    """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a body."""
+    names = keypoint_names()[1:]
+    offered = [(finger, names[4 * i : 4 * i + 4]) for i, finger in enumerate(FINGERS)]
+    offered.append(("neck", ("neck", "head_top")))
+    for side in ("left", "right"):
+        arm, leg = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
+        offered.append((f"{side}_arm", tuple(f"{side}_{joint}" for joint in arm)))
+        offered.append((f"{side}_leg", tuple(f"{side}_{joint}" for joint in leg)))
+    return tuple(
+        chain_along(model, name, joints)
+        for name, joints in offered
+        if set(joints) <= set(model.joint_names)
+    )
+
+
+def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Chain:
+    """Return the chain through named joints of a model; HandtrackError for an unknown joint."""
+    columns, link = _hinges_between(model, joints)
+    matrix, inside = model.transform.matrix, columns[link >= 0]
+    own = [p for p in range(matrix.shape[1]) if _leads_only(matrix[:, p], inside)]
+    return Chain(name, tuple(joints), tuple(model.transform.names[p] for p in own))
+
+
+def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
+    """Return a chain's geometry; HandtrackError where a link's length is not fixed by the skeleton."""
+    skeleton = model.skeleton
+    columns, link = _hinges_between(model, chain.joints)
+    zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
+    points = model.joint_positions(zero)
+    joints = np.array([model.joint_names.index(name) for name in chain.joints])
+    bone = skeleton.hinge_bone[columns - 6]
+    axes = np.einsum("kij,kj->ki", zero.rotation[bone], skeleton.hinge_axis[columns - 6])
+    for k in np.flatnonzero((link >= 0) & (link < len(joints) - 1)):
+        arm = points[joints[link[k]]] - zero.position[bone[k]]
+        if np.linalg.norm(np.cross(axes[k], arm)) > 1e-6:
+            raise HandtrackError(
+                f"chain '{chain.name}': '{model.parameter_names[columns[k]]}' changes the distance between "
+                f"{chain.joints[link[k]]} and {chain.joints[link[k] + 1]}; name the joint between them as well."
+            )
+    leader, ratio = _led(model.transform.matrix, columns, link)
+    carrier = int(skeleton.parent[bone[0]])
+    before = 6 + np.flatnonzero(np.isin(skeleton.hinge_bone, _ancestors(skeleton.parent, carrier)))
+    start = int(joints[0])
+    return PreparedChain(
+        chain=chain,
+        carrier=carrier,
+        carrier_zero=zero.rotation[carrier],
+        start_bone=int(model.joint_bone[start]),
+        start_point=model.joint_point[start],
+        base_columns=np.concatenate([before, columns[link < 0]]),
+        columns=columns,
+        axes=axes,
+        link=link,
+        leader=leader,
+        ratio=ratio,
+        interval=model.limits.interval[columns],
+        reach=np.diff(points[joints], axis=0),
+        end_joints=joints[1:],
+    )
+
+
+def moved_joints(model: ArticulatedModel) -> Array:
+    """Return (J, H) which hinges move which joints: those before one, unless it lies on their axis in every pose."""
+    skeleton = model.skeleton
+    zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
+    bone = skeleton.hinge_bone
+    axis = np.einsum("hij,hj->hi", zero.rotation[bone], skeleton.hinge_axis)
+    arm = model.joint_positions(zero)[:, None] - zero.position[bone]
+    on_axis = np.linalg.norm(np.cross(axis, arm), axis=2) < _SAME_POINT_M
+    moved = np.zeros(on_axis.shape, dtype=bool)
+    for j, carrier in enumerate(model.joint_bone):
+        before = np.flatnonzero(np.isin(bone, _ancestors(skeleton.parent, int(carrier))))
+        swinging = before[
+            ~on_axis[j, before]
+        ]  # hinges before the last of these swing the joint off their own axes
+        if len(swinging):
+            moved[j, before[before <= swinging[-1]]] = True
+    return moved
+
+
+def _ancestors(parent: Ints, bone: int) -> list[int]:
+    path = [bone]
+    while parent[path[-1]] >= 0:
+        path.append(int(parent[path[-1]]))
+    return path
+
+
+def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Ints, Ints]:
+    """Return the joint parameters (K,) of a chain's hinges in kinematic order, and the link of each."""
+    for joint in joints:
+        if joint not in model.joint_names:
+            raise unknown_name("joint", joint, model.joint_names, "a chain")
+    moved = moved_joints(model)
+    index = [model.joint_names.index(joint) for joint in joints]
+    own = moved[index]
+    hinge_bone, parent = model.skeleton.hinge_bone, model.skeleton.parent
+    moving = np.flatnonzero(own[-1] & ~own[0])
+    if not len(moving):
+        raise HandtrackError(
+            f"chain {' – '.join(joints)}: no hinge moves its last joint but not its first; a chain runs "
+            "outwards from the root, over at least one hinge."
+        )
+    link = np.where(own.any(axis=0), np.argmax(own, axis=0), len(joints)) - 1
+    root = hinge_bone[np.flatnonzero(own[1] & ~own[0])[-1:]]
+    if len(
+        root
+    ):  # a twist of the trunk moves the neck's end, but other limbs too: it is none of the neck's
+        beyond = [root[0] in _ancestors(parent, int(bone)) for bone in model.joint_bone]
+        link[moved[~np.array(beyond)].any(axis=0)] = -1
+    path = np.isin(hinge_bone, _ancestors(parent, int(model.joint_bone[index[-1]])))
+    used = hinge_bone[path & (link >= 0) & own[-1]]
+    hinges = np.flatnonzero(path & (hinge_bone >= used[0]) & (hinge_bone <= used[-1]))
+    return hinges + 6, link[hinges]
+
+
+def _leads_only(column: Floats, inside: Ints) -> bool:
+    led = np.flatnonzero(column)
+    return bool(len(led) and np.isin(led, inside).all())
+
+
+def _led(matrix: Floats, columns: Ints, link: Ints) -> tuple[Ints, Floats]:
+    """Return the leader (K,) of each hinge and the ratio to its angle; −1 where a parameter reaches outside."""
+    leader, ratio = np.full(len(columns), _HELD), np.ones(len(columns))
+    for p in range(matrix.shape[1]):
+        if not _leads_only(matrix[:, p], columns[link >= 0]):
+            continue
+        places = [int(np.flatnonzero(columns == s)[0]) for s in np.flatnonzero(matrix[:, p])]
+        first = min(places)
+        for place in places:
+            leader[place] = first
+            ratio[place] = matrix[columns[place], p] / matrix[columns[first], p]
+    return leader, ratio

@@ -1,0 +1,196 @@
+"""The interpretation tree: all poses that put the same joints on the same lines of sight of one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import bone_poses
+from handtrack.model.transform import ParameterTransform
+from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
+from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, grown, rooted
+from handtrack.sampling.limb_ik_kernels import pierce
+
+
+@dataclass(frozen=True)
+class TreeSettings:
+    """What becomes of branches that do not work out, and of poses that look the same."""
+
+    failing: str = "prune"
+    """where a ray misses its sphere, a hinge cannot follow or a limit is in the way: `prune` the branch, or go on
+    with what is `nearest` and leave the rest to descent"""
+    solutions: str = "nearest"
+    """of several angles for the same joint positions: `nearest` to the given ones, or `all`"""
+    stretched: str = "keep"
+    """the twist of a stretched limb: `keep` it, or `sample` it within its limits (needs an rng)"""
+
+
+@dataclass(frozen=True, eq=False)
+class InterpretationTree:
+    """The leaves of a tree, L poses."""
+
+    params: Floats
+    """(L, P) solver parameters"""
+    far: Array
+    """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
+    exact: Array
+    """(L,) whether every joint of the chains is on its line of sight, within limits"""
+    complete: int
+    """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
+
+    def __len__(self) -> int:
+        return len(self.params)
+
+
+def interpretation_tree(
+    model: ArticulatedModel,
+    params: Floats,
+    chains: Sequence[Chain | PreparedChain] | None,
+    camera: Camera,
+    targets_px: Floats | None = None,
+    settings: TreeSettings = TreeSettings(),
+    rng: np.random.Generator | None = None,
+) -> InterpretationTree:
+    """Return all poses that differ from `params` (P,) by forwards/backwards flips along chains. 2003 paper, §3.
+
+    For each link the sphere about its start, as large as the link is long, is pierced by the line of sight of
+    its end: two depths. Chains that do not carry each other are solved once, and the leaves are all their
+    combinations. chains: all that the model offers, where None. targets_px: (J, 2) where the model's joints are seen
+    (NaN where they are not: there, and by default, the given pose's own projection counts).
+    """
+    ready = [
+        prepare(model, chain) if isinstance(chain, Chain) else chain
+        for chain in (chains_of(model) if chains is None else chains)
+    ]
+    _check_apart(model, ready)
+    joint = model.joint_params(params)
+    positions = model.joint_positions(model.bones(params))
+    pixels = camera.project(positions)
+    if targets_px is not None:
+        check_shape(targets_px, pixels.shape, "image positions of the joints")
+        pixels = np.where(np.isfinite(targets_px).all(axis=1, keepdims=True), targets_px, pixels)
+    rays = camera.rays(pixels)
+    leaves = joint[None]
+    far, exact = np.empty((1, 0), dtype=bool), np.ones(1, dtype=bool)
+    for number, chain in enumerate(ready):
+        carried = _is_carried(chain, ready[:number])
+        given = leaves if carried else joint[None]
+        branches = _chain_leaves(model, chain, given, camera.centre, rays, settings, rng)
+        # the branches of one leaf, or of any leaf alike where the chain's base is the same in all of them
+        row, branch = branches.source, np.arange(len(branches.source))
+        if not carried:
+            row = np.repeat(np.arange(len(leaves)), len(branch))
+            branch = np.tile(branch, len(leaves))
+        leaves = leaves[row]
+        leaves[:, chain.columns] = branches.angles[branch]
+        far = np.concatenate([far[row], branches.choice[branch] > 0], axis=1)
+        exact = exact[row] & branches.exact[branch]
+    links = sum(len(chain.reach) for chain in ready)
+    solver = _solver_params(model.transform, leaves, params)
+    return InterpretationTree(solver, far, exact, 2**links)
+
+
+def _chain_leaves(
+    model: ArticulatedModel,
+    chain: PreparedChain,
+    given: Floats,
+    centre: Floats,
+    rays: Floats,
+    settings: TreeSettings,
+    rng: np.random.Generator | None,
+) -> Branches:
+    """Return one chain's branches from joint parameters (N, S)."""
+    nearest = settings.failing == "nearest"
+    poses = [bone_poses(model.skeleton, row) for row in given]
+    branches = rooted(model, chain, poses, given)
+    spare = branches.angles
+    if settings.stretched == "sample":
+        if rng is None:
+            raise HandtrackError("stretched = 'sample': sampling needs a random generator, `rng`.")
+        low, high = np.clip(chain.interval.T, -np.pi, np.pi)
+        spare = rng.uniform(low, high, size=spare.shape)
+    for link, end in enumerate(chain.end_joints):
+        length = float(np.linalg.norm(chain.reach[link]))
+        count = len(branches.end)
+        points = np.empty((count, 2, 3))
+        missed = np.empty((count, 2), dtype=np.int8)
+        pierce(branches.end, centre, rays[end], length, points, missed, nearest)
+        branches = grown(
+            chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), nearest,
+            max(REACHED_M, 1e-7 * length),
+        )  # fmt: skip
+    branches = _inside(model, chain, branches, given, nearest)
+    if settings.solutions == "all":
+        return branches
+    return branches.taken(_closest(branches, given[branches.source][:, chain.columns]))
+
+
+def _inside(
+    model: ArticulatedModel, chain: PreparedChain, branches: Branches, given: Floats, nearest: bool
+) -> Branches:
+    """Return the branches within those limits too that narrow with another parameter."""
+    if not np.isin(chain.columns, model.limits.narrowed).any():
+        return branches
+    joint = given[branches.source]
+    joint[:, chain.columns] = branches.angles
+    low, high = np.moveaxis(bounds_of_many(model.limits, joint)[:, chain.columns], -1, 0)
+    moved = np.clip(branches.angles, low, high)
+    inside = np.all(np.abs(moved - branches.angles) < REACHED_M, axis=1)
+    if not nearest:
+        return branches.taken(inside)
+    return Branches(
+        branches.rotation, branches.end, moved, branches.source, branches.choice, branches.exact & inside
+    )  # fmt: skip
+
+
+def _closest(branches: Branches, given: Floats) -> Ints:
+    """Return of each set of joint positions the branch that is exact and closest to the angles given (N, K)."""
+    far = np.linalg.norm(branches.angles - given, axis=1)
+    same = np.column_stack([branches.source, branches.choice])
+    order = np.lexsort((far, ~branches.exact, *same.T[::-1]))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (same[order[1:]] != same[order[:-1]]).any(axis=1)
+    return order[first]
+
+
+def _solver_params(transform: ParameterTransform, joint_params: Floats, params: Floats) -> Floats:
+    """Return the solver parameters (L, P) of leaves that keep the couplings; what leads nothing stays."""
+    found = np.tile(params, (len(joint_params), 1))
+    for p, column in enumerate(transform.matrix.T):
+        led = np.flatnonzero(column)
+        if len(led):
+            s = led[0]
+            found[:, p] = (joint_params[:, s] - transform.offset[s]) / column[s]
+    return found
+
+
+def _is_carried(chain: PreparedChain, earlier: Sequence[PreparedChain]) -> bool:
+    """Return whether a chain's base moves with one of the earlier chains."""
+    return any(
+        np.isin(other.columns[other.link >= 0], chain.base_columns).any() for other in earlier
+    )
+
+
+def _check_apart(model: ArticulatedModel, chains: Sequence[PreparedChain]) -> None:
+    """Raise unless no two chains share a hinge and those that carry others come first."""
+    taken: dict[int, str] = {}
+    for chain in chains:
+        name = chain.chain.name
+        for other in chains[chains.index(chain) + 1 :]:
+            if np.isin(other.columns[other.link >= 0], chain.base_columns).any():
+                raise HandtrackError(
+                    f"chains '{name}' and '{other.chain.name}': the second carries the first; name it first."
+                )
+        for column in chain.columns[chain.link >= 0]:
+            if int(column) in taken:
+                raise HandtrackError(
+                    f"chains '{taken[int(column)]}' and '{name}' both move "
+                    f"'{model.parameter_names[column]}'; the chains of one tree are apart from each other."
+                )
+            taken[int(column)] = name

@@ -1,0 +1,183 @@
+"""A key-point problem as plain arrays: what the compiled polishing reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
+from handtrack.terms.term import ParameterTerm
+
+_LOSS_KINDS = {Quadratic: 0, GemanMcClure: 1, Huber: 2}
+
+
+class KeypointProblem(NamedTuple):
+    """Model, observations and priors; K points are looked at O times, by C cameras or in space."""
+
+    parent: Ints
+    offset: Floats
+    rest: Floats
+    hinge_bone: Ints
+    hinge_axis: Floats
+    chain_start: Ints
+    """(B + 1,) where each bone's hinges begin in `chain`"""
+    chain: Ints
+    """the hinges that move each bone, from the root"""
+    joint: Ints
+    """(L,) joint parameter, … """
+    leader: Ints
+    """(L,) … the one solver parameter that leads it …"""
+    ratio: Floats
+    """(L,) … and by how much"""
+    shift: Floats
+    """(S,) joint parameters = ratio · leader + shift"""
+    interval: Floats
+    """(S, 2) limits"""
+    narrowing: Ints
+    """(S,) row of `narrow_*` for joint parameters whose limits narrow; −1 for the others"""
+    narrow_by: Ints
+    narrow_at: Floats
+    narrow_to: Floats
+    is_metre: Ints
+    """(P,) 1 where a solver parameter is in metres"""
+    point_bone: Ints
+    """(K,)"""
+    point: Floats
+    """(K, 3) in the bone's frame [m]"""
+    seen_start: Ints
+    """(K + 1,) where each point's observations begin"""
+    camera: Ints
+    """(O,) index of a camera; −1 for a point in space"""
+    target: Floats
+    """(O, 3) pixels (third number unused) or world [m]"""
+    information: Floats
+    """(O,) 1/σ²"""
+    camera_rotation: Floats
+    """(C, 3, 3) R_camera_world"""
+    camera_translation: Floats
+    camera_focal: Floats
+    """(C, 2) [px]"""
+    camera_middle: Floats
+    """(C, 2) [px]"""
+    loss_kind: int
+    loss_scale: float
+    prior_at: Floats
+    """(P,) where the priors were expanded; they are quadratic, so this is exact everywhere"""
+    prior_cost: float
+    prior_gradient: Floats
+    prior_hessian: Floats
+
+
+def keypoint_problem(
+    model: ArticulatedModel,
+    observed: Sequence[Keypoints | ImageKeypoints],
+    priors: Sequence[ParameterTerm] = (),
+    loss: Loss = Quadratic(),
+) -> KeypointProblem:
+    """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
+
+    priors: quadratic ones (GaussianPrior, LinearPrior). HandtrackError for unknown joints or losses.
+    """
+    skeleton, limits = model.skeleton, model.limits
+    if type(loss) not in _LOSS_KINDS:
+        known = ", ".join(kind.__name__ for kind in _LOSS_KINDS)
+        raise HandtrackError(f"polishing knows the losses {known}; found {type(loss).__name__}.")
+    joint, leader = np.nonzero(model.transform.matrix)
+    assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
+    narrowing = np.full(skeleton.parameter_count, -1)
+    narrowing[limits.narrowed[:, 0]] = np.arange(len(limits.narrowed))
+    chain = [_hinges_above(model, bone) for bone in range(skeleton.bone_count)]
+    prior = _expanded(model, priors)
+    return KeypointProblem(
+        parent=np.asarray(skeleton.parent, dtype=np.int64),
+        offset=np.ascontiguousarray(skeleton.offset),
+        rest=np.ascontiguousarray(skeleton.rest_rotation),
+        hinge_bone=np.asarray(skeleton.hinge_bone, dtype=np.int64),
+        hinge_axis=np.ascontiguousarray(skeleton.hinge_axis),
+        chain_start=np.concatenate([[0], np.cumsum([len(c) for c in chain])]).astype(np.int64),
+        chain=np.array([h for c in chain for h in c], dtype=np.int64),
+        joint=joint.astype(np.int64),
+        leader=leader.astype(np.int64),
+        ratio=np.ascontiguousarray(model.transform.matrix[joint, leader]),
+        shift=np.ascontiguousarray(model.transform.offset),
+        interval=np.ascontiguousarray(limits.interval),
+        narrowing=narrowing.astype(np.int64),
+        narrow_by=np.ascontiguousarray(limits.narrowed[:, 1], dtype=np.int64),
+        narrow_at=np.ascontiguousarray(limits.narrow_at),
+        narrow_to=np.ascontiguousarray(limits.narrow_to),
+        is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
+        **_observations(model, observed),
+        loss_kind=_LOSS_KINDS[type(loss)],
+        loss_scale=float(getattr(loss, "scale", 1.0)),
+        prior_at=model.rest_params(),
+        prior_cost=float(prior.cost),
+        prior_gradient=np.ascontiguousarray(prior.gradient),
+        prior_hessian=np.ascontiguousarray(prior.hessian),
+    )
+
+
+def _hinges_above(model: ArticulatedModel, bone: int) -> list[int]:
+    """Return the hinges that move a bone, in the order of joint parameters: ancestors first."""
+    skeleton, path = model.skeleton, set()
+    while bone >= 0:
+        path.add(bone)
+        bone = int(skeleton.parent[bone])
+    return [h for h, moved in enumerate(skeleton.hinge_bone) if int(moved) in path]
+
+
+def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> JointSystem:
+    """Return the priors' sum as a system in solver parameters about the relaxed pose."""
+    count = len(model.parameter_names)
+    total = JointSystem(0.0, np.zeros(count), np.zeros((count, count)))
+    at = model.joint_params(model.rest_params())
+    for prior in priors:
+        system = prior.linearize(at)
+        assert np.allclose(system.hessian, prior.linearize(at + 0.5).hessian), (
+            f"{prior.name}: only quadratic priors can be polished with"
+        )
+        total = total + system
+    return total.pull_back(model.transform.matrix)
+
+
+def _observations(
+    model: ArticulatedModel, observed: Sequence[Keypoints | ImageKeypoints]
+) -> dict[str, Floats | Ints]:
+    rows: list[tuple[int, int, Floats, float]] = []
+    cameras = [seen.camera for seen in observed if isinstance(seen, ImageKeypoints)]
+    for seen in observed:
+        in_space = isinstance(seen, Keypoints)
+        places = seen.positions if in_space else seen.pixels
+        sigma = seen.sigma_m if in_space else seen.sigma_px
+        index = -1 if in_space else cameras.index(seen.camera)
+        for name, place in zip(seen.names, places, strict=True):
+            if name not in model.joint_names:
+                raise unknown_name(
+                    "joint", name, model.joint_names, f"the keypoints of {model.name}"
+                )
+            if np.isfinite(place).all():
+                target = np.zeros(3)
+                target[: len(place)] = place
+                rows.append((model.joint_names.index(name), index, target, 1.0 / sigma**2))
+    rows.sort(key=lambda row: (row[0], row[1]))
+    joints = sorted({row[0] for row in rows})
+    starts = np.searchsorted([row[0] for row in rows], joints)
+    count = len(cameras)
+    return {
+        "point_bone": np.asarray(model.joint_bone[joints], dtype=np.int64),
+        "point": np.ascontiguousarray(model.joint_point[joints], dtype=float).reshape(-1, 3),
+        "seen_start": np.concatenate([starts, [len(rows)]]).astype(np.int64),
+        "camera": np.array([row[1] for row in rows], dtype=np.int64),
+        "target": np.array([row[2] for row in rows], dtype=float).reshape(-1, 3),
+        "information": np.array([row[3] for row in rows], dtype=float),
+        "camera_rotation": np.array([c.rotation for c in cameras]).reshape(count, 3, 3),
+        "camera_translation": np.array([c.translation for c in cameras]).reshape(count, 3),
+        "camera_focal": np.array([np.diag(c.matrix)[:2] for c in cameras]).reshape(count, 2),
+        "camera_middle": np.array([c.matrix[:2, 2] for c in cameras]).reshape(count, 2),
+    }

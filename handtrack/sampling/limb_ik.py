@@ -1,0 +1,196 @@
+"""Joint angles from joint positions: in closed form along a chain, by descent where that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.limits import Limits
+from handtrack.observation.observation import Keypoints
+from handtrack.sampling.chains import Chain, PreparedChain, prepare
+from handtrack.sampling.limb_ik_kernels import grow
+from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.keypoints import KeypointTerm
+
+REACHED_M = 1e-9
+"""an end this close to its target is on it"""
+_FOLLOWED_SIGMA_M = 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """Poses of a chain grown link by link, N of them."""
+
+    rotation: Floats
+    """(N, 3, 3) of the last link, zero pose → world"""
+    end: Floats
+    """(N, 3) the last joint placed so far, world [m]"""
+    angles: Floats
+    """(N, K) of the chain's hinges [rad]"""
+    source: Ints
+    """(N,) the pose that a branch started from"""
+    choice: Ints
+    """(N, links) which target each link's end took"""
+    exact: Array
+    """(N,) whether every joint is on its target, within limits"""
+
+    def taken(self, rows: Array | Ints) -> Branches:
+        """Return some of the branches."""
+        return Branches(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def rooted(
+    model: ArticulatedModel, chain: PreparedChain, poses: Sequence[BonePoses], joint_params: Floats
+) -> Branches:
+    """Return a branch for each pose (joint_params: (N, S)) that holds only the chain's first joint."""
+    rotation = np.stack([bones.rotation[chain.carrier] for bones in poses]) @ chain.carrier_zero.T
+    end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
+    angles = np.ascontiguousarray(joint_params[:, chain.columns])
+    for h in chain.hinges(-1):  # these move the first joint: they stay as they are
+        turn = np.stack([_turn(chain.axes[h], angle) for angle in angles[:, h]])
+        rotation = rotation @ turn
+    count = len(poses)
+    none = np.empty((count, 0), dtype=np.int8)
+    return Branches(rotation, end, angles, np.arange(count), none, np.ones(count, dtype=bool))
+
+
+def grown(
+    chain: PreparedChain,
+    branches: Branches,
+    link: int,
+    targets: Floats,
+    missed: Ints,
+    spare: Floats,
+    take_nearest: bool = False,
+    tolerance: float = REACHED_M,
+) -> Branches:
+    """Return the branches with one link more: all solutions for each target (N, T, 3) of its end.
+
+    missed: (N, T) 0 a target, 1 one that is only the nearest to be had, 2 none. spare: (N, K) the angles that
+    turns get which the targets leave open. A branch without a solution within limits ends here; with
+    `take_nearest` it goes on with what is nearest, no longer exact.
+    """
+    hinges = chain.hinges(link)
+    first = int(hinges[0]) if len(hinges) else 0
+    most, count = 2 * missed.size, chain.columns.size
+    parent, which = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int8)
+    rotation, end = np.empty((most, 3, 3)), np.empty((most, 3))
+    angles, miss = np.empty((most, count)), np.empty(most)
+    kept = grow(
+        branches.rotation, branches.end, branches.angles, spare, targets, missed, chain.axes, chain.leader,
+        chain.ratio, chain.interval, first, first + len(hinges), chain.reach[link], take_nearest, tolerance,
+        parent, which, rotation, end, angles, miss,
+    )  # fmt: skip
+    parent = parent[:kept]
+    choice = np.concatenate([branches.choice[parent], which[:kept, None]], axis=1)
+    exact = branches.exact[parent] & (miss[:kept] <= tolerance)
+    return Branches(
+        rotation[:kept], end[:kept], angles[:kept], branches.source[parent], choice, exact
+    )
+
+
+def limb_angles(
+    model: ArticulatedModel,
+    params: Floats,
+    chain: Chain | PreparedChain,
+    positions: Floats,
+    spare: Floats | None = None,
+    tolerance: float = 1e-6,
+) -> tuple[Floats, Ints]:
+    """Return all joint parameters (M, S) that put a chain's joints at positions, and the row (M,) each is for.
+
+    positions: (N, links, 3) world [m] of the joints after the first, which stays where solver parameters (P,) put it,
+    with everything before the chain. A ball joint with a hinge after it has up to four solutions; those beyond a limit
+    are dropped (2003 paper, §3.1). Where positions leave a turn open, a stretched limb's twist, it keeps its angle at
+    `params`, or that of `spare` (N, S).
+    """
+    ready = prepare(model, chain) if isinstance(chain, Chain) else chain
+    check_shape(positions, (None, len(ready.reach), 3), "joint positions")
+    joint = model.joint_params(params)
+    count = len(positions)
+    given = np.tile(joint, (count, 1))
+    branches = rooted(model, ready, [model.bones(params)] * count, given)
+    wanted = (given if spare is None else spare)[:, ready.columns]
+    for link in range(len(ready.reach)):
+        row = branches.source
+        targets = np.ascontiguousarray(positions[row, link][:, None, :])
+        missed = np.zeros((len(row), 1), dtype=np.int8)
+        branches = grown(
+            ready, branches, link, targets, missed, np.ascontiguousarray(wanted[row]), tolerance=tolerance
+        )  # fmt: skip
+    found = given[branches.source]
+    found[:, ready.columns] = branches.angles
+    inside = within_limits(model.limits, found)
+    return found[inside], branches.source[inside]
+
+
+def fit_positions(
+    model: ArticulatedModel,
+    params: Floats,
+    free: Sequence[str],
+    joints: Sequence[str],
+    positions: Floats,
+    settings: SolverSettings | None = None,
+) -> SolveSummary:
+    """Return the pose within limits that comes closest to joint positions (J, 3), by damped Gauss-Newton.
+
+    For chains that the closed form cannot do: looped ones (a hand on the hip), missed rays, limits in the way. Only
+    the solver parameters named `free` move; two chains that form a loop are named together. 2003 paper, §3.2.
+    """
+    seen = Keypoints(tuple(joints), np.asarray(positions, dtype=float), _FOLLOWED_SIGMA_M)
+    problem = FreeProblem(Problem(model, [KeypointTerm(model, seen)]), tuple(free), params)
+    return solve(problem, params, settings or SolverSettings(iterations=50, damping=1e-3))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeProblem:
+    """A problem in which only the named solver parameters move; the others stay at `params` (P,)."""
+
+    problem: Problem
+    free: tuple[str, ...]
+    params: Floats
+
+    def cost(self, params: Floats) -> float:
+        return self.problem.cost(params)
+
+    def linearize(self, params: Floats) -> JointSystem:
+        return self.problem.linearize(params)
+
+    def bounds(self, params: Floats) -> Floats:
+        """Return limits (P, 2): those of the problem where free, without room elsewhere."""
+        bounds = self.problem.bounds(params)
+        held = ~np.isin(self.problem.model.transform.names, self.free)
+        bounds[held] = self.params[held, None]
+        return bounds
+
+
+def within_limits(limits: Limits, joint_params: Floats, slack: float = 1e-9) -> Array:
+    """Return (N,) whether joint parameters (N, S) are within limits, also those that narrow with another."""
+    bounds = bounds_of_many(limits, joint_params)
+    inside = (joint_params >= bounds[..., 0] - slack) & (joint_params <= bounds[..., 1] + slack)
+    return np.asarray(inside.all(axis=1))
+
+
+def bounds_of_many(limits: Limits, joint_params: Floats) -> Floats:
+    """Return the limits (N, S, 2) that hold at joint parameters (N, S); row by row `Limits.bounds`."""
+    bounds = np.tile(limits.interval, (len(joint_params), 1, 1))
+    for (which, by), at, to in zip(
+        limits.narrowed, limits.narrow_at, limits.narrow_to, strict=True
+    ):
+        share = 1.0 - (1.0 - to) * np.clip(joint_params[:, by] / at, 0.0, 1.0)
+        middle = np.clip(0.0, *limits.interval[which])
+        bounds[:, which] = middle + share[:, None] * (limits.interval[which] - middle)
+    return bounds
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross

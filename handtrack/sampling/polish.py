@@ -1,0 +1,104 @@
+"""Many starts of one key-point problem, each brought to its minimum: compiled, in one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
+from handtrack.sampling.polish_kernels import polish_all
+from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.term import ParameterTerm
+
+
+@dataclass(frozen=True)
+class PolishSettings:
+    """How far to polish."""
+
+    iterations: int = 60
+    """linearisations at most"""
+    gradient_tolerance: float = 1e-6
+    """stop when the gradient on the free directions, each in its own standard deviations, is shorter than this"""
+    damping: float = 1e-3
+    """first λ, as a share of the Gauss-Newton diagonal"""
+    least_damping: float = 1e-12
+    step_limit_m: float = 0.3
+    """longest move of a translation in one step"""
+    step_limit_rad: float = 0.5
+    """widest turn of an angle in one step"""
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Where the starts ended."""
+
+    params: Floats
+    """(N, P) solver parameters, within limits"""
+    cost: Floats
+    """(N,) infinite where the start was behind a camera"""
+    gradient_norm: Floats
+    """(N,) √Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
+    least_eigenvalue: Floats
+    """(N,) of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
+    iterations: Ints
+    """(N,) linearisations used"""
+    normal: Floats
+    """(N, P, P) Gauss-Newton matrix and priors; its inverse is the covariance"""
+    is_minimum: Array
+    """(N,) gradient below the tolerance, and positive Hessian on the free directions"""
+
+
+def polish(
+    model: ArticulatedModel,
+    starts: Floats,
+    observed: Sequence[Keypoints | ImageKeypoints],
+    priors: Sequence[ParameterTerm] = (),
+    loss: Loss = Quadratic(),
+    settings: PolishSettings = PolishSettings(),
+) -> Polished:
+    """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms and priors.
+
+    observed: joints in space or in any number of undistorted images; priors: quadratic ones. Starts outside the limits
+    are first moved into them. Holds no lock while it runs; the same starts give the same bytes.
+    """
+    return polish_problem(keypoint_problem(model, observed, priors, loss), starts, settings)
+
+
+def polish_problem(
+    problem: KeypointProblem, starts: Floats, settings: PolishSettings = PolishSettings()
+) -> Polished:
+    """Return `polish` of a problem that is already packed."""
+    params = np.array(starts, dtype=float, order="C")
+    size = len(problem.is_metre)
+    check_shape(params, (None, size), "starts")
+    count = len(params)
+    cost, norm = np.zeros(count), np.zeros(count)
+    used = np.zeros(count, dtype=np.int64)
+    normal, hessian = np.zeros((count, size, size)), np.zeros((count, size, size))
+    polish_all(
+        problem, params, settings.iterations, settings.gradient_tolerance, settings.damping,
+        settings.least_damping, settings.step_limit_m, settings.step_limit_rad,
+        cost, norm, used, normal, hessian,
+    )  # fmt: skip
+    least = least_eigenvalues(hessian, normal)
+    minimum = (norm < settings.gradient_tolerance) & (least > 0.0) & np.isfinite(cost)
+    return Polished(params, cost, norm, least, used, normal, minimum)
+
+
+def least_eigenvalues(hessian: Floats, normal: Floats) -> Floats:
+    """Return (N,) least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
+
+    hessian: (N, P, P), zero rows where a parameter is held. The scaling changes no sign.
+    """
+    free = np.diagonal(hessian, axis1=1, axis2=2) != 0.0
+    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
+    scaled = hessian / (scale[:, :, None] * scale[:, None, :])
+    diagonal = np.arange(hessian.shape[1])
+    # what is held gets an eigenvalue of its own, too large to be the least
+    scaled[:, diagonal, diagonal] += np.where(free, 0.0, 1e3)
+    return np.linalg.eigvalsh(scaled)[:, 0]

@@ -1,0 +1,193 @@
+"""What a frame's images contribute by themselves: edges on the outline, and the texture of the frame before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.part_mesh import PartMesh, model_mesh
+from handtrack.observation.observation import ImageView, Observation
+from handtrack.terms.carried_texture import (
+    CarriedTextureTerm,
+    Texture,
+    exposed_as,
+    still_visible,
+    texture_points,
+)
+from handtrack.terms.depth_picture import DepthPicture, depth_picture
+from handtrack.terms.edge_search import edges_near
+from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.model_outline import outline_points
+from handtrack.terms.outline_edges import OutlineEdgesTerm
+from handtrack.terms.smooth_image import smooth_image
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracker.settings import TrackerSettings
+
+_MM = 1e-3
+_STEP = 0.5  # of a thin part's radius: what is that much further behind shows an edge
+_SIGMAS = 3.0  # of an edge's place, within the search
+_ROBUST = 3.0  # sigmas; another colour is another thing
+_SPACING_PX = 3  # between points of texture
+_BORDER_PX = 2  # of the model, where the colour may be the background's
+_LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """A frame that is solved already."""
+
+    seen: Observation
+    bones: BonePoses
+    """where the model was found in it"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """Points of the surface that one camera saw in the frame before."""
+
+    image: ImageView
+    bone: Ints
+    local: Floats
+    pixel: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class SeenAppearance:
+    """The images of a frame, ready for terms."""
+
+    images: tuple[ImageView, ...]
+    mesh: PartMesh
+    step_m: float
+    """parts nearer together than this in depth show no edge between them"""
+    carried: tuple[_Carried | None, ...]
+    """of each image; None where that camera saw nothing in the frame before"""
+    length: Floats
+    """(B,) bone lengths of the model [m]"""
+
+    def of(self, model: ArticulatedModel, settings: TrackerSettings) -> SeenAppearance:
+        """Return the same images for a model of another size; each bone's surface grows with the bone."""
+        share = model.skeleton.length / self.length
+        carried = [
+            None if c is None else replace(c, local=c.local * share[c.bone, None])
+            for c in self.carried
+        ]
+        mesh = _looked_at(model, settings)
+        return replace(self, mesh=mesh, carried=tuple(carried), length=model.skeleton.length)
+
+
+def see_appearance(
+    seen: Observation, model: ArticulatedModel, settings: TrackerSettings, before: Before | None
+) -> SeenAppearance | None:
+    """Return what the frame's images show; None without images, or where neither edges nor intensity count."""
+    by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
+    if not seen.images or not (by_edges or (by_texture and before is not None)):
+        return None
+    mesh = _looked_at(model, settings)
+    step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
+    known = {view.camera.name: view for view in before.seen.images} if before and by_texture else {}
+    carried = []
+    for view in seen.images:
+        earlier = known.get(view.camera.name)
+        carried.append(_carried(mesh, before.bones, earlier) if before and earlier else None)
+    if not by_edges and not any(carried):
+        return None
+    return SeenAppearance(seen.images, mesh, step, tuple(carried), model.skeleton.length)
+
+
+def appearance_terms(
+    seen: SeenAppearance, settings: TrackerSettings, stage: int, start: BonePoses
+) -> list[ObservationTerm]:
+    """Return edges and texture of one stage; what is visible, and which edges are near, is frozen at `start`."""
+    pictures = [depth_picture(seen.mesh, start, view.camera) for view in seen.images]
+    terms: list[ObservationTerm] = []
+    if settings.edges.weight > 0:
+        terms.append(_edges(seen, settings, stage, start, pictures))
+    if any(carried is not None for carried in seen.carried):
+        terms.append(_texture(seen, settings, stage, start, pictures))
+    return terms
+
+
+def _edges(
+    seen: SeenAppearance,
+    settings: TrackerSettings,
+    stage: int,
+    start: BonePoses,
+    pictures: Sequence[DepthPicture],
+) -> OutlineEdgesTerm:
+    chosen = settings.edges
+    search = at_stage(chosen.search_px, stage)
+    sigma = max(search / _SIGMAS, chosen.sigma_px)
+    found = []
+    for view, picture in zip(seen.images, pictures, strict=True):
+        outline = outline_points(seen.mesh, start, picture, seen.step_m)
+        smoothing = max(_LEAST_SMOOTHING_PX, search / 8.0)
+        image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
+        found.append(edges_near(outline, image, search))
+    return OutlineEdgesTerm(
+        found, sigma_px=sigma, stretch_px=chosen.correlation_px, weight=chosen.weight
+    )
+
+
+def _texture(
+    seen: SeenAppearance,
+    settings: TrackerSettings,
+    stage: int,
+    start: BonePoses,
+    pictures: Sequence[DepthPicture],
+) -> CarriedTextureTerm:
+    chosen = settings.intensity
+    smoothing = at_stage(chosen.smooth_px, stage)
+    found = []
+    for view, carried, picture in zip(seen.images, seen.carried, pictures, strict=True):
+        if carried is None:
+            continue
+        then = smooth_image(carried.image.pixels, smoothing, carried.pixel)
+        color = then.look_up(carried.pixel)[0]
+        texture = Texture(view.camera, carried.bone, carried.local, color)
+        texture = still_visible(texture, start, picture, seen.step_m)
+        at = view.camera.project(start.to_world(texture.bone, texture.local))
+        now = smooth_image(view.pixels, smoothing, at, 8.0 + 4.0 * smoothing)
+        found.append((exposed_as(texture, start, now), now))
+    share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
+    return CarriedTextureTerm(
+        found, chosen.sigma, GemanMcClure(_ROBUST), weight=chosen.weight * share
+    )
+
+
+def appearance_stages(settings: TrackerSettings) -> int:
+    """Return how many stages the schedule of edges and texture has."""
+    return max(
+        len(settings.edges.search_px) if settings.edges.weight > 0 else 1,
+        len(settings.intensity.smooth_px) if settings.intensity.weight > 0 else 1,
+    )
+
+
+def at_stage(values: Sequence[float], stage: int) -> float:
+    """Return a stage's value; the last one holds for all that follow."""
+    return values[min(stage, len(values) - 1)]
+
+
+def _carried(mesh: PartMesh, bones: BonePoses, view: ImageView) -> _Carried:
+    """Return the surface points that a camera saw at `bones`, but not those next to the background."""
+    picture = depth_picture(mesh, bones, view.camera)
+    on_model = np.pad((picture.face >= 0).astype(np.uint8), 1)
+    size = 2 * _BORDER_PX + 1
+    inner = cv2.erode(on_model, np.ones((size, size), np.uint8))[1:-1, 1:-1]
+    picture = replace(picture, face=np.where(inner > 0, picture.face, -1))
+    return _Carried(view, *texture_points(mesh, bones, picture, _SPACING_PX))
+
+
+def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:
+    """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
+    mesh = model_mesh(model)
+    if not model.has_forearm:
+        return mesh
+    reach = settings.silhouettes.forearm_seen_mm * _MM
+    forearm = mesh.bone == model.skeleton.bone("forearm")
+    return mesh.subset(~forearm | (mesh.local[:, 1] < reach))

@@ -1,0 +1,106 @@
+"""Hands in some postures, each as a rigid shape: what a search lays everywhere before it lets fingers move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surface import SurfaceMesh, surface_mesh
+
+POSTURES = ("open", "rest", "curl", "fist")
+_WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
+_MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
+REACH_M = 0.14
+"""Around the palm's middle of a mean hand lies the whole hand, its fingers stretched, and some of the forearm."""
+_NODE_M = 0.006
+_POINT_M = 0.012
+
+
+@dataclass(frozen=True, eq=False)
+class StartShape:
+    """A hand in one posture, in its own frame: the root at the origin, not turned."""
+
+    model: ArticulatedModel
+    posture: str
+    joint: Floats
+    """(S,) joint parameters"""
+    middle: Floats
+    """(3,) the palm's middle [m]"""
+    reach: float
+    """[m] around the middle: points further away say nothing about this hand"""
+    points: Floats
+    """(V, 3) evenly on the surface, within reach [m]"""
+    normals: Floats
+    """(V, 3) unit, outwards"""
+    area: float
+    """of the surface around each point [m²]"""
+    mesh: SurfaceMesh
+    """the same surface, with all of its points, each on its bone"""
+    low: Floats
+    """(3,) the first node of `field` [m]"""
+    field: Array
+    """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+
+    @property
+    def spacing(self) -> float:
+        return _NODE_M
+
+    def params_at(self, rotation: Floats, place: Floats) -> Floats:
+        """Return solver parameters (P,) with this posture, turned by rotation (3, 3), its palm's middle at place (3,)."""
+        joint = self.joint.copy()
+        joint[3:6] = rotation_vector(rotation)
+        joint[:3] = place - rotation @ self.middle
+        return self.model.clipped(self.model.transform.solver_params(joint))
+
+
+def start_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[StartShape]:
+    """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
+    bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
+    return [_shape(model, posture, np.deg2rad(bend)) for posture in postures for bend in bends]
+
+
+def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
+    """Return (3,) the palm's middle at solver parameters (P,), world [m]."""
+    places = model.joint_positions(model.bones(params))
+    wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
+    return wrist + _MIDDLE * (knuckle - wrist)
+
+
+def _shape(model: ArticulatedModel, posture: str, bend: float) -> StartShape:
+    joint = named_pose(model, posture)
+    if model.has_forearm:
+        joint[model.parameter_names.index("wrist_flex")] = bend
+    params = model.clipped(model.transform.solver_params(joint))
+    bones = model.bones(params)
+    middle = palm_middle(model, params)
+    reach = REACH_M * model.scale.overall
+    surface = MetaballSurface.of(model)
+    mesh = surface_mesh(surface, bones, _POINT_M)
+    near = np.linalg.norm(mesh.vertices - middle, axis=1) < reach
+    low, high = mesh.vertices[near].min(axis=0) - 0.03, mesh.vertices[near].max(axis=0) + 0.03
+    axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    field = np.abs(surface.distance(bones, nodes.reshape(-1, 3))).reshape(nodes.shape[:3])
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)
+    return StartShape(
+        model,
+        posture,
+        model.joint_params(params),
+        middle,
+        reach,
+        np.ascontiguousarray(mesh.vertices[near]),
+        np.ascontiguousarray(mesh.normals[near]),
+        area,
+        mesh,
+        low,
+        field.astype(np.float32),
+    )

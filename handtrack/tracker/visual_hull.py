@@ -1,0 +1,102 @@
+"""The visual hull: where in space all silhouettes agree that something may be, carved from coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from handtrack.arrays import Array, Floats
+from handtrack.geometry.camera import Camera
+from handtrack.observation.observation import Silhouette
+
+_REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
+_COARSE_M, _FINE_M = 0.02, 0.01
+_HAND_AREA_M2 = 0.012  # of an open hand's outline, for the depth of what one camera alone sees
+_DEPTHS = (0.6, 1.6)
+
+
+@dataclass(frozen=True, eq=False)
+class VisualHull:
+    """Cells that project into every silhouette that could see them."""
+
+    centres: Floats
+    """(N, 3) world [m]"""
+    depth: Floats
+    """(N,) how far inside the hull each lies, about [m]"""
+    side: float
+    """of a cell [m]"""
+
+
+def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
+    """Return the hull of what the silhouettes show, cells of a centimetre; without cells where they disagree.
+
+    A camera that a cell lies outside of says nothing about it; at least two must see it, or the only one there is.
+    """
+    seen = [s for s in silhouettes if (s.mask > 0.5).any()]
+    if not seen:
+        return VisualHull(np.zeros((0, 3)), np.zeros(0), _FINE_M)
+    outside = [distance_transform_edt(s.mask <= 0.5) for s in seen]
+    cameras = [s.camera for s in seen]
+    middle = _meeting_point(seen)
+    axis = np.arange(-_REACH_M, _REACH_M + 0.5 * _COARSE_M, _COARSE_M)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + middle
+    if len(seen) == 1:
+        far = np.linalg.norm(middle - cameras[0].centre)
+        depth = cameras[0].to_camera(grid)[:, 2]
+        grid = grid[(depth > _DEPTHS[0] * far) & (depth < _DEPTHS[1] * far)]
+    coarse = grid[_inside(grid, cameras, outside, 0.87 * _COARSE_M)]
+    halves = 0.5 * _FINE_M * np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1)
+    fine = (coarse[:, None] + halves.reshape(-1, 3)).reshape(-1, 3)
+    fine = fine[_inside(fine, cameras, outside, 0.5 * _FINE_M)]
+    return VisualHull(fine, _depth(fine), _FINE_M)
+
+
+def _inside(
+    points: Floats, cameras: Sequence[Camera], outside: Sequence[Floats], margin_m: float
+) -> Array:
+    """Return (N,) whether points lie within margin_m of all silhouettes that can see them."""
+    keep, views = np.ones(len(points), bool), np.zeros(len(points), int)
+    for camera, far in zip(cameras, outside, strict=True):
+        depth = camera.to_camera(points)[:, 2]
+        pixel = np.rint(np.nan_to_num(camera.project(points), nan=-1.0)).astype(int)
+        width, height = camera.size
+        within = (depth > 0) & (pixel >= 0).all(axis=1)
+        within &= (pixel[:, 0] < width) & (pixel[:, 1] < height)
+        margin = margin_m * float(camera.matrix[0, 0]) / np.maximum(depth, 1e-6)
+        column, row = np.clip(pixel[:, 0], 0, width - 1), np.clip(pixel[:, 1], 0, height - 1)
+        keep &= ~within | (far[row, column] <= margin)
+        views += within
+    return keep & (views >= min(2, len(cameras)))
+
+
+def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
+    """Return (3,) the point closest to the lines of sight through the silhouettes' middles, world [m].
+
+    With one camera, the point on its line at which the silhouette has a hand's area.
+    """
+    lines = []
+    for silhouette in seen:
+        row, column = np.nonzero(silhouette.mask > 0.5)
+        pixel = np.array([np.median(column), np.median(row)])
+        lines.append((silhouette.camera.centre, silhouette.camera.rays(pixel), len(row)))
+    if len(lines) == 1:
+        (centre, way, area), camera = lines[0], seen[0].camera
+        return centre + way * np.sqrt(
+            _HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
+        )
+    across = [np.eye(3) - np.outer(way, way) for _, way, _ in lines]
+    right = sum(a @ centre for a, (centre, _, _) in zip(across, lines, strict=True))
+    return np.linalg.lstsq(np.sum(across, axis=0), right, rcond=None)[0]
+
+
+def _depth(centres: Floats) -> Floats:
+    if not len(centres):
+        return np.zeros(0)
+    low = centres.min(axis=0) - _FINE_M
+    cell = np.rint((centres - low) / _FINE_M).astype(int)
+    filled = np.zeros(tuple(cell.max(axis=0) + 2), bool)
+    filled[tuple(cell.T)] = True
+    return np.asarray(distance_transform_edt(filled))[tuple(cell.T)] * _FINE_M - 0.5 * _FINE_M

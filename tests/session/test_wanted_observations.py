@@ -1,0 +1,95 @@
+"""Of a frame only what is wanted is read and computed; a cloud is cropped to the hand before it is thinned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.capture.cloud_files import write_cloud
+from handtrack.capture.point_cloud import PointCloud
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.views import View
+from tests.session.small_session import make_session
+
+MIDDLE = np.array([0.0, 0.0, 0.01])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
+    """A session with masks, and clouds of a hand-sized patch before a wall with forty times its points."""
+    folder = make_session(tmp_path)
+    (folder / "c").mkdir()
+    hand = MIDDLE + rng.uniform(-0.04, 0.04, (1000, 3)) * (1, 1, 0.05)
+    wall = rng.uniform(-1.0, 1.0, (40_000, 3)) * (1, 1, 0.001) + (0, 0, 0.4)
+    for frame in range(2):
+        write_cloud(folder / "c" / f"{frame}.npz", PointCloud(np.vstack([wall, hand])))
+    settings = folder / "session.toml"
+    text = settings.read_text().replace('scale = "fit"', "scale = 1.0")
+    clouds = '[clouds]\nfiles = "c/*.npz"\nmax_points = 400\noutlier_neighbours = 8\n'
+    settings.write_text(f"{text}\n{clouds}")
+    return folder
+
+
+def to_middle(points):
+    return np.linalg.norm(points - MIDDLE, axis=1) - 0.04
+
+
+def test_the_crop_comes_before_the_thinning(folder):
+    session = Session.open(folder)
+    everything = session.observation(0).cloud
+    cropped = session.observation(0, hand_distance=to_middle).cloud
+    assert len(everything) == len(cropped) == 400
+    assert (everything.points[:, 2] < 0.1).sum() < 60  # hardly any of the hand is left
+    assert (cropped.points[:, 2] < 0.1).all()
+
+
+def test_a_crop_that_is_switched_off_is_off(folder):
+    settings = folder / "session.toml"
+    settings.write_text(f"{settings.read_text()}crop_m = false\n")
+    session = Session.open(folder)
+    kept = session.observation(0, hand_distance=to_middle)
+    assert (kept.cloud.points[:, 2] > 0.1).any()
+    assert session.observation(0) is kept  # the hand made no difference
+
+
+@pytest.mark.parametrize(
+    ("values", "masks", "clouds"),
+    [
+        ({}, 2, 1),
+        ({"cloud.weight": 0.0}, 2, 0),
+        ({"silhouettes.weight": 0.0}, 0, 1),
+        ({"silhouettes.weight": 0.0, "cloud.weight": 0.0}, 0, 0),
+    ],
+)
+def test_what_has_no_weight_is_not_looked_at(folder, monkeypatch, values, masks, clouds):
+    read = {"masks": 0, "clouds": 0}
+    whole_mask, whole_cloud = View.silhouette, Session.measured_cloud
+
+    def mask(view, frame):
+        read["masks"] += 1
+        return whole_mask(view, frame)
+
+    def cloud(session, frame):
+        read["clouds"] += 1
+        return whole_cloud(session, frame)
+
+    session = Session.open(folder)
+    run = TrackingRun.open(session, {"model.forearm": "false", "model.fit_size": False, **values})
+    monkeypatch.setattr(View, "silhouette", mask)
+    monkeypatch.setattr(Session, "measured_cloud", cloud)
+    seen = run.observation(1, run.model.bones(run.model.rest_params()))
+    assert read == {"masks": masks, "clouds": clouds}
+    assert len(seen.silhouettes) == masks
+    assert (seen.cloud is not None) == bool(clouds)
+
+
+def test_parts_of_an_observation_are_not_computed_twice(folder, monkeypatch):
+    session = Session.open(folder)
+    alone = session.observation(0, cloud=False)
+    assert alone.cloud is None
+    monkeypatch.setattr(View, "silhouette", None)  # called once more, it would fail
+    assert session.observation(0).silhouettes is alone.silhouettes
+    assert session.observation(0, hand_distance=to_middle).silhouettes is alone.silhouettes
