@@ -231,13 +231,18 @@ def _add_simulate(commands: Any) -> None:
     simulate.add_argument(
         "--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"
     )
+    simulate.add_argument("--model", choices=("hand26", "body34"), default="hand26")
     simulate.add_argument(
-        "--motion", default="open_fist_open", help="open_fist_open, curl, gestures or still"
+        "--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"
     )
     simulate.add_argument("--side", choices=("right", "left"), default="right")
-    simulate.add_argument("--scale", type=float, default=1.0, help="of the hand; 1 is 187 mm long")
+    simulate.add_argument(
+        "--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"
+    )
     simulate.add_argument("--forearm", action="store_true", help="with a bare forearm")
-    simulate.add_argument("--distance", type=float, default=0.5, help="of the cameras [m]")
+    simulate.add_argument(
+        "--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"
+    )
     simulate.add_argument("--fps", type=float, default=25.0)
     simulate.add_argument("--no-images", action="store_true", help="masks alone, no videos")
     simulate.add_argument("--distortion", action="store_true", help="lenses with distortion")

@@ -24,6 +24,7 @@ from handtrack_app.cloud_pictures import (
     NARROW_PX,
     WIDE_PX,
     depth_picture,
+    not_tall,
     points_picture,
     stereo_pictures,
     stereo_words,
@@ -111,8 +112,7 @@ class CloudMaker:
         }  # fmt: skip
         if not cells:
             return None
-        sheet = contact_sheet(cells, width, columns)
-        return m.CloudPicture(moment.frame, sheet, moment.wanted.wide, "")
+        return _picture(moment, contact_sheet(cells, width, columns), "")
 
     def stereo(self, moment: Moment, pair: tuple[str, str]) -> m.CloudPicture:
         session, frame = moment.session, moment.frame
@@ -129,12 +129,12 @@ class CloudMaker:
         if images[0] is None or images[1] is None:
             missing = pair[0] if images[0] is None else pair[1]
             blank = np.full((80, width, 3), 26, np.uint8)
-            return m.CloudPicture(frame, blank, moment.wanted.wide, f"{missing} has no image here.")
+            return _picture(moment, blank, f"{missing} has no image here.")
         view = matcher.match(
             images[0], images[1], *(session.view(name).hand_pixels(frame) for name in pair)
         )
         sheet = contact_sheet(stereo_pictures(view), width)
-        return m.CloudPicture(frame, sheet, moment.wanted.wide, stereo_words(view, matcher.pair))
+        return _picture(moment, sheet, stereo_words(view, matcher.pair))
 
     def _filtered(
         self, moment: Moment
@@ -152,6 +152,11 @@ class CloudMaker:
             fate, reports = moment.filters.fates(measured, crop, session.cloud_eyes)
             self._known = (key, measured, fate, reports)
         return self._known[1:]
+
+
+def _picture(moment: Moment, sheet: Bytes, words: str) -> m.CloudPicture:
+    wide = moment.wanted.wide
+    return m.CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
 
 
 def _places(reports: tuple[FilterReport, ...], thinned: bool) -> list[int]:

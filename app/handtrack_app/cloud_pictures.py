@@ -13,6 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack_app.scene.palette import FILTERS, KEPT, REJECTS
 
 NARROW_PX, WIDE_PX = 620, 1240  # width of a picture in its panel, and large
+_TALLEST = 0.85  # height of a large picture as a share of its width
 _LINES = 12  # epipolar lines
 _MARGIN = 0.12  # around what was matched, as a share of its size
 _LINE, _BOX = (86, 180, 233), (255, 255, 255)
@@ -83,6 +84,20 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes]:
         "disparity": _coloured(np.where(kept, found, np.nan)),
         "thrown away": thrown,
     }
+
+
+def not_tall(picture: Bytes) -> Bytes:
+    """Return a picture (H, W, 3) of the same width, smaller and with margins where it would cover all the page."""
+    height, width = picture.shape[:2]
+    most = round(_TALLEST * width)
+    if height <= most:
+        return picture
+    across = round(width * most / height)
+    small = np.asarray(cv2.resize(picture, (across, most), interpolation=cv2.INTER_AREA), np.uint8)
+    left = (width - across) // 2
+    framed = np.full((most, width, 3), 36, np.uint8)
+    framed[:, left : left + across] = small
+    return framed
 
 
 def stereo_words(view: StereoView, pair: RectifiedPair) -> str:

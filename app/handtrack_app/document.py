@@ -22,8 +22,8 @@ from handtrack_app.reaching import reach, tip_names
 _TERM_WORDS = {
     "coverage": "silhouettes",
     "conic_field": "silhouettes",
-    "cloud_distance": "cloud → model",
-    "cloud_emptiness": "model → cloud",
+    "cloud_distance": "cloud→model",
+    "cloud_emptiness": "model→cloud",
     "rest": "priors",
     "posture": "priors",
     "motion": "priors",

@@ -13,9 +13,11 @@ from handtrack.arrays import Array, Bytes
 from handtrack.diagnostics.residual_image import field_picture, outline_picture, residual_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
+from handtrack_app.cloud_pictures import depth_picture
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
 _GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
+_SHEET = 620  # [px] width of a contact sheet
 _KEPT = 24  # undistorted images kept in memory
 _DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
 
@@ -29,10 +31,11 @@ def smaller(camera: Camera, width: int, height: int) -> Camera:
     return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
 
 
-def contact_sheet(pictures: dict[str, Bytes], width: int = 620, columns: int = 2) -> Bytes:
+def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int = 2) -> Bytes:
     """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
     columns = min(columns, max(len(pictures), 1))
     cell = (width - _GAP * (columns - 1)) // columns
+    large = width / _SHEET
     rows: list[Bytes] = []
     row: list[Bytes] = []
     named = list(pictures.items())
@@ -41,9 +44,11 @@ def contact_sheet(pictures: dict[str, Bytes], width: int = 620, columns: int = 2
         small = np.asarray(
             cv2.resize(picture, (cell, high), interpolation=cv2.INTER_AREA), np.uint8
         )
-        for colour, thick in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-            place, font = (8, high - 10), cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(small, name, place, font, 0.5, colour, thick, cv2.LINE_AA)
+        for colour, thick in (((0, 0, 0), 5), ((255, 255, 255), 2)):
+            cv2.putText(
+                small, name, (10, high - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.75 * large, colour,
+                round(thick * large), cv2.LINE_AA,
+            )  # fmt: skip
         row.append(small)
         if len(row) == columns or i == len(named) - 1:
             rows.append(_padded(row, width, cell))
@@ -57,6 +62,14 @@ def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
         left = i * (cell + _GAP)
         strip[: picture.shape[0], left : left + cell] = picture
     return strip
+
+
+def _depth(session: Any, name: str, frame: int) -> Array | None:
+    """Return what a depth camera gave (H, W) [m]; None where it is none, or its lens would have to be undone."""
+    for view in getattr(session, "views", ()):
+        if view.name == name and view.depth is not None and not view.camera.is_distorted:
+            return view.depth_m(frame)
+    return None
 
 
 class PictureMaker:
@@ -124,6 +137,9 @@ class PictureMaker:
             if maps is not None:
                 image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
             return image  # type: ignore[return-value]
+        depth = _depth(self._session, name, frame)
+        if depth is not None:
+            return depth_picture(depth)
         for silhouette in self._session.observation(frame, cloud=False).silhouettes:
             if silhouette.camera.name == name:
                 grey = _DARK + (_LIGHT - _DARK) * silhouette.mask

@@ -59,10 +59,11 @@ class WatchedTracker(Tracker):
         start: Floats | None = None,
         should_stop=None,
         on_iteration: Watch | None = None,
+        before: Observation | None = None,
     ) -> FrameResult:
         """Return the pose of one frame, as Tracker does."""
         if observation.frame != self.closely:
-            return super().step(observation, previous, start, should_stop, on_iteration)
+            return super().step(observation, previous, start, should_stop, on_iteration, before)
 
         def note(count: int, params: Floats, cost: float) -> None:
             self.steps.append(Step(params.copy(), cost))
@@ -70,7 +71,7 @@ class WatchedTracker(Tracker):
                 on_iteration(count, params, cost)
 
         self.steps.clear()
-        return super().step(observation, previous, start, should_stop, note)
+        return super().step(observation, previous, start, should_stop, note, before)
 
 
 class ResidualRecorder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from handtrack_app.messages import Notice, PoseSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.panels.cloud import CloudPanel
 from handtrack_app.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.panels.export import ExportPanel
 from handtrack_app.panels.nudging import NudgePanel
@@ -36,6 +37,7 @@ class PageLayout:
         tabs = gui.add_tab_group()
         self.session = SessionPanel(page, tabs.add_tab("View"), stage.look)
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
+        self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
         gui.main_panel.dock_right()
@@ -66,7 +68,7 @@ class PageLayout:
         back = gui.add_command("Previous frame", hotkey="B")
         undo.on_trigger(lambda _: travel(page, True))
         redo.on_trigger(lambda _: travel(page, False))
-        play.on_trigger(lambda _: setattr(page.state, "playing", not page.state.playing))
+        play.on_trigger(lambda _: page.play(not page.state.playing))
         onward.on_trigger(lambda _: page.go_to(page.state.frame + 1))
         back.on_trigger(lambda _: page.go_to(page.state.frame - 1))
 

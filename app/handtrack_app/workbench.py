@@ -57,6 +57,7 @@ class Workbench:
         self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[m.Notice] = []
+        self._wished: dict[type, m.Command] = {}
         self._demo = Demo() if demo else None
         self.server: viser.ViserServer
 
@@ -129,7 +130,15 @@ class Workbench:
         """Apply changed display options."""
         self.stage.apply(self.state.display)
         self.layout.session.show_display()
-        self.send(self.stage.wanted_pictures(self.state.display))
+        display = self.state.display
+        for wish in (
+            self.stage.wanted_pictures(display),
+            self.stage.wanted_surface(display),
+            self.stage.wanted_cloud(display),
+        ):
+            if self._wished.get(type(wish)) != wish:
+                self._wished[type(wish)] = wish
+                self.send(wish)
 
     # ---- from the worker
 
@@ -163,12 +172,25 @@ class Workbench:
             case m.PictureSnapshot():
                 self.stage.show_pictures(snapshot)
                 self.layout.session.show_pictures(snapshot)
+            case m.SurfaceSnapshot():
+                self.stage.show_surface(snapshot, self.state.display)
+            case m.CloudSnapshot():
+                self.stage.show_cloud(snapshot, self.state.display)
+                self.layout.cloud.show(snapshot)
+            case m.CloudPicture():
+                self.layout.cloud.show_picture(snapshot)
+            case m.CloudCard():
+                self.layout.cloud.fit(snapshot)
             case m.StripSnapshot():
                 self.layout.timeline.show_strip(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
             case m.ProgressSnapshot():
                 self.layout.show_progress(snapshot)
+                tracking = snapshot.state in ("tracking", "preparing")
+                if self.state.tracking != tracking:
+                    self.state.tracking = tracking
+                    self.redraw()
                 if self._demo is not None:
                     self._demo.follow(snapshot, self.page)
             case m.Notice():

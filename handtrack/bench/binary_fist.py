@@ -5,7 +5,6 @@ Two cameras cannot see the fingers in the fist: the estimate drifts along poses 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,7 +102,10 @@ def track(what: Scene, settings: dict[str, object]) -> FistTrack:
     tracker = Tracker(what.model, TrackerSettings().with_values(settings))
     start = what.model.transform.solver_params(what.joint_params[0])
     frames = range(len(what.observations))
-    observe: Callable[[int], Observation] = what.observations.__getitem__
+
+    def observe(frame: int, _: object) -> Observation:
+        return what.observations[frame]
+
     results = tuple(track_frames(tracker, observe, 0, start, frames))
     off = np.stack([r.joint_positions for r in results]) - what.joints
     stated = np.stack([r.joint_covariance for r in results])

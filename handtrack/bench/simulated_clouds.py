@@ -24,7 +24,9 @@ class Sensor:
     size: tuple[int, int] = (640, 480)
     distance_m: float = 0.5
     noise_m: float = 0.001
-    """standard deviation of depth, each pixel on its own"""
+    """standard deviation of depth"""
+    noise_px: float = 0.0
+    """over how many pixels noise stays the same; a matching window's are not independent"""
     missing: float = 0.0
     """share without a measurement, in blobs"""
     wrong: float = 0.0
@@ -39,7 +41,7 @@ class Sensor:
 
 FINE = Sensor()
 NOISY = Sensor(noise_m=0.003, missing=0.3, wrong=0.05)
-DIGICLOPS = Sensor((320, 240), 0.6, noise_m=0.004, missing=0.45, wrong=0.25)
+DIGICLOPS = Sensor((320, 240), 0.6, noise_m=0.004, noise_px=2.0, missing=0.4, wrong=0.2)
 """320 × 240, zones of the hand without points, points whose depth is centimetres wrong (2004 paper, section 5.2)"""
 
 
@@ -60,10 +62,19 @@ def depth_views(
             least + (most - least) * np.abs(2.0 * size[frame] - 1.0)
         )
         depth = depth + np.where(errors[frame] < sensor.wrong, off, 0.0)
-        depth = depth + sensor.noise_m * rng.normal(size=depth.shape)
+        depth = depth + sensor.noise_m * _noise(depth.shape, sensor.noise_px, rng)
         depth = np.where(hand & (holes[frame] >= sensor.missing), depth, 0.0)
         cloud = depth_cloud(camera, depth)
         yield Observation(frame, frame / 25.0, cloud=cloud, cloud_views=(camera.centre[None],))
+
+
+def _noise(shape: tuple[int, ...], breadth: float, rng: np.random.Generator) -> Floats:
+    """Return noise (H, W) of unit variance."""
+    field = rng.normal(size=shape)
+    if breadth > 0:
+        field = gaussian_filter(field, breadth, mode="wrap")
+        field /= field.std()
+    return field
 
 
 def _blobs(

@@ -97,7 +97,7 @@ def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str
 
 def _read_npz(path: Path, most: int) -> tuple[Floats, Array | None, int]:
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             if _POINTS not in data:
                 raise HandtrackError(
                     f"{path}: no array `points`; arrays there: {', '.join(data.files) or 'none'}."

@@ -13,6 +13,7 @@ from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import Skeleton
+from handtrack.model.superquadrics import Superquadrics
 from handtrack.model.transform import ParameterTransform
 
 FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")
@@ -63,6 +64,8 @@ class ArticulatedModel:
     """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
+    superquadrics: Superquadrics | None = None
+    """the parts of a body; hands have none"""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
+from handtrack.model.superquadrics import read_superquadrics
 from handtrack.model.transform import Follows, build_transform
 
 MODELS = ("hand26", "glove9", "ball6", "body34")
@@ -82,10 +83,13 @@ def read_scale(path: Path) -> HandScale:
 
 def write_scale(path: Path, scale: HandScale) -> None:
     """Save a person's hand or body, to be named by `scale` in session.toml."""
-    data: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
-    if scale.proportions:
-        data["proportions"] = scale.proportions
-    path.write_text(json.dumps(data, indent=1) + "\n")
+    path.write_text(json.dumps(scale_table(scale), indent=1) + "\n")
+
+
+def scale_table(scale: HandScale) -> dict[str, Any]:
+    """Return what is saved of a person's size; a hand has no proportions."""
+    table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
+    return table | ({"proportions": scale.proportions} if scale.proportions else {})
 
 
 @lru_cache(maxsize=8)
@@ -214,6 +218,9 @@ def _build(
         kind=table.get("kind", "hand"),
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
         proportion_names=tuple(row["name"] for row in table.get("proportion", [])),
+        superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
+        if (parts := table.get("superquadric"))
+        else None,
     )
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Array, Floats, Ints
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 
@@ -37,11 +36,6 @@ class PartMesh:
         renumbered[kept] = np.arange(len(kept))
         faces = renumbered[self.faces[keep[self.faces].all(axis=1)]]
         return PartMesh(self.bone[kept], self.local[kept], self.normal[kept], faces)
-
-
-def model_mesh(model: ArticulatedModel) -> PartMesh:
-    """Return the parts of a model: its ellipsoids for silhouettes."""
-    return ellipsoid_mesh(model.flesh["fine"])
 
 
 def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:

@@ -62,6 +62,11 @@ class PreparedChain:
     end_joints: Ints
     """(L,) index of each link's end among the model's joints"""
 
+    @property
+    def own(self) -> Array:
+        """Return (K,) which hinges the chain moves."""
+        return (self.link >= 0) & (self.link < len(self.reach))
+
     def hinges(self, link: int) -> Ints:
         """Return the places among the chain's hinges of those that move a link's end."""
         return np.flatnonzero(self.link == link)
@@ -86,7 +91,8 @@ def chains_of(model: ArticulatedModel) -> tuple[Chain, ...]:
 def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Chain:
     """Return the chain through named joints of a model; HandtrackError for an unknown joint."""
     columns, link = _hinges_between(model, joints)
-    matrix, inside = model.transform.matrix, columns[link >= 0]
+    matrix = model.transform.matrix
+    inside = columns[(link >= 0) & (link < len(joints) - 1)]
     own = [p for p in range(matrix.shape[1]) if _leads_only(matrix[:, p], inside)]
     return Chain(name, tuple(joints), tuple(model.transform.names[p] for p in own))
 

@@ -88,7 +88,7 @@ def interpretation_tree(
             row = np.repeat(np.arange(len(leaves)), len(branch))
             branch = np.tile(branch, len(leaves))
         leaves = leaves[row]
-        leaves[:, chain.columns] = branches.angles[branch]
+        leaves[:, chain.columns[chain.own]] = branches.angles[branch][:, chain.own]
         far = np.concatenate([far[row], branches.choice[branch] > 0], axis=1)
         exact = exact[row] & branches.exact[branch]
     links = sum(len(chain.reach) for chain in ready)
@@ -172,9 +172,7 @@ def _solver_params(transform: ParameterTransform, joint_params: Floats, params: 
 
 def _is_carried(chain: PreparedChain, earlier: Sequence[PreparedChain]) -> bool:
     """Return whether a chain's base moves with one of the earlier chains."""
-    return any(
-        np.isin(other.columns[other.link >= 0], chain.base_columns).any() for other in earlier
-    )
+    return any(np.isin(other.columns[other.own], chain.base_columns).any() for other in earlier)
 
 
 def _check_apart(model: ArticulatedModel, chains: Sequence[PreparedChain]) -> None:
@@ -183,11 +181,11 @@ def _check_apart(model: ArticulatedModel, chains: Sequence[PreparedChain]) -> No
     for chain in chains:
         name = chain.chain.name
         for other in chains[chains.index(chain) + 1 :]:
-            if np.isin(other.columns[other.link >= 0], chain.base_columns).any():
+            if np.isin(other.columns[other.own], chain.base_columns).any():
                 raise HandtrackError(
                     f"chains '{name}' and '{other.chain.name}': the second carries the first; name it first."
                 )
-        for column in chain.columns[chain.link >= 0]:
+        for column in chain.columns[chain.own]:
             if int(column) in taken:
                 raise HandtrackError(
                     f"chains '{taken[int(column)]}' and '{name}' both move "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
 from handtrack.terms.term import ParameterTerm
 
@@ -66,6 +67,16 @@ class KeypointProblem(NamedTuple):
     """(C, 2) [px]"""
     camera_middle: Floats
     """(C, 2) [px]"""
+    flesh_bone: Ints
+    """(E,) bones of the ellipsoids that may not overlap; all of the following are empty without collisions"""
+    flesh_centre: Floats
+    flesh_turn: Floats
+    flesh_radii: Floats
+    pair_first: Ints
+    pair_second: Ints
+    collision_slack: float
+    collision_sigma: float
+    collision_weight: float
     loss_kind: int
     loss_scale: float
     prior_at: Floats
@@ -80,10 +91,11 @@ def keypoint_problem(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = Quadratic(),
+    collision: CollisionTerm | None = None,
 ) -> KeypointProblem:
     """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
 
-    priors: quadratic ones (GaussianPrior, LinearPrior). HandtrackError for unknown joints or losses.
+    priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints or losses.
     """
     skeleton, limits = model.skeleton, model.limits
     if type(loss) not in _LOSS_KINDS:
@@ -114,6 +126,7 @@ def keypoint_problem(
         narrow_to=np.ascontiguousarray(limits.narrow_to),
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
+        **_collision(collision),
         loss_kind=_LOSS_KINDS[type(loss)],
         loss_scale=float(getattr(loss, "scale", 1.0)),
         prior_at=model.rest_params(),
@@ -146,9 +159,30 @@ def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> Joint
     return total.pull_back(model.transform.matrix)
 
 
+def _collision(term: CollisionTerm | None) -> dict[str, Any]:
+    if term is None:
+        none = np.zeros(0, dtype=np.int64)
+        flesh = (none, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        pairs, widths = np.zeros((2, 0), dtype=np.int64), (0.0, 1.0, 0.0)
+    else:
+        parts = term.flesh
+        flesh = (np.asarray(parts.bone, dtype=np.int64), parts.centre, parts.rotation, parts.radii)
+        pairs = np.ascontiguousarray(np.asarray(term.pairs, dtype=np.int64).T)
+        widths = (float(term.slack_m), float(term.sigma_m), float(term.weight))
+    names = ("flesh_bone", "flesh_centre", "flesh_turn", "flesh_radii")
+    return {
+        **{name: np.ascontiguousarray(array) for name, array in zip(names, flesh, strict=True)},
+        "pair_first": pairs[0],
+        "pair_second": pairs[1],
+        "collision_slack": widths[0],
+        "collision_sigma": widths[1],
+        "collision_weight": widths[2],
+    }
+
+
 def _observations(
     model: ArticulatedModel, observed: Sequence[Keypoints | ImageKeypoints]
-) -> dict[str, Floats | Ints]:
+) -> dict[str, Any]:
     rows: list[tuple[int, int, Floats, float]] = []
     cameras = [seen.camera for seen in observed if isinstance(seen, ImageKeypoints)]
     for seen in observed:

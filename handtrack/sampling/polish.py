@@ -12,6 +12,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
 from handtrack.sampling.polish_kernels import polish_all
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import Loss, Quadratic
 from handtrack.terms.term import ParameterTerm
 
@@ -59,14 +60,17 @@ def polish(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = Quadratic(),
+    collision: CollisionTerm | None = None,
     settings: PolishSettings = PolishSettings(),
 ) -> Polished:
-    """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms and priors.
+    """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms, priors and collisions.
 
-    observed: joints in space or in any number of undistorted images; priors: quadratic ones. Starts outside the limits
-    are first moved into them. Holds no lock while it runs; the same starts give the same bytes.
+    observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
+    not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the same starts give the same bytes.
     """
-    return polish_problem(keypoint_problem(model, observed, priors, loss), starts, settings)
+    return polish_problem(
+        keypoint_problem(model, observed, priors, loss, collision), starts, settings
+    )
 
 
 def polish_problem(

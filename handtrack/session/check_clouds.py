@@ -13,7 +13,7 @@ from handtrack.session.finding import Finding, listed
 if TYPE_CHECKING:
     from handtrack.session.session import Session
 
-_FEW = 4
+_FEW, _SOME = 4, 12  # frames looked at: matching a pair takes its time
 _LEAST_POINTS = 300  # below that, a hand's pose cannot be told from its cloud
 
 
@@ -22,7 +22,9 @@ def check_clouds(session: Session) -> Iterator[Finding]:
     if not session.has_clouds:
         return
     measured, left, poor = [], [], []
-    for frame in spread(session.frame_count, _FEW):
+    settings = session.file.clouds
+    few = settings is not None and settings.stereo
+    for frame in spread(session.frame_count, _FEW if few else _SOME):
         cloud, _ = session.cloud(frame)
         whole = session.measured_cloud(frame)
         if cloud is None or whole is None:

@@ -23,7 +23,6 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.session.session_file import CloudSettings, SessionFile
 from handtrack.session.views import View
 
-
 _TRIED = 5  # files, until one can be read
 
 

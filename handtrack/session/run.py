@@ -16,7 +16,7 @@ from handtrack.capture.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.first_pose import FirstPose
 from handtrack.session.session import Session
@@ -124,7 +124,7 @@ class TrackingRun:
         chosen = self.settings.model.forearm
         if chosen == "auto":
             chosen = str(self.session.file.hand.forearm).lower()
-        if self.forearm or chosen != "auto":
+        if self.forearm or chosen != "auto" or self.model.kind == "body":
             return self
         if not forearm_in_view(self.model, params, _seen(self.session, self.settings, frame)):
             return self
@@ -179,7 +179,7 @@ class TrackingRun:
             joint_names=self.model.joint_names,
             model=self.model.name,
             side=self.model.side,
-            scale=json.dumps({"overall": self.scale.overall, "parts": self.scale.parts}),
+            scale=json.dumps(scale_table(self.scale)),
             session=self.session.name,
             settings=json.dumps(self.settings.flat(), sort_keys=True),
             version=_version(),
@@ -235,6 +235,13 @@ def _keypoints(first: FirstPose, settings: TrackerSettings) -> Keypoints:
 
 
 def _first_params(model: ArticulatedModel, first: FirstPose, settings: TrackerSettings) -> Floats:
+    if model.kind == "body":
+        if first.xyz is not None:
+            raise HandtrackError(
+                f"first pose: 21 keypoints are a hand's, but the model is '{model.name}'; give a body's pose by "
+                "parameters, as the workbench saves it."
+            )
+        return model.params_from(dict(first.parameters))
     if not model.has_keypoints21:  # a simpler hand stands where the whole one would
         whole = _whole(model)
         return carried_over(whole, _first_params(whole, first, settings), model)
@@ -256,6 +263,11 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
         return read_scale(given)
     if given != "fit":
         return HandScale(float(given))
+    if _model(session, settings, HandScale(), False).kind == "body":
+        raise HandtrackError(
+            f'{session.folder}: scale = "fit" is for hands; give a body\'s size as a factor on 1.75 m, or the path of '
+            "a saved body."
+        )
     if first is None or first.xyz is None:
         return HandScale()  # nothing to fit to: an adult's mean hand
     seen = _keypoints(first, settings)
@@ -275,5 +287,7 @@ def _forearm(
     if any(name.startswith("wrist_") for name in first.parameters):
         return True
     model = _model(session, settings, scale, False)
+    if model.kind == "body":
+        return False
     params = _first_params(model, first, settings)
     return forearm_in_view(model, params, _seen(session, settings, first.frame))

@@ -38,7 +38,8 @@ from handtrack.session.views import View
 _T = TypeVar("_T")
 _K = TypeVar("_K")
 _OBSERVATIONS_KEPT = 24  # two a frame: with a cloud, and without
-_CLOUDS_KEPT = 12  # before filtering; some have a million points
+_CLOUDS_KEPT = 12  # before filtering
+_POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
 class Session:
@@ -177,7 +178,9 @@ class Session:
             known, cloud = frame in self._measured, self._measured.get(frame)
         if not known:
             cloud = self._clouds.read(frame)
-        _remember(self._measured, frame, cloud, _CLOUDS_KEPT, self._lock)
+        size = 1 if cloud is None else max(len(cloud), 1)
+        most = min(max(_POINTS_KEPT // size, 1), _CLOUDS_KEPT)
+        _remember(self._measured, frame, cloud, most, self._lock)
         return cloud
 
     def cloud(

@@ -17,6 +17,7 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.session import layout
+from handtrack.session.body_motion import body_motion
 from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.motion import motion
 from handtrack.session.session_file import (
@@ -29,6 +30,16 @@ from handtrack.session.session_file import (
 
 _SKIN = np.array([224, 172, 140.0])
 
+BODY_TRACKING = {
+    "silhouettes": {
+        "bands_mm": (60.0, 30.0, 10.0),
+        "outline_sigma_mm": 10.0,
+        "outline_correlation_mm": 80.0,
+    },
+    "prior": {"motion_sigma_mm": 60.0, "motion_sigma_deg": 15.0},
+}
+"""[tracking] of a body: outlines are as much coarser than a hand's as the body is larger"""
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -38,6 +49,8 @@ class Simulation:
     frames: int = 100
     size: tuple[int, int] = (640, 480)
     motion: str = "open_fist_open"
+    model: str = "hand26"
+    """or body34, with a motion of a body"""
     side: str = "right"
     scale: float = 1.0
     forearm: bool = False
@@ -47,7 +60,7 @@ class Simulation:
     """colour videos beside the masks"""
     distortion: bool = False
     init_noise_m: float = 0.005
-    """of the 21 keypoints in init.json; 0 writes the exact pose by parameters"""
+    """of the 21 keypoints in init.json; 0 writes the exact pose by parameters, as for a body always"""
     seed: int = 0
 
     def check(self) -> None:
@@ -104,8 +117,9 @@ def simulate(
             f"simulate: the folder {folder} is not empty; nothing was written. Name a new folder with --out."
         )
     rng = np.random.default_rng(what.seed)
-    model = load_model(side=what.side, scale=what.scale, forearm=what.forearm)
-    joint = motion(model, what.motion, what.frames, rng)
+    model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
+    moves = body_motion if model.kind == "body" else motion
+    joint = moves(model, what.motion, what.frames, rng)
     rig = simulated_rig(what.cameras, what.size, what.distance_m, what.distortion)
     folder.mkdir(parents=True, exist_ok=True)
     write_rig(folder / layout.CALIBRATION_FILE, rig)
@@ -121,8 +135,10 @@ def simulate(
         for camera in rig.cameras
     )
     recording = RecordingSettings(name=f"simulated {what.motion}", fps=what.fps)
-    hand = HandSettings(side=what.side, scale=what.scale)
-    write_session_file(folder / layout.SESSION_FILE, SessionFile(recording, hand, entries))
+    hand = HandSettings(model=what.model, side=what.side, scale=what.scale)
+    tracking = BODY_TRACKING if model.kind == "body" else {}
+    file = SessionFile(recording, hand, entries, tracking=tracking)
+    write_session_file(folder / layout.SESSION_FILE, file)
     return folder
 
 
@@ -183,9 +199,12 @@ def _saved(path: Path, image: Array) -> None:
 
 def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
     bones = [model.bones(model.transform.solver_params(params)) for params in joint]
+    keypoints = {}
+    if model.has_keypoints21:
+        keypoints = {"keypoints21": np.stack([model.keypoints21(b) for b in bones])}
     np.savez_compressed(
         folder / layout.TRUTH_FILE,
-        keypoints21=np.stack([model.keypoints21(b) for b in bones]),
+        **keypoints,
         joint_names=np.array(model.joint_names),
         joint_positions=np.stack([model.joint_positions(b) for b in bones]),
         time_s=np.arange(len(joint)) / what.fps,
@@ -195,7 +214,7 @@ def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint:
 def _write_init(
     folder: Path, what: Simulation, model: ArticulatedModel, first: Floats, rng: np.random.Generator
 ) -> None:
-    if what.init_noise_m > 0:
+    if what.init_noise_m > 0 and model.has_keypoints21:
         points = model.keypoints21(model.bones(model.transform.solver_params(first)))
         noisy = points + rng.normal(scale=what.init_noise_m, size=points.shape)
         pose = FirstPose(0, xyz=np.round(noisy, 5))

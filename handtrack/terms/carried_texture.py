@@ -38,9 +38,7 @@ class Texture:
 
     def subset(self, keep: Array) -> Texture:
         """Return only the points for which `keep` (N,) is True."""
-        return replace(
-            self, bone=self.bone[keep], local=self.local[keep], color=self.color[keep]
-        )
+        return replace(self, bone=self.bone[keep], local=self.local[keep], color=self.color[keep])
 
 
 def texture_points(
@@ -54,7 +52,7 @@ def texture_points(
     half = spacing_px // 2
     row, column = np.nonzero(picture.face[half::spacing_px, half::spacing_px] >= 0)
     row, column = row * spacing_px + half, column * spacing_px + half
-    pixel = np.stack([column, row], axis=1) + np.array(picture.corner, dtype=float)
+    pixel: Floats = np.stack([column, row], axis=1).astype(float) + picture.corner
     flat = (pixel - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     depth = picture.depth[row, column, None]
     seen = np.concatenate([flat * depth, depth], axis=1)

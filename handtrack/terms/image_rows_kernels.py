@@ -23,9 +23,7 @@ def place(b, local, rotation, position, point):  # pragma: no cover - compiled
 def see(point, turn, shift, seen):  # pragma: no cover - compiled
     """Fill the point (3,) in the camera's frame."""
     for r in range(3):
-        seen[r] = (
-            shift[r] + turn[r, 0] * point[0] + turn[r, 1] * point[1] + turn[r, 2] * point[2]
-        )
+        seen[r] = shift[r] + turn[r, 0] * point[0] + turn[r, 1] * point[1] + turn[r, 2] * point[2]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -48,3 +48,24 @@ class LinearPrior:
         return JointSystem(
             0.5 * float(residual @ residual), self.rows.T @ residual, self.rows.T @ self.rows
         )
+
+
+@dataclass(frozen=True)
+class BellPrior:
+    """½ (x − mean)ᵀ information (x − mean) on joint parameters (S,): a normal distribution with correlations.
+
+    Serves as continuity where it is known how well, and in which combinations, the last frame was seen.
+    """
+
+    mean: Floats
+    information: Floats
+    """(S, S), symmetric, no negative direction"""
+    name: str = "motion"
+
+    def cost(self, joint_params: Floats) -> float:
+        off = joint_params - self.mean
+        return 0.5 * float(off @ self.information @ off)
+
+    def linearize(self, joint_params: Floats) -> JointSystem:
+        gradient = self.information @ (joint_params - self.mean)
+        return JointSystem(self.cost(joint_params), gradient, self.information)

@@ -11,7 +11,8 @@ import numpy as np
 from handtrack.arrays import Floats, Ints
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.part_mesh import PartMesh, model_mesh
+from handtrack.model.model_mesh import model_mesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.terms.carried_texture import (
     CarriedTextureTerm,
@@ -32,7 +33,7 @@ from handtrack.tracker.settings import TrackerSettings
 _MM = 1e-3
 _STEP = 0.5  # of a thin part's radius: what is that much further behind shows an edge
 _SIGMAS = 3.0  # of an edge's place, within the search
-_ROBUST = 3.0  # sigmas; another colour is another thing
+_ROBUST = (12.0, 6.0, 3.0)  # sigmas; another colour is another thing, or, at first, still the wrong place
 _SPACING_PX = 3  # between points of texture
 _BORDER_PX = 2  # of the model, where the colour may be the background's
 _LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
@@ -156,7 +157,10 @@ def _texture(
         found.append((exposed_as(texture, start, now), now))
     share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
     return CarriedTextureTerm(
-        found, chosen.sigma, GemanMcClure(_ROBUST), weight=chosen.weight * share
+        found,
+        chosen.sigma,
+        GemanMcClure(at_stage(_ROBUST, stage)),
+        weight=chosen.weight * share,
     )
 
 

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.outline_overlap import outline_overlap
 from handtrack.tracker.cloud_terms import explained_share
 from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.result import FrameResult, Status
 
 _NEAR_M = 0.006  # three times the usual error of a point
+_NEAR_SIGMAS = 4.0  # twice that a normal error rarely is, for detectors err more often
+_DOUBTFUL_KEYPOINTS, _LOST_KEYPOINTS = 0.7, 0.35  # share of points near the model; as with clouds
 _ENOUGH, _FEWEST = 5, 3  # tracked frames to go by; any frames at all
 _HISTORY = 30  # frames that tell what is usual
 _LEAST_USUAL = (
@@ -46,6 +49,8 @@ def assess(
     terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
 ) -> tuple[Status, str]:
     """Return a frame's status and, unless it is tracked, the reason."""
+    if not terms.views and any(isinstance(t.observed, ImageKeypoints) for t in terms.keypoints):
+        return _by_keypoints(terms, bones)
     if not terms.views:
         return Status.DOUBTFUL, "nothing was seen; only given keypoints hold the pose"
     status, reason = _by_outline(terms, bones)
@@ -75,6 +80,23 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
         return Status.LOST, overlap
     if share[worst] < limits.doubtful_overlap:
         return Status.DOUBTFUL, overlap
+    return Status.TRACKED, ""
+
+
+def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+    """Judge by the share of points that lie where they are seen; robust terms let go of the others."""
+    near, known = 0, 0
+    for term in terms.keypoints:
+        rows = term.rows(bones)
+        width = 2 if isinstance(term.observed, ImageKeypoints) else 3
+        off = np.linalg.norm(rows.residual.reshape(-1, width), axis=1)
+        near, known = near + int((off < _NEAR_SIGMAS).sum()), known + len(off)
+    share = near / max(known, 1)
+    reason = f"{100 * share:.0f} % of {known} keypoints lie within {_NEAR_SIGMAS:g} sigma of the model"
+    if share < _LOST_KEYPOINTS:
+        return Status.LOST, reason
+    if share < _DOUBTFUL_KEYPOINTS:
+        return Status.DOUBTFUL, reason
     return Status.TRACKED, ""
 
 

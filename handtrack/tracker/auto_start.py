@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -14,50 +13,26 @@ from handtrack.observation.observation import Observation
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.priors import GaussianPrior
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.terms.term import ParameterTerm
 from handtrack.tracker.cloud_start import cloud_start
-from handtrack.tracker.orientation_grid import spread_rotations, turned_by
+from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.settings import TrackerSettings
-from handtrack.tracker.start_shapes import StartShape, start_shapes
+from handtrack.tracker.silhouette_start import silhouette_start
+from handtrack.tracker.start_confidence import fit_quality, shares
+from handtrack.tracker.start_shapes import start_shapes
 from handtrack.tracker.tracker import Tracker
 
-_FEW_ROTATIONS, _ROTATIONS = 200, 1000
-_MOST_LAID = 160_000
-_KEPT_PLACES = 10
-_APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
-_ROUNDS = ((48, 10), (16, 12), (5, 0))
-"""how many hypotheses enter each round of descent, and the iterations in it; the last descend as the tracker does"""
+_ROUNDS = ((48, 10), (16, 12))
+"""how many starts enter each round of descent, and its iterations"""
+_FINALISTS = 5  # that descend as the tracker does
+_WIDE_M, _NARROW_M = 0.012, 0.004
 _SAME_M = 0.012  # mean distance between joints of poses that count as one
 _REST_SIGMA = np.deg2rad(50.0)
 
-
-class StartSource(Protocol):
-    """What one kind of observation says about where a hand may be."""
-
-    @property
-    def places(self) -> Floats: ...
-
-    def scores(self, shape: StartShape, rotations: Floats, places: Floats) -> Floats: ...
-
-    def terms(self, shape: StartShape, params: Floats) -> list[ObservationTerm]: ...
-
-
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A pose that may be the hand's."""
-
-    shape: StartShape
-    """where it started from"""
-    params: Floats
-    """(P,) solver parameters of the shape's model"""
-    cost: float
-
-    @property
-    def joints(self) -> Floats:
-        model = self.shape.model
-        return model.joint_positions(model.bones(self.params))
+Progress = Callable[[float, str], None]
+"""called with the share that is done and what is being done"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +43,14 @@ class StartCandidate:
     """with or without a forearm, as what is seen asks for"""
     result: FrameResult
     cost: float
+    """of this pose beside the others': they are all measured by the same points and pixels"""
+    confidence: float
+    """0 to 1: how well it fits, times its share among all that were found; docs/automatic_start.md"""
+
+    @property
+    def params(self) -> Floats:
+        """Solver parameters (P,) of its model."""
+        return self.model.transform.solver_params(self.result.parameters)
 
 
 def auto_start(
@@ -75,73 +58,54 @@ def auto_start(
     settings: TrackerSettings,
     seen: Observation,
     should_stop: Callable[[], bool] | None = None,
+    on_progress: Progress | None = None,
 ) -> list[StartCandidate]:
-    """Return first poses for what was seen of one frame, the best first; empty where no hand can be seen."""
-    sources = _sources(seen, settings)
+    """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
+
+    models: those that may explain it, say without and with a forearm. Looks everywhere: nothing is assumed of place,
+    turn and posture but that the hand is rather open than closed.
+    """
+    tell = on_progress or (lambda share, text: None)
+    stop = should_stop or (lambda: False)
+    tell(0.0, "looking for the hand")
+    sources = start_sources(seen, settings)
     if not sources:
         return []
-    found = _laid(sources, [shape for model in models for shape in start_shapes(model)])
-    for kept, iterations in _ROUNDS[:-1]:
-        found = _distinct(found, kept)
-        found = [_descended(sources, h, iterations) for h in found]
-    found = _distinct(found, _ROUNDS[-1][0])
-    candidates = []
-    for h in found:
-        tracker = Tracker(h.shape.model, settings)
-        result = tracker.step(seen, (), h.params, should_stop)
-        params = h.shape.model.transform.solver_params(result.parameters)
-        cost = _problem(sources, replace(h, params=params)).cost(params)
-        candidates.append(StartCandidate(h.shape.model, result, cost))
-    return sorted(candidates, key=lambda c: c.cost)
+    shapes = [shape for model in models for shape in start_shapes(model)]
+    found = laid_everywhere(sources, shapes, _ROUNDS[0][0], stop)
+    for number, (most, iterations) in enumerate(_ROUNDS):
+        tell(0.4 + 0.2 * number, f"{min(most, len(found))} poses are tried")
+        found = [descended(sources, h, iterations) for h in _distinct(found, most) if not stop()]
+    tell(0.8, "the best are fitted")
+    return _finished(sources, _distinct(found, _FINALISTS), settings, seen, stop)
 
 
-def _sources(seen: Observation, settings: TrackerSettings) -> list[StartSource]:
+def start_sources(seen: Observation, settings: TrackerSettings) -> list[StartSource]:
+    """Return what a frame's cloud and silhouettes say about where a hand may be."""
     sources: list[StartSource] = []
     if seen.cloud is not None and settings.cloud.weight > 0:
         cloud = cloud_start(seen.cloud.points, seen.cloud_views)
         if cloud is not None:
             sources.append(cloud)
+    if seen.silhouettes and settings.silhouettes.weight > 0:
+        outlines = silhouette_start(seen.silhouettes)
+        if outlines is not None:
+            sources.append(outlines)
     return sources
 
 
-def _laid(sources: Sequence[StartSource], shapes: Sequence[StartShape]) -> list[Hypothesis]:
-    """Return the shapes laid everywhere, the best first, none like a better one."""
-    places = sources[0].places
-    if len(places) > _KEPT_PLACES:
-        few = spread_rotations(_FEW_ROTATIONS)
-        least = np.min([_scores(sources, s, few, places).min(axis=0) for s in shapes], axis=0)
-        places = places[np.argsort(least)[:_KEPT_PLACES]]
-    many = max(_FEW_ROTATIONS, min(_ROTATIONS, _MOST_LAID // (len(places) * len(shapes))))
-    rotations = spread_rotations(many)
-    scores = np.stack([_scores(sources, s, rotations, places) for s in shapes])
-    order = np.argsort(scores, axis=None)[: 40 * _ROUNDS[0][0]]
-    chosen: list[tuple[int, int, int]] = []
-    for s, r, p in zip(*np.unravel_index(order, scores.shape), strict=True):
-        alike = [
-            turned_by(rotations[r], rotations[q]) < _APART_RAD
-            and np.linalg.norm(places[p] - places[o]) < _APART_M
-            and shapes[s].posture == shapes[t].posture
-            for t, q, o in chosen
-        ]
-        if not any(alike):
-            chosen.append((int(s), int(r), int(p)))
-        if len(chosen) == _ROUNDS[0][0]:
-            break
-    return [
-        Hypothesis(shapes[s], shapes[s].params_at(rotations[r], places[p]), float(scores[s, r, p]))
-        for s, r, p in chosen
-    ]
+def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
+    """Return a pose let go of, with wide arms, and its cost there."""
+    summary = solve(
+        _problem(sources, laid, _WIDE_M), laid.params, SolverSettings(iterations=iterations)
+    )
+    there = replace(laid, params=summary.params)
+    return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
 
 
-def _scores(
-    sources: Sequence[StartSource], shape: StartShape, rotations: Floats, places: Floats
-) -> Floats:
-    return np.sum([source.scores(shape, rotations, places) for source in sources], axis=0)
-
-
-def _problem(sources: Sequence[StartSource], h: Hypothesis) -> Problem:
-    model = h.shape.model
-    terms = [term for source in sources for term in source.terms(h.shape, h.params)]
+def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
+    model = laid.shape.model
+    terms = [t for source in sources for t in source.terms(laid.shape, laid.params, band_m)]
     sigma = np.full(len(model.parameter_names), _REST_SIGMA)
     sigma[:6] = np.inf
     priors: list[ParameterTerm] = [GaussianPrior(model.rest, sigma, "rest")]
@@ -151,19 +115,51 @@ def _problem(sources: Sequence[StartSource], h: Hypothesis) -> Problem:
     return Problem(model, terms, priors)
 
 
-def _descended(sources: Sequence[StartSource], h: Hypothesis, iterations: int) -> Hypothesis:
-    summary = solve(_problem(sources, h), h.params, SolverSettings(iterations=iterations))
-    there = replace(h, params=summary.params)
-    return replace(there, cost=_problem(sources, there).cost(there.params))
+def _finished(
+    sources: Sequence[StartSource],
+    found: Sequence[Laid],
+    settings: TrackerSettings,
+    seen: Observation,
+    stop: Callable[[], bool],
+) -> list[StartCandidate]:
+    """Return the poses fitted as the tracker fits, the best also with its fingers looked for, and how sure each is."""
+    plain = settings.with_values({"tracker.escape": False, "tracker.hypotheses": 1})
+    done = [_fitted(sources, laid, plain, seen, stop) for laid in found if not stop()]
+    if not done:
+        return []
+    best, result = min(done, key=lambda pair: pair[0].cost)
+    if settings.tracker.escape and not stop():
+        done.append(_fitted(sources, best, settings, seen, stop))
+    results = {id(laid): result for laid, result in done}
+    kept = _distinct([laid for laid, _ in done], _FINALISTS)
+    quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)
+    share = shares(np.array([laid.cost for laid in kept]))
+    return [
+        StartCandidate(laid.shape.model, results[id(laid)], laid.cost, float(quality * part))
+        for laid, part in zip(kept, share, strict=True)
+    ]
 
 
-def _distinct(found: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
+def _fitted(
+    sources: Sequence[StartSource],
+    laid: Laid,
+    settings: TrackerSettings,
+    seen: Observation,
+    stop: Callable[[], bool],
+) -> tuple[Laid, FrameResult]:
+    model = laid.shape.model
+    result = Tracker(model, settings).step(seen, (), laid.params, stop)
+    there = replace(laid, params=model.transform.solver_params(result.parameters))
+    return replace(there, cost=_problem(sources, there, _NARROW_M).cost(there.params)), result
+
+
+def _distinct(found: Sequence[Laid], most: int) -> list[Laid]:
     """Return the best, each pose once."""
-    kept: list[tuple[Hypothesis, Floats]] = []
-    for h in sorted(found, key=lambda h: h.cost):
-        joints = h.joints
+    kept: list[tuple[Laid, Floats]] = []
+    for laid in sorted(found, key=lambda laid: laid.cost):
+        joints = laid.joints
         if all(np.linalg.norm(joints - other, axis=1).mean() > _SAME_M for _, other in kept):
-            kept.append((h, joints))
+            kept.append((laid, joints))
         if len(kept) == most:
             break
-    return [h for h, _ in kept]
+    return [laid for laid, _ in kept]

@@ -11,6 +11,7 @@ from handtrack.model.articulated import BODY_PARTS, ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
+from handtrack.terms.body_priors import body_priors
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
 
@@ -39,10 +40,14 @@ class BodySize:
         return HandScale(factors[0], dict(zip(BODY_PARTS, factors[1:], strict=True)), moved)
 
     def deviations(self, scale: HandScale) -> Floats:
-        """Return (N,) how unusual a body is; the inverse of `scale`. ½ |·|² is the prior's cost."""
+        """Return (N,) how unusual a body is; the inverse of `scale`."""
         factors = [scale.overall] + [scale.parts.get(part, 1.0) for part in BODY_PARTS]
         moved = [scale.proportions.get(name, 0.0) for name in self.proportions]
         return np.concatenate([np.log(factors) / self.sigmas, moved])
+
+    def prior(self) -> GaussianPrior:
+        """Return the prior on deviations (N,): lengths and proportions are those of adults."""
+        return GaussianPrior(np.zeros(self.count), np.ones(self.count), "proportions")
 
 
 def fit_body(
@@ -60,7 +65,8 @@ def fit_body(
     size = BodySize(build(scale))
     at = size.deviations(scale)
     fitted = _poses(build(scale), seen, poses)
-    cost = _cost(build(scale), seen, fitted) + 0.5 * float(at @ at)
+    prior = size.prior()
+    cost = _cost(build(scale), seen, fitted) + prior.cost(at)
     for _ in range(_ROUNDS):
         step = _size_step(build, size, seen, fitted, at)
         before = cost
@@ -68,7 +74,7 @@ def fit_body(
             trial = np.clip(at + shorter * step, -_FARTHEST, _FARTHEST)
             model = build(size.scale(trial))
             moved = _poses(model, seen, fitted)
-            trial_cost = _cost(model, seen, moved) + 0.5 * float(trial @ trial)
+            trial_cost = _cost(model, seen, moved) + prior.cost(trial)
             if trial_cost < cost:
                 at, fitted, cost = trial, moved, trial_cost
                 break
@@ -78,13 +84,8 @@ def fit_body(
 
 
 def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
-    """Return joints to be met, with a weak pull to rest that settles what they leave open."""
-    sigma = np.full(len(model.parameter_names), np.deg2rad(80.0))
-    sigma[:6] = np.inf
-    priors = [GaussianPrior(model.rest, sigma, "rest")]
-    if model.stabilise is not None:
-        priors.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
-    return Problem(model, [KeypointTerm(model, seen)], priors)
+    """Return joints to be met, with a weak pull to rest that settles what they leave open; nothing keeps parts apart."""
+    return Problem(model, [KeypointTerm(model, seen)], body_priors(model, collision=False).joints)
 
 
 def _poses(
@@ -111,7 +112,8 @@ def _size_step(
     steps = _STEP * np.eye(size.count)
     ahead = [build(size.scale(at + step)) for step in steps]
     behind = [build(size.scale(at - step)) for step in steps]
-    hessian, gradient = np.eye(size.count), at.copy()
+    usual = size.prior().linearize(at)
+    hessian, gradient = usual.hessian.copy(), usual.gradient.copy()
     for points, pose in zip(seen, poses, strict=True):
         bones, twists, _ = model.linearize(pose)
         rows = KeypointTerm(model, points).rows(bones)

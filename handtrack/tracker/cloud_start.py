@@ -26,7 +26,7 @@ _MAP_M = 0.005
 _PLACE_M = 0.028  # between places where a palm may be
 _MOST_PLACES = 60
 _PALM_DEEP_M = 0.014  # from the palm's skin to its middle
-_SIGMA_M, _ROBUST = 0.006, 5.0
+_SIGMA_BANDS, _ROBUST = 0.5, 5.0  # of errors, in bands; how many sigmas pull
 _FEWEST = 60
 
 
@@ -64,7 +64,9 @@ class CloudStart:
             left = left[around >= _PLACE_M]
         return np.array(chosen) + _PALM_DEEP_M * away
 
-    def scores(self, shape: StartShape, rotations: Floats, places: Floats) -> Floats:
+    def scores(
+        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
+    ) -> Floats:
         """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
         sights, start = self._sights
         out = np.empty((len(rotations), len(places)))
@@ -75,17 +77,17 @@ class CloudStart:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: StartShape, params: Floats) -> list[ObservationTerm]:
-        """Return wide-armed E1 and E2 around a pose (P,) of the shape's model: coarse, but quick."""
+    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+        """Return E1 and E2 around a pose (P,) of the shape's model, with arms as long as band_m: coarse, but quick."""
         model = shape.model
-        bones = model.bones(params)
         middle = palm_middle(model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        sigma = _SIGMA_BANDS * band_m
         terms: list[ObservationTerm] = []
         if near.sum() >= _FEWEST // 3:
             cloud = prepare_cloud(self.points[near])
             terms.append(
-                CloudDistanceTerm(cloud, MetaballSurface.of(model), _SIGMA_M, GemanMcClure(_ROBUST))
+                CloudDistanceTerm(cloud, MetaballSurface.of(model), sigma, GemanMcClure(_ROBUST))
             )
         seen = self._visible(shape, model, params, middle)
         terms.append(
@@ -93,7 +95,7 @@ class CloudStart:
                 self.distances,
                 shape.mesh.bone[seen],
                 np.ascontiguousarray(shape.mesh.local[seen]),
-                _SIGMA_M,
+                sigma,
                 slack_m=0.5 * _VOXEL_M,
                 loss=GemanMcClure(_ROBUST),
                 weight=shape.area / self.area,

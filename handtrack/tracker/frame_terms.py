@@ -9,11 +9,17 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation, Silhouette
+from handtrack.observation.observation import (
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    Silhouette,
+)
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import GemanMcClure, Huber, Loss
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
@@ -48,6 +54,8 @@ class FrameTerms:
     appearance: SeenAppearance | None
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
+    parts: tuple[ObservationTerm, ...] = ()
+    """what keeps a body's parts out of each other"""
 
     def of(self, model: ArticulatedModel) -> FrameTerms:
         """Return the same observation for a hand of another size."""
@@ -83,7 +91,7 @@ class FrameTerms:
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         band_mm = at_stage(settings.bands_mm, index)
-        terms: list[ObservationTerm] = list(self.keypoints)
+        terms: list[ObservationTerm] = [*self.parts, *self.keypoints]
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
         if self.appearance is not None:
@@ -141,9 +149,8 @@ def frame_terms(
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []
     if settings.keypoints.weight > 0:
-        loss = GemanMcClure(_ROBUST_SIGMAS)
         keypoints = [
-            KeypointTerm(model, seen, settings.keypoints.weight, loss)
+            KeypointTerm(model, seen, settings.keypoints.weight, _keypoint_loss(seen))
             for seen in observation.keypoints
         ]
     return FrameTerms(
@@ -155,7 +162,15 @@ def frame_terms(
         see_appearance(observation, model, settings, before),
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead)),
+        (CollisionTerm.of(model),) if model.kind == "body" and settings.prior.collision else (),
     )
+
+
+def _keypoint_loss(seen: Keypoints | ImageKeypoints) -> Loss:
+    """Return how points count that are far off: given ones are let go, seen ones pull on, whatever the start."""
+    if isinstance(seen, ImageKeypoints):
+        return Huber(_ROBUST_SIGMAS)
+    return GemanMcClure(_ROBUST_SIGMAS)
 
 
 def _priors(
@@ -168,6 +183,8 @@ def _priors(
         sigma = np.full(count, np.deg2rad(prior.rest_sigma_deg))
         sigma[:6] = np.inf
         terms.append(GaussianPrior(model.rest, sigma, "rest"))
+    if model.stabilise is not None:
+        terms.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
     together = posture_prior(model, prior.posture) if prior.posture > 0 else None
     if together is not None:
         terms.append(together)

@@ -1,4 +1,4 @@
-"""How the joints of a hand go together: soft knowledge that decides only what is not seen."""
+"""How the joints of a hand or a body go together: soft knowledge that decides only what is not seen."""
 
 from __future__ import annotations
 
@@ -29,16 +29,28 @@ _TOGETHER = (
     ]
 )
 
+# (parameter, sigma in degrees): trunk, neck and hips of a body are upright and straight more often than not. Our own round
+# numbers, about twice what walking and everyday reaching take (Winter 2009, fig. 4; AAOS ranges are two to three
+# times as wide): enough to say which of two poses that look the same is the usual one. Limbs are left free.
+_UPRIGHT = (
+    ("spine_flex", 25.0), ("spine_lean", 15.0), ("spine_twist", 20.0),
+    ("neck_flex", 25.0), ("neck_lean", 15.0), ("neck_twist", 30.0),
+    *((f"{side}_hip_abd", 20.0) for side in ("left", "right")),
+    *((f"{side}_hip_twist", 20.0) for side in ("left", "right")),
+    *((f"{side}_ankle_flex", 25.0) for side in ("left", "right")),
+)  # fmt: skip
+
 
 def posture_prior(model: ArticulatedModel, strength: float) -> LinearPrior | None:
-    """Return the prior for a model's joint parameters; None for a model without fingers."""
+    """Return the prior for a model's joint parameters; None for a model that is neither a hand nor a body."""
     names = model.parameter_names
-    known = [row for row in _TOGETHER if row[0] in names and row[2] in names]
+    table = [*_TOGETHER, *((name, 0.0, name, sigma) for name, sigma in _UPRIGHT)]
+    known = [row for row in table if row[0] in names and row[2] in names]
     if not known:
         return None
     rows: Floats = np.zeros((len(known), len(names)))
     for row, (name, ratio, other, sigma) in zip(rows, known, strict=True):
         row[names.index(name)] = 1.0
-        row[names.index(other)] = -ratio
+        row[names.index(other)] -= ratio
         row *= np.sqrt(strength) / np.deg2rad(sigma)
     return LinearPrior(rows)

@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError
+from handtrack.sampling.hypotheses import Hypothesis
 
 _STACKED = (
     "frame",
@@ -63,6 +64,10 @@ class FrameResult:
     """why the frame is doubtful or lost, in words; not saved in poses.npz."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
+    hypotheses: tuple[Hypothesis, ...] = ()
+    """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
+    parents: tuple[int, ...] = ()
+    """which of the last frame's hypotheses each of them continues; −1 in a first frame."""
 
 
 @dataclass(frozen=True, eq=False)

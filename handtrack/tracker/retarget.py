@@ -17,7 +17,7 @@ from handtrack.tracker.initialize import fit_keypoints
 _SIGMA_M = 0.01  # how well another skeleton's joints are ours
 _SIZE_FRAMES = 24  # spread over the clip, to fit the person's size
 _SOLVER = SolverSettings(iterations=30, damping=1e-3)
-_FAR_M = 0.05  # a median error beyond which a frame is started afresh
+_FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as well
 
 
 def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats) -> Floats:
@@ -32,7 +32,7 @@ def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats)
         seen = Keypoints(tuple(names), points, _SIGMA_M)
         start = poses[-1] if poses else fit_keypoints(model, seen)
         solved = solve(body_problem(model, seen), start, _SOLVER)
-        if poses and np.nanmedian(_errors(model, seen, solved.params)) > _FAR_M:
+        if poses and np.nanmax(_errors(model, seen, solved.params)) > _FAR_M:
             afresh = solve(body_problem(model, seen), fit_keypoints(model, seen), _SOLVER)
             solved = min(solved, afresh, key=lambda summary: summary.cost)
         poses.append(_shortest_turn(model, solved.params))

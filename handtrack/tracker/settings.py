@@ -8,6 +8,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from handtrack.errors import HandtrackError
 from handtrack.solver.levenberg_marquardt import SolverSettings
+from handtrack.tracker.mixture_settings import MixtureSettings
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,8 @@ class PriorSettings:
     """how far joint angles are from the relaxed hand's; 0 switches the prior off"""
     posture: float = 1.0
     """strength of what is known of joints that go together (neighbouring fingers, last two joints); 0: none"""
+    collision: bool = True
+    """a body's parts keep out of each other; hands are left alone"""
     motion_sigma_deg: float = 12.0
     """how far a joint angle, and the hand's turn, is from its prediction one frame later"""
     motion_sigma_mm: float = 15.0
@@ -138,6 +141,8 @@ class FollowSettings:
     """look for lost fingers over their whole range when a frame fits worse than usual"""
     jumps: bool = False
     """restart a doubtful frame from kinematic jumps; without effect in this version"""
+    hypotheses: int = 1
+    """how many poses are carried from frame to frame where one view leaves several open; 1: one, without sampling"""
     doubtful_overlap: float = 0.65
     """a frame whose silhouettes overlap less (intersection over union) is doubtful"""
     lost_overlap: float = 0.45
@@ -161,6 +166,7 @@ class TrackerSettings:
     prior: PriorSettings = field(default_factory=PriorSettings)
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(iterations=30))
     tracker: FollowSettings = field(default_factory=FollowSettings)
+    mixture: MixtureSettings = field(default_factory=MixtureSettings)
 
     @property
     def looks_at_images(self) -> bool:
@@ -231,6 +237,7 @@ _CHOICES = {
     "silhouettes.term": ("coverage", "conic_field"),
     "solver.limits": ("bounds", "projection"),
     "tracker.prediction": ("constant_velocity", "none"),
+    "mixture.sequence": ("best", "path", "smooth"),
 }
 _POSITIVE = (
     "silhouettes.outline_sigma_mm", "silhouettes.outline_correlation_mm", "keypoints.sigma_mm",
@@ -239,6 +246,7 @@ _POSITIVE = (
     "cloud.crop_mm",
     "edges.sigma_px", "edges.correlation_px", "intensity.sigma", "intensity.correlation_px",
     "prior.motion_sigma_deg", "prior.motion_sigma_mm", "solver.iterations", "solver.damping",
+    "tracker.hypotheses", "mixture.descents", "mixture.scale",
 )  # fmt: skip
 
 

@@ -7,6 +7,8 @@ import numpy as np
 
 FAR_M = 0.025
 """from which a point counts as not explained at all"""
+NEAREST_M = 0.02
+"""before a camera; what is nearer is out of sight"""
 _CELLS, _CELL_M, _STEP_M = 64, 0.010, 0.020
 """of the picture in which a shape hides parts of itself"""
 _GRAZING = 0.25
@@ -97,7 +99,11 @@ def cloud_scores(
         seen = 0
         for n in range(count):
             if visible[n]:
-                x, y, z = points[n, 0] - middle[0], points[n, 1] - middle[1], points[n, 2] - middle[2]
+                x, y, z = (
+                    points[n, 0] - middle[0],
+                    points[n, 1] - middle[1],
+                    points[n, 2] - middle[2],
+                )
                 for i in range(3):
                     turned[seen, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
                 seen += 1
@@ -134,3 +140,115 @@ def _share(values, spacing, x, y, z):  # pragma: no cover - compiled
         return 1.0
     share = min(values[i, j, k] / FAR_M, 1.0)
     return share * share
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _off_disc(across, down, count, u, v, radius, least):  # pragma: no cover - compiled
+    """Lower least (count,) to how far pixels lie outside a disc; all float32."""
+    for k in range(count):
+        x, y = across[k] - u, down[k] - v
+        off = np.sqrt(x * x + y * y) - radius
+        least[k] = off if off < least[k] else least[k]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def silhouette_scores(
+    projections, focal, outside, sizes, step, samples, sample_start, sample_area, rotations, places, middle, reach,
+    spheres, points, normals, point_area, enough, out,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Fill out (R, M) with the share of area on which a shape's outlines and silhouettes disagree, 0 to 1.
+
+    Disagreement is the mask's area within reach of the palm's middle that the shape does not cover, and the shape's area
+    outside the mask, both summed over cameras at the hand's distance. outside: (C, H, W) distance to the mask [px] on every
+    `step`-th pixel; sizes: (C, 2) its columns and rows that count; samples: mask pixels of camera i are
+    samples[sample_start[i]:sample_start[i + 1]], each standing for sample_area[i] [px²]. Once the share is sure to be
+    larger than `enough`, what it is at least is filled in.
+    """
+    cameras, balls, count = projections.shape[0], spheres.shape[0], points.shape[0]
+    turned, facing = np.empty((count, 3)), np.empty((count, 3))
+    ball = np.empty((balls, 3))
+    across, down, least = np.empty((3, samples.shape[0]), np.float32)
+    for r in range(rotations.shape[0]):
+        turn = rotations[r]
+        for n in range(balls):
+            x, y, z = (
+                spheres[n, 0] - middle[0],
+                spheres[n, 1] - middle[1],
+                spheres[n, 2] - middle[2],
+            )
+            for i in range(3):
+                ball[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+        for n in range(count):
+            x, y, z = points[n, 0] - middle[0], points[n, 1] - middle[1], points[n, 2] - middle[2]
+            for i in range(3):
+                turned[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+                facing[n, i] = (
+                    turn[i, 0] * normals[n, 0]
+                    + turn[i, 1] * normals[n, 1]
+                    + turn[i, 2] * normals[n, 2]
+                )
+        for m in range(places.shape[0]):
+            px, py, pz = places[m, 0], places[m, 1], places[m, 2]
+            total, whole, most = 0.0, 0.0, 0.0
+            for c in range(cameras):  # the shape's area outside the mask
+                p = projections[c]
+                depth = p[2, 0] * px + p[2, 1] * py + p[2, 2] * pz + p[2, 3]
+                if depth < NEAREST_M:
+                    continue
+                metre = depth / focal[c]
+                most += (sample_start[c + 1] - sample_start[c]) * sample_area[c] * metre * metre
+                for n in range(0, count, 2):  # every other point will do
+                    toward = -(
+                        p[2, 0] * facing[n, 0] + p[2, 1] * facing[n, 1] + p[2, 2] * facing[n, 2]
+                    )
+                    if toward <= 0.0:
+                        continue
+                    x, y, z = turned[n, 0] + px, turned[n, 1] + py, turned[n, 2] + pz
+                    w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+                    if w < NEAREST_M:
+                        continue
+                    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / (w * step)
+                    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / (w * step)
+                    if u < -0.5 or v < -0.5:
+                        continue
+                    i, j = int(u + 0.5), int(v + 0.5)
+                    if i >= sizes[c, 0] or j >= sizes[c, 1]:
+                        continue
+                    share = min(outside[c, j, i] * metre / FAR_M, 1.0)
+                    total += 2.0 * toward * point_area * share * share
+                    whole += 2.0 * toward * point_area
+            for c in range(cameras):  # the mask's area that the shape does not cover
+                p = projections[c]
+                depth = p[2, 0] * px + p[2, 1] * py + p[2, 2] * pz + p[2, 3]
+                if depth < NEAREST_M:
+                    continue
+                if total > enough * (whole + most):
+                    break
+                u0 = (p[0, 0] * px + p[0, 1] * py + p[0, 2] * pz + p[0, 3]) / depth
+                v0 = (p[1, 0] * px + p[1, 1] * py + p[1, 2] * pz + p[1, 3]) / depth
+                metre = depth / focal[c]
+                within = reach / metre
+                within *= within
+                near = 0
+                for k in range(sample_start[c], sample_start[c + 1]):
+                    u, v = samples[k, 0], samples[k, 1]
+                    if (u - u0) * (u - u0) + (v - v0) * (v - v0) < within:
+                        across[near], down[near], least[near] = u, v, 1e9
+                        near += 1
+                for n in range(balls):
+                    x, y, z = ball[n, 0] + px, ball[n, 1] + py, ball[n, 2] + pz
+                    w = max(p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3], NEAREST_M)
+                    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w
+                    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w
+                    radius = spheres[n, 3] * focal[c] / w
+                    _off_disc(
+                        across, down, near, np.float32(u), np.float32(v), np.float32(radius), least
+                    )
+                area = sample_area[c] * metre * metre
+                most -= (sample_start[c + 1] - sample_start[c]) * area
+                for k in range(near):
+                    share = min(max(least[k], 0.0) * metre / FAR_M, 1.0)
+                    total += area * share * share
+                    whole += area
+            whole += max(most, 0.0)
+            out[r, m] = total / whole if whole > 0.0 else 1.0

@@ -21,6 +21,7 @@ REACH_M = 0.14
 """Around the palm's middle of a mean hand lies the whole hand, its fingers stretched, and some of the forearm."""
 _NODE_M = 0.006
 _POINT_M = 0.012
+_LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with their middle so near
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +42,20 @@ class StartShape:
     """(V, 3) unit, outwards"""
     area: float
     """of the surface around each point [m²]"""
+    spheres: Floats
+    """(K, 4) centres and radii of balls that fill the inside [m]"""
     mesh: SurfaceMesh
     """the same surface, with all of its points, each on its bone"""
     low: Floats
     """(3,) the first node of `field` [m]"""
     field: Array
     """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+
+    @property
+    def is_typical(self) -> bool:
+        """Whether this is one of the few shapes that tell where a hand may be at all."""
+        bent = self.model.has_forearm and self.joint[self.model.parameter_names.index("wrist_flex")]
+        return self.posture in ("open", "curl") and not bent
 
     @property
     def spacing(self) -> float:
@@ -87,7 +96,8 @@ def _shape(model: ArticulatedModel, posture: str, bend: float) -> StartShape:
     low, high = mesh.vertices[near].min(axis=0) - 0.03, mesh.vertices[near].max(axis=0) + 0.03
     axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    field = np.abs(surface.distance(bones, nodes.reshape(-1, 3))).reshape(nodes.shape[:3])
+    signed = surface.distance(bones, nodes.reshape(-1, 3))
+    field = np.abs(signed).reshape(nodes.shape[:3])
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)
@@ -100,7 +110,22 @@ def _shape(model: ArticulatedModel, posture: str, bend: float) -> StartShape:
         np.ascontiguousarray(mesh.vertices[near]),
         np.ascontiguousarray(mesh.normals[near]),
         area,
+        _balls(nodes.reshape(-1, 3), -signed),
         mesh,
         low,
         field.astype(np.float32),
     )
+
+
+def _balls(nodes: Floats, depth: Floats) -> Floats:
+    """Return (K, 4) balls that fill the inside, the largest first; nodes (N, 3) at depth (N,) below the surface [m]."""
+    inside = depth > _LEAST_BALL_M
+    left, room = nodes[inside], depth[inside]
+    order = np.argsort(-room, kind="stable")
+    left, room = left[order], room[order]
+    balls = []
+    while len(left):
+        balls.append([*left[0], room[0]])
+        outside = np.linalg.norm(left - left[0], axis=1) > _BALLS_COVER * room[0]
+        left, room = left[outside], room[outside]
+    return np.array(balls)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.sampling.chains import chains_of, prepare
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
@@ -20,6 +22,7 @@ from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
+from handtrack.tracker.mixture import Component, MixtureStep, MovingHypothesis
 from handtrack.tracker.prediction import predict
 from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.settings import TrackerSettings
@@ -65,10 +68,16 @@ class Tracker:
         if not terms.has_seen:
             if previous:  # what moved on unseen is not known: the last estimate is held
                 params = self.model.transform.solver_params(previous[-1].parameters)
-            return self._unseen(observation, params)
+            elif observation.images:
+                return self._as_given(observation, params)
+            unseen = self._unseen(observation, params)
+            kept = previous[-1].hypotheses if previous else ()
+            return replace(unseen, hypotheses=kept, parents=tuple(range(len(kept))))
         if first and self.model.has_forearm:
             params = aimed_forearm(self._problem(terms, 0, params), params)
             terms = self._terms(observation, params, expected, ahead, solved)
+        if self.settings.tracker.hypotheses > 1:
+            return self._mixed(observation, terms, params, previous, solved, should_stop)
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
         if self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
             free = terms.without_motion()
@@ -82,7 +91,7 @@ class Tracker:
             if found is not summary.params:
                 summary, problem, more = self._descend(free, found, should_stop, on_iteration)
                 count += more
-        return self._result(observation, terms, problem, summary, count, previous)
+        return self._result(observation, terms, problem, summary.params, count, previous)
 
     def expected_bones(self, frame: int, previous: Sequence[FrameResult]) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
@@ -120,6 +129,53 @@ class Tracker:
         bones = self.model.bones(params)
         return frame_terms(self.model, self.settings, observation, bones, expected, ahead, before)
 
+    @cached_property
+    def _mixture_step(self) -> MixtureStep:
+        chains = [prepare(self.model, chain) for chain in chains_of(self.model)]
+        return MixtureStep(self.model, self.settings, chains)
+
+    def _mixed(
+        self,
+        observation: Observation,
+        terms: FrameTerms,
+        params: Floats,
+        previous: Sequence[FrameResult],
+        before: Before | None,
+        should_stop: Callable[[], bool] | None,
+    ) -> FrameResult:
+        """Return the heaviest of the hypotheses that explain the frame, and the others with it."""
+        step = self._mixture_step
+        carried = previous[-1].hypotheses if previous else ()
+        moving = [h for h in carried if isinstance(h, MovingHypothesis)]
+        if moving:
+            components = [self._component(observation, h, previous[-1], before) for h in moving]
+            mixture = step.next(observation, components, should_stop)
+            terms = components[mixture.parents[0]].terms
+        else:
+            terms = terms.without_motion()
+            mixture = step.first(observation, terms, params, should_stop)
+        best = mixture.hypotheses[0]
+        problem = self._problem(terms, terms.stages - 1, best.params)
+        result = self._result(observation, terms, problem, best.params, 0, previous)
+        return replace(result, hypotheses=mixture.hypotheses, parents=mixture.parents)
+
+    def _component(
+        self,
+        observation: Observation,
+        hypothesis: MovingHypothesis,
+        last: FrameResult,
+        before: Before | None,
+    ) -> Component:
+        """Return a hypothesis of the last frame moved on to this one."""
+        ahead = max(abs(observation.frame - last.frame), 1)
+        goes_on = self.settings.tracker.prediction == "constant_velocity"
+        belief = hypothesis.belief.ahead(self._mixture_step.speed_of_change(), ahead, goes_on)
+        belief = replace(belief, mean=self.model.clipped(belief.mean))
+        if before is not None:
+            before = replace(before, bones=self.model.bones(hypothesis.params))
+        terms = self._terms(observation, belief.mean, None, ahead, before)
+        return Component(belief, terms, hypothesis.weight)
+
     def _problem(self, terms: FrameTerms, stage: int, params: Floats) -> Problem:
         seen = terms.stage(stage, self.model.bones(params))
         return Problem(self.model, seen, terms.priors)
@@ -155,11 +211,11 @@ class Tracker:
         observation: Observation,
         terms: FrameTerms,
         problem: Problem,
-        summary: SolveSummary,
+        params: Floats,
         iterations: int,
         previous: Sequence[FrameResult],
     ) -> FrameResult:
-        params = summary.params.copy()
+        params = params.copy()
         system = problem.linearize(params)
         alone = Problem(self.model, problem.observation_terms).linearize(params)
         spread = uncertainty(self.model, params, system.hessian, alone.hessian)
@@ -173,6 +229,12 @@ class Tracker:
             observation, params, status, system.cost, iterations, std, spread.joint_covariance, note
         )
         return replace(found, energies=problem.costs(params))
+
+    def _as_given(self, observation: Observation, params: Floats) -> FrameResult:
+        """Return a first frame that is only to be compared with those after it."""
+        held = self._unseen(observation, params)
+        note = "the pose is the given one; its texture is carried from here on"
+        return replace(held, status=Status.DOUBTFUL, note=note)
 
     def _unseen(self, observation: Observation, params: Floats) -> FrameResult:
         joints = len(self.model.joint_names)

@@ -76,7 +76,7 @@ class FakeRun:
 
     def with_values(self, values: Mapping[str, Any]) -> FakeRun:
         settings = self.settings.with_values(values)
-        model = load_model("hand26", coupling=settings.model.coupling)
+        model = load_model(settings.model.name or "hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:

@@ -29,6 +29,13 @@ def camera():
     return Camera("front", (1280, 960), matrix, lens, np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 4.0])
 
 
+def _distant(metres):
+    focal = 275.0 * metres
+    matrix = np.array([[focal, 0.0, 640.0], [0.0, focal, 480.0], [0.0, 0.0, 1.0]])
+    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, metres])
+    return Camera("far", (1280, 960), matrix, np.zeros(5), *pose)
+
+
 def _bent(body, rng):
     return body.clipped(body.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
 
@@ -56,15 +63,14 @@ def test_ray_and_sphere_by_hand():
 
 def test_one_flipped_link_by_hand(body):
     """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
-    matrix = np.array([[110000.0, 0.0, 640.0], [0.0, 110000.0, 480.0], [0.0, 0.0, 1.0]])
-    far = Camera("far", (1280, 960), matrix, np.zeros(5), np.diag([1.0, -1.0, -1.0]), [0, 0, 400.0])
+    far = _distant(4000.0)
     params = np.zeros(34)
     flex = body.parameter_names.index("left_hip_flex")
     params[flex] = np.deg2rad(30.0)
     thigh = chain_along(body, "thigh", ("left_hip", "left_knee"))
     leaves = interpretation_tree(body, params, [thigh], far)
     assert len(leaves) == 2
-    np.testing.assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.1)
+    np.testing.assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.02)
     assert leaves.far.tolist() == [[False], [True]]
 
 
@@ -96,7 +102,8 @@ def test_leaves_meet_the_image_positions_given(body, camera, rng):
         np.testing.assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
 
 
-def test_without_limits_the_tree_is_complete_and_a_product(body, camera, rng):
+def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
+    camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
     free = load_model("body34")
     free.limits.interval[6:] = (-np.pi, np.pi)
     chains = [c for c in chains_of(free) if c.name != "neck"]
@@ -157,30 +164,17 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert within_limits(model.limits, near.params).all()
 
 
-def test_chains_that_carry_others_come_first(body, camera, rng):
-    trunk = chain_along(body, "trunk", ("pelvis", "left_shoulder"))
-    arm = chains_of(body)[1]
+def test_a_chain_may_stand_on_the_leaves_of_another(body, camera, rng):
+    upper = chain_along(body, "upper", ("left_shoulder", "left_elbow"))
+    lower = chain_along(body, "lower", ("left_elbow", "left_wrist"))
+    whole = chains_of(body)[1]
+    params = _bent(body, rng)
+    stepwise = interpretation_tree(body, params, [upper, lower], camera, settings=ALL).params
+    at_once = interpretation_tree(body, params, [whole], camera, settings=ALL).params
+    np.testing.assert_allclose(_in_order(stepwise), _in_order(at_once), atol=1e-7)
     with pytest.raises(HandtrackError) as error:
-        interpretation_tree(body, _bent(body, rng), [arm, trunk], camera)
+        interpretation_tree(body, params, [lower, upper], camera)
     assert "the second carries the first; name it first" in str(error.value)
-
-
-def test_limbs_on_a_flipped_trunk_start_where_it_ends(camera, rng):
-    model = load_model("body34")
-    spine = (
-        chain_along(model, "spine", ("spine_base", "neck"))
-        if "spine_base" in model.joint_names
-        else None
-    )
-    upper = chain_along(model, "upper", ("left_shoulder", "left_elbow"))
-    lower = chain_along(model, "lower", ("left_elbow", "left_wrist"))
-    params = _bent(model, rng)
-    assert spine is None
-    one = interpretation_tree(model, params, [chains_of(model)[1]], camera)
-    two = interpretation_tree(model, params, [upper, lower], camera)
-    # flipping the upper arm keeps the twist here: what stays of the forearm's flips is a part of the whole chain's
-    for leaf in two.params[two.exact]:
-        assert np.abs(one.params - leaf).max(axis=1).min() < 1e-6
 
 
 def test_the_same_hinge_cannot_be_in_two_chains(body, camera):

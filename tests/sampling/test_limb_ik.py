@@ -30,10 +30,12 @@ def test_one_hinge_by_hand():
 
 def test_two_hinges_by_hand():
     out = np.zeros((2, 2))
+    assert two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 2
+    np.testing.assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
     assert (
-        two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 1
-    )  # Y stays in the plane of its turn about X: ±90° about Z
-    np.testing.assert_allclose(out[0], [np.pi / 2, 0.0], atol=1e-12)
+        two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
+    )  # the end on the first axis: that turn is free
+    np.testing.assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
     assert two_hinges(Z, X, Y, np.array([0.0, 0.6, 0.8]), 0.0, 0.0, out) == 2
     bend = np.arctan2(0.8, 0.6)
     found = sorted(np.round(np.mod(out, 2 * np.pi), 9).tolist())

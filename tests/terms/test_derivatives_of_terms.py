@@ -10,6 +10,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.solver.problem import Problem
 from handtrack.terms.carried_texture import CarriedTextureTerm
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
@@ -90,6 +91,20 @@ def test_carried_texture(rng, loss):
     term = CarriedTextureTerm(seen, sigma=12.0, loss=loss, weight=0.3)
     moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
     check_observation_term(term, moved, **KINKED)
+
+
+def test_collision(rng):
+    """Arms through the chest, legs crossed; only where a pair begins to overlap has the cost a kink."""
+    body = load_model("body34")
+    bent = {"left_hip_abd": -20, "right_hip_abd": -10}
+    for side in ("left", "right"):
+        bent |= {f"{side}_shoulder_flex": 70, f"{side}_elbow_flex": 60, f"{side}_hip_flex": 110}
+    joint = body.params_from({name: np.deg2rad(angle) for name, angle in bent.items()})
+    joint[6:] += rng.normal(scale=0.05, size=len(joint) - 6)
+    term = CollisionTerm.of(body, slack_m=0.003)
+    bones = body.bones(joint)
+    assert (term.depths(bones) > term.slack_m).sum() >= 3
+    check_observation_term(term, bones, body.skeleton.bone_names)
 
 
 def test_gaussian_prior(rng, model):

@@ -34,6 +34,8 @@ def dance(model, frames, rng):
     part = part * part * (3 - 2 * part)
     joint = np.zeros((frames, 34))
     joint[:, 6:] = ends[at.astype(int)] * (1 - part) + ends[at.astype(int) + 1] * part
+    held = np.isfinite(model.stabilise)
+    joint[:, held] *= 0.2
     joint[:, 4] = np.linspace(0, 2.5, frames)
     joint[:, 0] = np.linspace(0, 1.0, frames)
     return joint

@@ -6,20 +6,27 @@ import argparse
 import math
 
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.body_motion import BODY_MOTIONS
 from handtrack.session.motion import MOTIONS
 from handtrack.session.simulate import Simulation, simulate
 from handtrack_app.commands.new_folder import check_new, new_folder
 from handtrack_app.commands.progress import progress_bar
 
 _LARGEST_IMAGE = 8192
+_USUAL = {"hand26": ("open_fist_open", 0.5), "body34": ("dance", 3.5)}
+"""motion and the cameras' distance [m] of a model"""
 _SCALES = (0.3, 3.0)
 _MOST_NOISE_MM = 100.0
 
 
 def run(args: argparse.Namespace) -> int:
     """Render the session folder and name it."""
+    motion, distance_m = _USUAL[args.model]
+    args.motion = motion if args.motion is None else args.motion
+    args.distance = distance_m if args.distance is None else args.distance
     _check(args)
     what = Simulation(
+        model=args.model,
         cameras=args.cameras,
         frames=args.frames,
         size=(args.size[0], args.size[1]),
@@ -49,8 +56,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Raise HandtrackError for numbers that Simulation.check lets pass."""
-    if args.motion not in MOTIONS:
-        raise unknown_name("motion", args.motion, tuple(MOTIONS), "--motion")
+    known = tuple(BODY_MOTIONS if args.model == "body34" else MOTIONS)
+    if args.motion not in known:
+        raise unknown_name("motion", args.motion, known, "--motion")
     if max(args.size) > _LARGEST_IMAGE:
         raise HandtrackError(
             f"--size {args.size[0]} {args.size[1]}: expected at most {_LARGEST_IMAGE} pixels each."

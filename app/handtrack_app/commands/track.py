@@ -40,8 +40,10 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
-    overrides = parse_settings(args.set) | parse_sources(args.use)
+    overrides: dict[str, Any] = dict(parse_settings(args.set))
     settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
+    overrides |= parse_sources(args.use, settings)
+    settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
     first = first_pose(args.init, session, settings)
     frames = parse_frames(args.frames, session)
@@ -59,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
         try:
-            code = _save(run_, _track(run_, frames, recorder, stop), frames, out, stop())
+            results, problem = _track(run_, frames, recorder, stop)
+            code = _save(run_, results, frames, out, stop(), problem)
         finally:
             if recorder is not None:
                 recorder.close(keep_viewer=args.rerun)
@@ -88,11 +91,14 @@ def _opened(
 
 def _track(
     run_: TrackingRun, frames: range, recorder: ResidualRecorder | None, stop: Stop
-) -> list[FrameResult]:
-    """Return the frames that were tracked before the end, or before the user stopped it."""
+) -> tuple[list[FrameResult], str]:
+    """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
+    used, and what was wrong with that.
+    """
     start_frame, start = run_.initial()
     tracker = run_.tracker if recorder is None else recorder.watched(run_.tracker)
     results: list[FrameResult] = []
+    problem = ""
     with progress_bar(len(frames), "tracking") as bar:
         try:
             for result in track_frames(tracker, run_.observation, start_frame, start, frames, stop):
@@ -102,12 +108,21 @@ def _track(
                 bar.update()
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             stop.asked = True
+        except HandtrackError as error:
+            if not results:
+                raise
+            problem = str(error)
         stop.shielded = True  # from here on it is saved
-    return results
+    return results, problem
 
 
 def _save(
-    run_: TrackingRun, results: Sequence[FrameResult], frames: range, out: Path, stopped: bool
+    run_: TrackingRun,
+    results: Sequence[FrameResult],
+    frames: range,
+    out: Path,
+    stopped: bool,
+    ended_by: str = "",
 ) -> int:
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
@@ -123,6 +138,10 @@ def _save(
         say(f"note: {note}")
     if problem:
         raise HandtrackError(problem)
+    if ended_by:
+        raise HandtrackError(
+            f"{ended_by} Tracking ended there; the {len(results)} frames tracked before it are in {place}."
+        )
     if stopped:
         say(
             f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}."

@@ -17,7 +17,7 @@ from handtrack.session.session import Session
 from handtrack.tracker.settings import TrackerSettings
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
-_AVAILABLE = ("silhouettes", "cloud", "keypoints")
+_UNUSUAL = ("edges", "intensity")  # off unless they are asked for
 
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
@@ -33,44 +33,48 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
     return values
 
 
-def parse_sources(text: str | None) -> dict[str, float]:
-    """Return the settings that switch off what is not to be used."""
+def parse_sources(text: str | None, settings: TrackerSettings) -> dict[str, float]:
+    """Return the settings that switch off what is not to be used, and on what is off otherwise."""
     if text is None:
         return {}
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names:
-        raise HandtrackError(f"--use '{text}': expected names such as {', '.join(_AVAILABLE)}.")
+        raise HandtrackError(f"--use '{text}': expected names such as {', '.join(_SOURCES)}.")
     for name in names:
         if name not in _SOURCES:
             raise HandtrackError(
                 f"--use {name}: no such observation; known: {', '.join(_SOURCES)}."
             )
-        if name not in _AVAILABLE:
-            raise HandtrackError(
-                f"--use {name}: this version cannot track by that yet; it has {', '.join(_AVAILABLE)}."
-            )
-    return {f"{name}.weight": 0.0 for name in _AVAILABLE if name not in names}
+    weights = {f"{name}.weight": 0.0 for name in _SOURCES if name not in names}
+    flat = settings.flat()
+    wanted = [f"{name}.weight" for name in _UNUSUAL if name in names]
+    return weights | {key: 1.0 for key in wanted if flat[key] == 0}
 
 
 def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> None:
     """Raise HandtrackError for a session in which nothing can be tracked, or not what `--use` asks for."""
     masks, clouds = any(view.has_masks for view in session.views), session.has_clouds
+    images = any(view.images is not None for view in session.views)
     for name, there, needs in (
         ("silhouettes", masks, "no camera has masks"),
         ("cloud", clouds, "there is no table [clouds]"),
+        ("edges", images, "no camera has images"),
+        ("intensity", images, "no camera has images"),
     ):
         if use is not None and settings.flat()[f"{name}.weight"] > 0 and not there:
             raise HandtrackError(
                 f"--use {use}: {session.folder / SESSION_FILE} has no {name}: {needs}."
             )
-    if not (masks or clouds) and settings.silhouettes.weight + settings.cloud.weight > 0:
+    by_images = images and settings.looks_at_images
+    usual = settings.silhouettes.weight + settings.cloud.weight > 0
+    if not (masks or clouds or by_images) and usual:
         raise HandtrackError(
             f"{session.folder}: nothing to track by: no camera has masks, and there are no [clouds]. Give at least one "
             f'[[camera]] in {SESSION_FILE} `masks`: files such as "masks/cam0/*.png", or a method such as '
             '{ method = "skin_ycrcb" } where there are images; or a table [clouds] where there is depth or stereo.'
         )
     weights = (settings.silhouettes.weight * masks, settings.cloud.weight * clouds)
-    if not any(weights) and settings.keypoints.weight == 0:
+    if not any(weights) and not by_images and settings.keypoints.weight == 0:
         raise HandtrackError(
             "the weights of all that this session observes are 0: nothing is left to track by. Look at --use, --set "
             f"and [tracking] in {session.folder / SESSION_FILE}."

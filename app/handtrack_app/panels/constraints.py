@@ -1,4 +1,4 @@
-"""Constraints: model, coupling, limits as ranges, weights of the terms; all live."""
+"""Constraints: model, coupling, weights of the terms, and limits as ranges; all live."""
 
 from __future__ import annotations
 
@@ -10,62 +10,9 @@ from typing import Any
 import viser
 
 from handtrack_app.messages import FitSize, SessionSnapshot, SetLimits, SetSetting
+from handtrack_app.panels.knobs import KNOBS, OPEN, Knob
 from handtrack_app.panels.page import Page, number
 from handtrack_app.panels.pose import GROUPS, group_of, label_of, unit_of
-
-
-@dataclass(frozen=True)
-class Knob:
-    """How one setting is drawn. Without choices or range it is a checkbox or a number."""
-
-    name: str
-    label: str
-    hint: str = ""
-    choices: dict[str, str] = field(default_factory=dict)
-    """page's word → setting's value"""
-    span: tuple[float, float, float] | None = None
-    """low, high, step of a slider"""
-
-
-KNOBS: dict[str, tuple[Knob, ...]] = {
-    "Hand": (
-        Knob("model.coupling", "Freedoms", "How many joint angles move on their own.",
-             {"26, all free": "26", "21, tips follow": "21", "18, spread linked": "18"}),
-        Knob("model.forearm", "Forearm", "Whether the model has a forearm: yes where the arm is bare and in view.",
-             {"automatic": "auto", "with": "true", "without": "false"}),
-    ),
-    "Silhouettes": (
-        Knob("silhouettes.term", "Term", "coverage: unbiased, wide basin. conic field: the 2007 paper's.",
-             {"coverage": "coverage", "conic field (2007)": "conic_field"}),
-        Knob("silhouettes.weight", "Weight", "How strongly outlines pull.", span=(0.0, 4.0, 0.05)),
-        Knob("silhouettes.outline_sigma_mm", "Outline error mm", "How far the model's outline is from a real one.",
-             span=(0.2, 6.0, 0.1)),
-        Knob("silhouettes.forearm_seen_mm", "Forearm seen mm", "The arm beyond this is ignored.", span=(20, 250, 5)),
-    ),
-    "Keypoints": (
-        Knob("keypoints.weight", "Weight", "How strongly given points pull.", span=(0.0, 4.0, 0.05)),
-        Knob("keypoints.sigma_mm", "Point error mm", "How well given points are known.", span=(1.0, 30.0, 0.5)),
-    ),
-    "Point cloud": (
-        Knob("cloud.weight", "Weight", "How strongly the cloud pulls.", span=(0.0, 4.0, 0.05)),
-        Knob("cloud.balance", "K", "1: only cloud to surface. 0: only surface to cloud.", span=(0.0, 1.0, 0.01)),
-    ),
-    "Motion": (
-        Knob("tracker.smoothing", "Smoothing", "Pull towards the predicted pose; 0 is off.", span=(0.0, 5.0, 0.1)),
-        Knob("tracker.prediction", "Prediction", "What a frame starts from.",
-             {"constant velocity": "constant_velocity", "last pose": "none"}),
-        Knob("prior.motion_sigma_deg", "Turn per frame °", "How far an angle may be from its prediction.",
-             span=(1.0, 45.0, 0.5)),
-        Knob("prior.motion_sigma_mm", "Move per frame mm", "How far the wrist may be from its prediction.",
-             span=(1.0, 60.0, 0.5)),
-        Knob("prior.rest_sigma_deg", "Towards relaxed °", "Width of the pull to the relaxed hand; 0 is off.",
-             span=(0.0, 90.0, 1.0)),
-        Knob("tracker.jumps", "Jumps", "Restart a doubtful frame from kinematic jumps."),
-    ),
-    "Solver": (
-        Knob("solver.iterations", "Iterations", "Steps a frame at most.", span=(1, 100, 1)),
-    ),
-}  # fmt: skip
 
 
 @dataclass
@@ -83,9 +30,7 @@ class SettingsPanel:
                 for title, knobs in KNOBS.items():
                     known = [k for k in knobs if k.name in session.settings]
                     if known:
-                        with self.page.gui.add_folder(
-                            title, expand_by_default=title in ("Hand", "Silhouettes")
-                        ):
+                        with self.page.gui.add_folder(title, expand_by_default=title in OPEN):
                             for knob in known:
                                 self._add(knob, session.settings[knob.name])
                 size = self.page.gui.add_button(

@@ -29,6 +29,12 @@ class Page:
     go_to: Callable[[float], None]
     """show a frame"""
 
+    def play(self, on: bool) -> None:
+        """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
+        if self.state.playing != on:
+            self.state.playing = on
+            self.redraw()
+
     @property
     def gui(self) -> viser.GuiApi:
         return self.server.gui

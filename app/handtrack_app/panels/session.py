@@ -17,7 +17,13 @@ from handtrack_app.pictures import contact_sheet
 from handtrack_app.state import MODES, PAINTS
 
 FREE = "free view"
-_CHOSEN = "● "
+_MODE_WORDS = {
+    "ellipsoids": "Flesh",
+    "surface": "Surface",
+    "skeleton": "Skeleton",
+    "field in a camera": "Field",
+    "everything": "All",
+}
 _SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 _STATES = {
     "idle": ("ready", "#009e73"),
@@ -56,7 +62,10 @@ class SessionPanel:
         with self.tab:
             blank = np.full((8, 8, 3), 36, np.uint8)
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
-            self.mode = gui.add_button_group("Hand", MODES)
+            self.mode = gui.add_dropdown(
+                "Hand", tuple(_MODE_WORDS), initial_value=_word_of(display.mode),
+                hint="Surface: the merged one that the solver fits to clouds; in motion, ellipsoids stand for it.",
+            )  # fmt: skip
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
@@ -83,7 +92,7 @@ class SessionPanel:
                 self.speed = gui.add_dropdown("Playback speed", tuple(_SPEEDS), initial_value="1 ×")
             self.view = gui.add_button_group("Look at", ("Hand", "Everything"))
         self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
-        self.mode.on_click(page.from_user(lambda event: self._set_mode(event.target.value)))
+        self.mode.on_update(page.from_user(lambda event: self._set_mode(event.target.value)))
         self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
         self.through.on_update(page.from_user(self._look))
         self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
@@ -108,8 +117,8 @@ class SessionPanel:
         setattr(self.page.state.display, name, bool(value))
         self.page.redraw()
 
-    def _set_mode(self, pressed: str) -> None:
-        mode = pressed.removeprefix(_CHOSEN)
+    def _set_mode(self, word: object) -> None:
+        mode = _MODE_WORDS.get(str(word))
         if mode in MODES:
             self.page.state.display.mode = mode
             self.page.redraw()
@@ -140,13 +149,16 @@ class SessionPanel:
             through = display.through or FREE
             if self.through.value != through:
                 self.through.value = through
-            options = tuple(_CHOSEN + mode if mode == display.mode else mode for mode in MODES)
-            if self.mode.options != options:
-                self.mode.options = options
+            if self.mode.value != _word_of(display.mode):
+                self.mode.value = _word_of(display.mode)
 
     def _free(self, event: Any) -> None:
         self.through.value = FREE
         self.look(None, event.client, event.target.value == "Everything")
+
+
+def _word_of(mode: str) -> str:
+    return next(word for word, own in _MODE_WORDS.items() if own == mode)
 
 
 def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:

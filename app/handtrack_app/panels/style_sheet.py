@@ -17,5 +17,6 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { width: calc(100vw - 684px) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none !important; }
 </style>"""

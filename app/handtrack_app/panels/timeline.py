@@ -11,7 +11,7 @@ import viser
 from handtrack.arrays import Floats, Ints
 from handtrack_app.messages import SessionSnapshot, StripSnapshot
 from handtrack_app.panels.page import Page
-from handtrack_app.scene.palette import STATUS
+from handtrack_app.scene.palette import STATUS, TERMS
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
@@ -49,9 +49,9 @@ class TimelinePanel:
     def _pressed(self, key: str) -> None:
         state = self.page.state
         if key == _PLAY[2]:
-            state.playing = not state.playing
+            self.page.play(not state.playing)
             return
-        state.playing = False
+        self.page.play(False)
         target = dict(
             zip(
                 _PLAY,
@@ -113,7 +113,48 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
         f"<div style='position:absolute;right:4px;top:1.9em;width:{_RIGHT - 10}px'><b>{now}</b></div>"
         f"<div style='height:1.5em;text-align:right;opacity:.85'>{legend}</div>"
         f"<svg viewBox='0 0 {_WIDTH} {_CURVE + _BAR + 6}' preserveAspectRatio='none' "
-        f"style='width:100%;height:64px;display:block'>{''.join(parts)}</svg></div>"
+        f"style='width:100%;height:64px;display:block'>{''.join(parts)}</svg></div>{_lane(strip, frame)}"
+    )
+
+
+def _lane(strip: StripSnapshot, frame: int) -> str:
+    """Return a second lane with the energy's parts, where more than silhouettes were looked at."""
+    tracked = int((strip.status >= 0).sum())
+    terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
+    seen = [name for name in terms if name != "priors"]
+    if len(seen) < 2 and "cloud→model" not in seen:
+        return ""
+    order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
+    count = max(len(strip.status), 1)
+    step, here = _WIDTH / count, frame - strip.start
+    finite = np.concatenate([terms[name][np.isfinite(terms[name])] for name in order])
+    top = max(float(np.quantile(finite, 0.98)) * 1.1, 1e-12)
+    lines = [
+        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>"
+    ]
+    rows = ""
+    for name in order:
+        colour, values = TERMS.get(name, "#ffffff"), terms[name]
+        lines += _curve(values, step, top, colour)
+        now = values[here] if 0 <= here < count else math.nan
+        shown = _number(float(now)) if math.isfinite(now) else ""
+        rows += (
+            f"<div style='display:flex;justify-content:space-between;white-space:nowrap'><span style='color:{colour}'>{name}</span>"
+            f"<span>{shown}</span></div>"
+        )
+    x = (here + 0.5) * step
+    lines.append(
+        f"<line x1='{x:.1f}' x2='{x:.1f}' y1='0' y2='{_CURVE}' stroke='currentColor' stroke-width='2' "
+        "vector-effect='non-scaling-stroke'/>"
+    )
+    high = max(13 * len(order), 40)
+    return (
+        f"<div style='padding:.35em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.7em'>"
+        f"<div style='position:absolute;left:12px;top:.2em;width:{_LEFT - 22}px;line-height:13px'>{rows}</div>"
+        f"<div style='position:absolute;right:4px;top:.2em;width:{_RIGHT - 10}px;line-height:13px;opacity:.75'>"
+        f"energy<br>to {_number(top)}</div>"
+        f"<svg viewBox='0 0 {_WIDTH} {_CURVE}' preserveAspectRatio='none' "
+        f"style='width:100%;height:{high}px;display:block'>{''.join(lines)}</svg></div>"
     )
 
 
@@ -133,11 +174,15 @@ def _legend(code: int) -> str:
     )
 
 
-def _curve(values: Floats, step: float) -> list[str]:
+def _curve(
+    values: Floats, step: float, top: float | None = None, colour: str = "#56b4e9"
+) -> list[str]:
+    """Return lines through the known values (F,), up to `top`, or to what nearly all are below."""
     finite = np.isfinite(values)
     if not finite.any():
         return []
-    top = max(float(np.quantile(values[finite], 0.98)) * 1.1, 1e-12)
+    if top is None:
+        top = max(float(np.quantile(values[finite], 0.98)) * 1.1, 1e-12)
     height = _CURVE - np.clip(np.nan_to_num(values) / top, 0, 1) * (_CURVE - 3)
     lines, run = [], []
     for i, ok in enumerate([*finite.tolist(), False]):
@@ -146,7 +191,7 @@ def _curve(values: Floats, step: float) -> list[str]:
         elif run:
             points = " ".join(run if len(run) > 1 else run * 2)
             lines.append(
-                f"<polyline points='{points}' fill='none' stroke='#56b4e9' stroke-width='1.6' "
+                f"<polyline points='{points}' fill='none' stroke='{colour}' stroke-width='1.6' "
                 "stroke-linecap='round' vector-effect='non-scaling-stroke'/>"
             )
             run = []

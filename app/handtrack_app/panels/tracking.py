@@ -100,7 +100,7 @@ class TrackingPanel:
     def _start(self, which: str) -> None:
         order = self.order(which)
         if order is not None:
-            self.page.state.playing = False
+            self.page.play(False)
             self.page.send(order)
             self._follow(True)
 

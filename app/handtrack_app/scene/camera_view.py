@@ -40,14 +40,10 @@ def add_cameras(
     for card in session.cameras:
         width, height = card.size
         fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
-        down = np.tan(fov / 2)
-        depth = frustum_depth(card, hand)
-        volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
         frusta[card.name] = server.scene.add_camera_frustum(
             f"{name}/{card.name}",
             fov=float(fov),
             aspect=width / height,
-            scale=float(depth * volume),
             thickness=1.5,
             thickness_units="screen",
             color=(150, 158, 168),
@@ -58,9 +54,7 @@ def add_cameras(
             cast_shadow=False,
             receive_shadow=False,
         )
-        labels[card.name] = server.scene.add_label(
-            f"{name}/{card.name}/label", card.name, position=(0.0, -1.12 * down * depth, depth)
-        )
+        labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
     screen = server.scene.add_image(
         f"{name}_screen",
         np.full((48, 64, 3), 30, np.uint8),
@@ -71,7 +65,20 @@ def add_cameras(
         receive_shadow=False,
         visible=False,
     )
-    return CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
+    view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
+    size_cameras(view, hand)
+    return view
+
+
+def size_cameras(view: CameraRigView, hand: Floats) -> None:
+    """Draw the cameras as large as they may be before a hand at `hand` (3,) [m]."""
+    for name, frustum in view.frusta.items():
+        card = view.cards[name]
+        (width, height), focal = card.size, card.matrix[1, 1]
+        down, depth = height / 2 / focal, frustum_depth(card, hand)
+        volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
+        frustum.scale = float(depth * volume)
+        view.labels[name].position = (0.0, -1.12 * down * depth, depth)
 
 
 def show_cameras(view: CameraRigView, display: Display) -> None:

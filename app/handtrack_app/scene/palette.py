@@ -67,8 +67,8 @@ REJECTS = ((0, 0, 0), (213, 94, 0), (86, 180, 233), (240, 228, 66), (204, 121, 1
 """of matches that were thrown away, in the order of disparity.REJECTED"""
 TERMS = {
     "silhouettes": "#009e73",
-    "cloud → model": "#e69f00",
-    "model → cloud": "#56b4e9",
+    "cloud→model": "#e69f00",
+    "model→cloud": "#56b4e9",
     "keypoints": "#cc79a7",
     "edges": "#f0e442",
     "intensity": "#d55e00",

@@ -31,6 +31,7 @@ from handtrack_app.scene.camera_view import (
     look_through,
     place_screen,
     show_cameras,
+    size_cameras,
     update_screen,
     update_thumbnails,
 )
@@ -235,6 +236,8 @@ class Stage:
     # ---- views
 
     def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
+        assert self.cameras is not None
+        size_cameras(self.cameras, middle_of(pose))
         self.view = first_view(session, middle_of(pose))
         server = self.page.server
         self.surroundings = add_surroundings(server, middle_of(pose), upward(session))

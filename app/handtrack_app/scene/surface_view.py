@@ -6,14 +6,14 @@ import numpy as np
 import viser
 
 from handtrack_app.messages import SurfaceSnapshot
-from handtrack_app.scene.palette import SURFACE, linear
+from handtrack_app.scene.palette import SURFACE
 
 
 def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
     """Add the mesh, hidden until the first one comes."""
     corner = np.zeros((3, 3), np.float32)
     return server.scene.add_mesh_simple(
-        name, corner, np.array([[0, 1, 2]], np.uint32), color=tuple(linear(SURFACE).tolist()),
+        name, corner, np.array([[0, 1, 2]], np.uint32), color=SURFACE,
         visible=False,
     )  # fmt: skip
 

@@ -44,8 +44,18 @@ def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
 def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     """Return a close view of the hand. hand: (3,) its middle [m]."""
     up = upward(session)
-    axes = _axes(session, hand, up, 0.35)
-    return _fitted(hand + _HAND * _corners(), axes, up)
+    points = hand + _HAND * _corners()
+    frusta = [frustum_corners(card, hand) for card in session.cameras]
+    least, found = np.inf, _fitted(points, _axes(session, hand, up, 0.35), up)
+    for raised in (0.35, 0.6, 0.2, 0.9):
+        for turn in np.deg2rad((0, 20, -20, 40, -40, 60, -60)):
+            axes = _axes(session, hand, up, raised, turn)
+            view = _fitted(points, axes, up)
+            cost = abs(turn) + abs(raised - 0.35)
+            cost += sum(2.0 * _hides(view, axes, corners, hand) for corners in frusta)
+            if cost < least:
+                least, found = cost, view
+    return found
 
 
 def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:

@@ -96,7 +96,7 @@ def test_other_mistakes_are_said(tmp_path):
         read_bvh(tmp_path / "none.bvh")
     with pytest.raises(HandtrackError, match="positions 'both'; expected one of add, replace"):
         read_bvh(written(tmp_path, HEADER + FRAMES), positions="both")
-    with pytest.raises(HandtrackError, match="no joint 'Neck'; known: Hips, Knee"):
+    with pytest.raises(HandtrackError, match="no joint 'Chest' in the motion file; known: Hips"):
         read_bvh(written(tmp_path, HEADER + FRAMES)).renamed(BANDAI_JOINTS)
 
 

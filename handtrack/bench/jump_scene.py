@@ -1,0 +1,168 @@
+"""A person seen from the front by one camera, joints only: the scene of the 2003 paper's Table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.sampling.chains import PreparedChain, chains_of, prepare
+from handtrack.sampling.interpretation_tree import InterpretationTree, interpretation_tree
+from handtrack.sampling.polish import Polished, polish
+from handtrack.solver.covariance import covariance
+from handtrack.terms.body_priors import BodyPriors, body_priors
+from handtrack.terms.collision import CollisionTerm
+
+LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
+KJS1 = ("left_arm", "right_arm", "left_leg")
+"""both shoulders and the left calf"""
+KJS2 = ("left_leg", "right_leg", "right_arm")
+"""both calves and the right shoulder"""
+_MEANT = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+SEEN = ("neck", "head", "head_top", *(f"{side}_{j}" for side in ("left", "right") for j in _MEANT))
+"""centres of joints; hand and toes are ends of bones that cannot flip by themselves"""
+NOISE_PX = 1.0
+STEEP, FLAT = 0.9, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class JumpScene:
+    """One pose, its image joints, and the minimum that descent reaches from the truth."""
+
+    model: ArticulatedModel
+    camera: Camera
+    truth: Floats
+    """(P,)"""
+    seen: ImageKeypoints
+    priors: BodyPriors
+    start: Floats
+    """(P,) the minimum next to the truth"""
+    start_cost: float
+    covariance: Floats
+    """(P, P) there"""
+
+    @property
+    def collision(self) -> CollisionTerm | None:
+        """The prior that parts do not pass through each other."""
+        return next((term for term in self.priors.bones if isinstance(term, CollisionTerm)), None)
+
+    def polished(self, starts: Floats) -> Polished:
+        """Return the minima that descent reaches from starts (N, P)."""
+        return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
+
+    def tree(self, limbs: Sequence[str]) -> InterpretationTree:
+        """Return all flips of limbs at the start that put the seen joints where they are seen."""
+        targets = np.full((len(self.model.joint_names), 2), np.nan)
+        targets[[self.model.joint_names.index(name) for name in self.seen.names]] = self.seen.pixels
+        chains = [limb_chains()[name] for name in limbs]
+        return interpretation_tree(self.model, self.start, chains, self.camera, targets)
+
+
+@lru_cache(maxsize=1)
+def body() -> ArticulatedModel:
+    return load_model("body34")
+
+
+@lru_cache(maxsize=1)
+def limb_chains() -> dict[str, PreparedChain]:
+    """Return the body's chains by name."""
+    return {chain.name: prepare(body(), chain) for chain in chains_of(body())}
+
+
+def front_camera() -> Camera:
+    """Return a camera 4 m before the body, at the height of its belly: 1.75 m of person are 480 pixels."""
+    turn = np.diag([1.0, -1.0, -1.0])  # looks along −z of the world, where the body comes from
+    matrix = np.array([[1100.0, 0, 640], [0, 1100, 480], [0, 0, 1]])
+    return Camera("front", (1280, 960), matrix, np.zeros(5), turn, -turn @ [0.0, 0.2, 4.0])
+
+
+def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats:
+    """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
+
+    Each link of arms and legs leaves the image plane by 30° to 64° (sine between `flat` and `steep`): a link in the
+    plane has no flip, one along the line of sight no direction. Trunk, head and shoulders are near rest. No part passes
+    through another.
+    """
+    model = body()
+    through = CollisionTerm.of(model)
+    while True:
+        params = model.rest_params()
+        params[3:6] = rng.normal(scale=0.1, size=3)
+        for name, width in _NEAR_REST.items():
+            params[model.transform.names.index(name)] += rng.normal(scale=width)
+        for limb in LIMBS:
+            _hold(model, limb_chains()[limb], params, rng, flat, steep)
+        params = model.clipped(params)
+        if through.cost(model.bones(params)) == 0.0:
+            return params
+
+
+_NEAR_REST = {f"{part}_{way}": 0.1 for part in ("spine", "neck") for way in ("flex", "lean", "twist")} | {
+    f"{side}_clavicle_{way}": 0.05 for side in ("left", "right") for way in ("elevate", "protract")
+}  # fmt: skip
+"""standard deviations [rad]"""
+
+
+def _hold(
+    model: ArticulatedModel,
+    chain: PreparedChain,
+    params: Floats,
+    rng: np.random.Generator,
+    flat: float,
+    steep: float,
+) -> None:
+    """Draw a limb's angles into params, evenly within the middle 80 % of their limits, until its links are steep enough."""
+    own = [model.transform.names.index(name) for name in chain.chain.parameters]
+    joints = [model.joint_names.index(name) for name in chain.chain.joints]
+    low, high = model.bounds(params)[own].T
+    trial = model.rest_params()
+    while True:
+        trial[own] = low + (high - low) * rng.uniform(0.1, 0.9, size=len(own))
+        link = np.diff(model.joint_positions(model.bones(trial))[joints], axis=0)
+        leaves = np.abs(link[:, 2]) / np.linalg.norm(link, axis=1)
+        if leaves.min() > flat and leaves.max() < steep:
+            params[own] = trial[own]
+            return
+
+
+def jump_scene(
+    seed: int,
+    collision: bool = True,
+    noise_px: float = NOISE_PX,
+    flat: float = FLAT,
+    steep: float = STEEP,
+) -> JumpScene:
+    """Return a scene with a random frontal pose; the joints are seen with noise (standard deviation, each axis)."""
+    rng = np.random.default_rng(seed)
+    model, camera = body(), front_camera()
+    truth = frontal_pose(rng, flat, steep)
+    chosen = [model.joint_names.index(name) for name in SEEN]
+    points = model.joint_positions(model.bones(truth))[chosen]
+    pixels = camera.project(points) + noise_px * rng.normal(size=(len(SEEN), 2))
+    seen = ImageKeypoints(camera, SEEN, pixels, 1.0)
+    priors = body_priors(model, collision=collision)
+    empty = np.zeros((len(truth), len(truth)))
+    scene = JumpScene(model, camera, truth, seen, priors, truth, 0.0, empty)
+    found = scene.polished(truth[None])
+    assert found.is_minimum[0], "descent from the truth ended in no minimum"
+    spread, _ = covariance(found.normal[0])
+    return JumpScene(
+        model, camera, truth, seen, priors, found.params[0], float(found.cost[0]), spread
+    )
+
+
+def full_scene(collision: bool = True, most: int = 1000) -> JumpScene:
+    """Return the first scene in which both arms have four leaves and both legs two: what limits allow at most."""
+    for seed in range(most):
+        scene = jump_scene(seed, collision)
+        leaves = [len(scene.tree([limb])) for limb in LIMBS]
+        if leaves == [4, 4, 2, 2]:
+            return scene
+    raise AssertionError(f"none of {most} poses has full trees")

@@ -1,0 +1,283 @@
+"""Compiled step to the minimum of a quadratic model within limits. The plain form: levenberg_marquardt.bounded_step.
+
+A limit that narrows with another parameter is followed: a parameter held at it moves with the other one, so that the
+end is a true minimum within the limits.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+
+_AT_LIMIT = 1e-11  # [m, rad] closer than this counts as at the limit
+
+
+class Box(NamedTuple):
+    """Limits (P,) that hold at a place; each may move with one other parameter (`by` ≥ 0) at a rate `slope`."""
+
+    low: Floats
+    high: Floats
+    low_by: Ints
+    high_by: Ints
+    low_slope: Floats
+    high_slope: Floats
+    leader_of: Ints
+    """(S,) solver parameter of a joint parameter, −1 without"""
+    ratio_of: Floats
+
+
+@numba.njit(cache=True, nogil=True)
+def new_box(problem, size):  # pragma: no cover - compiled
+    """Return a Box to be filled."""
+    count = problem.shift.shape[0]
+    leader_of, ratio_of = np.full(count, -1, np.int64), np.zeros(count)
+    for k in range(problem.joint.shape[0]):
+        leader_of[problem.joint[k]] = problem.leader[k]
+        ratio_of[problem.joint[k]] = problem.ratio[k]
+    return Box(
+        np.zeros(size), np.zeros(size), np.full(size, -1, np.int64), np.full(size, -1, np.int64),
+        np.zeros(size), np.zeros(size), leader_of, ratio_of,
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def fill_box(problem, params, box):  # pragma: no cover - compiled
+    """Find the limits at params (P,): model/limits.py, model/transform.py."""
+    for p in range(params.shape[0]):
+        box.low[p], box.high[p] = -np.inf, np.inf
+        box.low_by[p], box.high_by[p] = -1, -1
+        box.low_slope[p], box.high_slope[p] = 0.0, 0.0
+    for k in range(problem.joint.shape[0]):
+        s, p, ratio = problem.joint[k], problem.leader[k], problem.ratio[k]
+        least, most = problem.interval[s, 0], problem.interval[s, 1]
+        least_rate, most_rate, by = 0.0, 0.0, -1
+        n = problem.narrowing[s]
+        if n >= 0:
+            other = problem.narrow_by[n]
+            leader = box.leader_of[other]
+            value = problem.shift[other]
+            if leader >= 0:
+                value += box.ratio_of[other] * params[leader]
+            bend = value / problem.narrow_at[n]
+            inside = 0.0 < bend < 1.0
+            bend = min(max(bend, 0.0), 1.0)
+            middle = min(max(0.0, least), most)
+            share = 1.0 - (1.0 - problem.narrow_to[n]) * bend
+            if inside and leader >= 0 and leader != p:
+                by = leader
+                rate = -(1.0 - problem.narrow_to[n]) / problem.narrow_at[n] * box.ratio_of[other]
+                least_rate, most_rate = rate * (least - middle), rate * (most - middle)
+            least, most = middle + share * (least - middle), middle + share * (most - middle)
+        least, most = (least - problem.shift[s]) / ratio, (most - problem.shift[s]) / ratio
+        least_rate, most_rate = least_rate / ratio, most_rate / ratio
+        if ratio < 0.0:
+            least, most = most, least
+            least_rate, most_rate = most_rate, least_rate
+        if least > box.low[p]:
+            box.low[p], box.low_by[p], box.low_slope[p] = least, by, least_rate
+        if most < box.high[p]:
+            box.high[p], box.high_by[p], box.high_slope[p] = most, by, most_rate
+    for p in range(params.shape[0]):
+        if box.low[p] > box.high[p]:
+            middle = 0.5 * (box.low[p] + box.high[p])
+            box.low[p], box.high[p] = middle, middle
+            box.low_by[p], box.high_by[p] = -1, -1
+            box.low_slope[p], box.high_slope[p] = 0.0, 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def clip(problem, params, box):  # pragma: no cover - compiled
+    """Move params into the limits that hold there, and leave `box` filled for the place."""
+    # a second pass where limits narrow: what narrows the others may itself have moved
+    for _ in range(1 if problem.narrow_at.shape[0] == 0 else 2):
+        fill_box(problem, params, box)
+        for p in range(params.shape[0]):
+            params[p] = min(max(params[p], box.low[p]), box.high[p])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _tie(box, held, p):  # pragma: no cover - compiled
+    """Return what a held parameter moves with, and how fast; −1 where it stays."""
+    if held[p] > 0:
+        return box.high_by[p], box.high_slope[p]
+    if held[p] < 0:
+        return box.low_by[p], box.low_slope[p]
+    return -1, 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def fold(box, held, matrix, vector):  # pragma: no cover - compiled
+    """Fold rows and columns of held parameters into those that they move with: Eᵀ H E and Eᵀ g in place."""
+    size = vector.shape[0]
+    for p in range(size):
+        by, slope = _tie(box, held, p)
+        if by >= 0 and slope != 0.0:
+            vector[by] += slope * vector[p]
+            for r in range(size):
+                matrix[by, r] += slope * matrix[p, r]
+            for r in range(size):
+                matrix[r, by] += slope * matrix[r, p]
+
+
+@numba.njit(cache=True, nogil=True)
+def _slopes(box, held, slope):  # pragma: no cover - compiled
+    """Fold a gradient only."""
+    for p in range(slope.shape[0]):
+        by, rate = _tie(box, held, p)
+        if by >= 0:
+            slope[by] += rate * slope[p]
+
+
+@numba.njit(cache=True, nogil=True)
+def hold(params, gradient, box, held, folded):  # pragma: no cover - compiled
+    """Mark what stands at a limit and is pushed outwards: 1 high, −1 low. folded: the gradient along the limits."""
+    size = params.shape[0]
+    for p in range(size):
+        folded[p] = gradient[p]
+        held[p] = 0
+        if params[p] >= box.high[p] - _AT_LIMIT and gradient[p] < 0.0:
+            held[p] = 1
+        elif params[p] <= box.low[p] + _AT_LIMIT and gradient[p] > 0.0:
+            held[p] = -1
+    _slopes(box, held, folded)
+    for p in range(size):  # what others follow may now be pushed the other way
+        if held[p] == 0 and params[p] >= box.high[p] - _AT_LIMIT and folded[p] < 0.0:
+            held[p] = 1
+        elif held[p] == 0 and params[p] <= box.low[p] + _AT_LIMIT and folded[p] > 0.0:
+            held[p] = -1
+        elif held[p] * folded[p] > 0.0:
+            held[p] = 0
+
+
+@numba.njit(cache=True, nogil=True)
+def _cholesky_solve(matrix, right, count):  # pragma: no cover - compiled
+    """Solve in place with the upper triangle of matrix (count, count); False unless positive definite."""
+    for j in range(count):
+        pivot = matrix[j, j]
+        if not pivot > 0.0:
+            return False
+        root = np.sqrt(pivot)
+        scale = 1.0 / root
+        for k in range(j, count):
+            matrix[j, k] *= scale
+        for i in range(j + 1, count):
+            x = matrix[j, i]
+            if x != 0.0:
+                for k in range(i, count):
+                    matrix[i, k] -= x * matrix[j, k]
+    for i in range(count):
+        right[i] /= matrix[i, i]
+        x = right[i]
+        for k in range(i + 1, count):
+            right[k] -= matrix[i, k] * x
+    for i in range(count - 1, -1, -1):
+        x = right[i]
+        for k in range(i + 1, count):
+            x -= matrix[i, k] * right[k]
+        right[i] = x / matrix[i, i]
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def limited_step(
+    hessian, gradient, params, box, held, step, goal, slope, folded, compact, right, index
+):  # pragma: no cover - compiled
+    """Fill the step (P,) that minimises the quadratic model within the limits; False if it has no minimum.
+
+    Primal active set, as solver/levenberg_marquardt.bounded_step. `held` enters filled by `hold` and is changed.
+    """
+    size = params.shape[0]
+    largest = 0.0
+    for p in range(size):
+        step[p] = 0.0
+        largest = max(largest, abs(gradient[p]))
+    for _ in range(3 * size):
+        # goal of the held ones where the free ones do not move; right side for the free ones
+        for p in range(size):
+            goal[p] = 0.0
+            if held[p] > 0:
+                goal[p] = box.high[p] - params[p]
+            elif held[p] < 0:
+                goal[p] = box.low[p] - params[p]
+        for p in range(size):
+            by, rate = _tie(box, held, p)
+            if by >= 0 and held[by] != 0:
+                goal[p] += rate * goal[by]
+        tied = False
+        for p in range(size):
+            slope[p] = gradient[p]
+            by, rate = _tie(box, held, p)
+            tied = tied or (by >= 0 and rate != 0.0)
+        for p in range(size):
+            if goal[p] != 0.0:
+                for r in range(size):
+                    slope[r] += hessian[r, p] * goal[p]
+        source = hessian
+        if tied:
+            for p in range(size):
+                for r in range(size):
+                    folded[p, r] = hessian[p, r]
+            fold(box, held, folded, slope)
+            source = folded
+        count = 0
+        for p in range(size):
+            if held[p] == 0:
+                index[count] = p
+                right[count] = -slope[p]
+                count += 1
+        for i in range(count):
+            for k in range(i, count):
+                compact[i, k] = source[index[i], index[k]]
+        if not _cholesky_solve(compact, right, count):
+            return False
+        for i in range(count):
+            goal[index[i]] = right[i]
+        if tied:
+            for p in range(size):
+                by, rate = _tie(box, held, p)
+                if by >= 0 and held[by] == 0:
+                    goal[p] += rate * goal[by]
+        # how far towards it until the first limit
+        room, first, side = 1.0, -1, 0
+        for i in range(count):
+            p = index[i]
+            move = goal[p] - step[p]
+            for way in (1, -1):
+                end = box.high[p] if way > 0 else box.low[p]
+                if np.isinf(end):
+                    continue
+                by = box.high_by[p] if way > 0 else box.low_by[p]
+                rate, gap = move, end - params[p] - step[p]
+                if by >= 0:
+                    tilt = box.high_slope[p] if way > 0 else box.low_slope[p]
+                    rate -= tilt * (goal[by] - step[by])
+                    gap += tilt * step[by]
+                if way * rate > 1e-15:
+                    share = max(gap / rate, 0.0)
+                    if share < room:
+                        room, first, side = share, p, way
+        for p in range(size):
+            step[p] += room * (goal[p] - step[p])
+        if first >= 0:
+            held[first] = side
+            continue
+        # at the minimum over the free ones: release the held one that is pulled inwards most
+        for p in range(size):
+            slope[p] = gradient[p]
+        for p in range(size):
+            if step[p] != 0.0:
+                for r in range(size):
+                    slope[r] += hessian[r, p] * step[p]
+        _slopes(box, held, slope)
+        worst, most = -1, 1e-12 * (1.0 + largest)
+        for p in range(size):
+            if held[p] * slope[p] > most:
+                worst, most = p, held[p] * slope[p]
+        if worst < 0:
+            return True
+        held[worst] = 0
+    return True

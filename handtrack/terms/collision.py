@@ -1,0 +1,113 @@
+"""Parts of the body do not pass through each other: overlap of ellipsoids. docs/derivations/collision.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.collision_kernels import collision_system, overlaps, shape_matrices
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionTerm:
+    """½ weight Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
+
+    Where two overlap, −d is how far one must move to be free of the other (the penetration depth); it has a row on both
+    bones, along the shortest way out. Pairs that are apart cost nothing and are dismissed without computing d.
+    """
+
+    flesh: Ellipsoids
+    pairs: Ints
+    """(K, 2) ellipsoids that may not overlap"""
+    sigma_m: float = 0.01
+    slack_m: float = 0.01
+    """flesh gives way by this much before it counts"""
+    weight: float = 1.0
+    name: str = "collision"
+
+    def __post_init__(self) -> None:
+        check_shape(self.pairs, (None, 2), f"{self.name}: pairs of ellipsoids")
+        if not (0.0 < self.sigma_m < np.inf and self.slack_m >= 0.0):
+            raise HandtrackError(
+                f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
+            )
+
+    @classmethod
+    def of(
+        cls,
+        model: ArticulatedModel,
+        flesh: str = "metaballs",
+        sigma_m: float = 0.01,
+        slack_m: float = 0.01,
+        weight: float = 1.0,
+    ) -> CollisionTerm:
+        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`."""
+        if flesh not in model.flesh:
+            raise unknown_name(
+                "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
+            )
+        chosen = model.flesh[flesh]
+        pairs = colliding_pairs(model, chosen, slack_m)
+        return cls(chosen, pairs, sigma_m, slack_m, weight)
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ weight Σ r²."""
+        return self._system(bones, want_system=False).cost
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
+        return self._system(bones, want_system=True)
+
+    def depths(self, bones: BonePoses) -> Floats:
+        """Return (K,) how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
+        return _depths(self.flesh, bones, self.pairs)
+
+    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
+        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+        flesh, (first, second) = self.flesh, self._columns
+        cost = collision_system(
+            bones.rotation, bones.position, bones.reference, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
+            first, second, self.slack_m, self.sigma_m, self.weight, want_system, system.gradient, system.hessian,
+        )  # fmt: skip
+        return BoneSystem(cost, system.gradient, system.hessian)
+
+    @cached_property
+    def _columns(self) -> tuple[Ints, Ints]:
+        first, second = np.ascontiguousarray(np.asarray(self.pairs, np.int64).T)
+        return first, second
+
+
+def colliding_pairs(model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01) -> Ints:
+    """Return (K, 2) the pairs of ellipsoids that can collide.
+
+    Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
+    already: shoulder and chest, the thighs' tops.
+    """
+    parent = model.skeleton.parent
+    first, second = np.triu_indices(len(flesh), 1)
+    a, b = flesh.bone[first], flesh.bone[second]
+    apart = (a != b) & (parent[a] != b) & (parent[b] != a)
+    pairs = np.stack([first, second], axis=1)[apart].astype(np.int64)
+    if not len(pairs):
+        return pairs
+    depth = _depths(flesh, model.bones(model.rest_params()), pairs)
+    return pairs[depth <= slack_m]
+
+
+def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
+    place, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
+    shape_matrices(
+        bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, place, shape
+    )  # fmt: skip
+    found = np.empty(len(pairs))
+    first, second = np.ascontiguousarray(np.asarray(pairs, np.int64).T)
+    overlaps(place, shape, flesh.radii.max(axis=1), first, second, found)
+    return np.abs(found)

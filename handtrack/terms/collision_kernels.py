@@ -1,0 +1,279 @@
+"""Compiled overlap of ellipsoids. The plain form: tests/terms/collision_reference.py; docs/derivations/collision.md."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+_STEPS = 30
+_DONE = 1e-20
+"""squared tangential step [rad²] at which a direction is found"""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def shape_matrices(
+    rotation, position, bone, centre, turn, radii, place, shape
+):  # pragma: no cover - compiled
+    """Fill place (E, 3) and shape (E, 3, 3) = R diag(r²) Rᵀ with the ellipsoids where the bones have carried them."""
+    axes = np.empty((3, 3))
+    for e in range(bone.shape[0]):
+        b = bone[e]
+        for i in range(3):
+            place[e, i] = position[b, i]
+            for k in range(3):
+                place[e, i] += rotation[b, i, k] * centre[e, k]
+                axes[i, k] = 0.0
+                for j in range(3):
+                    axes[i, k] += rotation[b, i, j] * turn[e, j, k]
+                axes[i, k] *= radii[e, k]
+        for i in range(3):
+            for j in range(3):
+                shape[e, i, j] = (
+                    axes[i, 0] * axes[j, 0] + axes[i, 1] * axes[j, 1] + axes[i, 2] * axes[j, 2]
+                )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _supported(shape, n, out):  # pragma: no cover - compiled
+    """Write D n / h and return the support h = √(nᵀ D n): how far the ellipsoid reaches along n from its centre."""
+    for i in range(3):
+        out[i] = shape[i, 0] * n[0] + shape[i, 1] * n[1] + shape[i, 2] * n[2]
+    h = np.sqrt(out[0] * n[0] + out[1] * n[1] + out[2] * n[2])
+    for i in range(3):
+        out[i] /= h
+    return h
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _free_space(delta, one, other, n):  # pragma: no cover - compiled
+    """Return f(n) = n·δ − h₁(n) − h₂(n)."""
+    f = 0.0
+    h, k = 0.0, 0.0
+    for i in range(3):
+        f += n[i] * delta[i]
+        for j in range(3):
+            h += n[i] * one[i, j] * n[j]
+            k += n[i] * other[i, j] * n[j]
+    return f - np.sqrt(h) - np.sqrt(k)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _gap(delta, one, other, n, p, q):  # pragma: no cover - compiled
+    """Return f(n) = n·δ − h₁(n) − h₂(n), the free space along n; p, q: the farthest points from either centre."""
+    h = _supported(one, n, p)
+    k = _supported(other, n, q)
+    return delta[0] * n[0] + delta[1] * n[1] + delta[2] * n[2] - h - k, h, k
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
+    """Move the unit vector n to a maximum of f by Newton's steps on the sphere; returns f there.
+
+    Stops as soon as f > 0: along that n the two are apart, and how far does not matter.
+    """
+    t, u, g = np.empty(3), np.empty(3), np.empty(3)
+    trial = np.empty(3)
+    f, h, k = _gap(delta, one, other, n, p, q)
+    for _ in range(_STEPS):
+        if f > 0.0:
+            return f
+        small = 0
+        for i in range(1, 3):
+            if abs(n[i]) < abs(n[small]):
+                small = i
+        a, b = (small + 1) % 3, (small + 2) % 3
+        size = np.sqrt(n[a] * n[a] + n[b] * n[b])
+        t[small], t[a], t[b] = 0.0, -n[b] / size, n[a] / size
+        u[0] = n[1] * t[2] - n[2] * t[1]
+        u[1] = n[2] * t[0] - n[0] * t[2]
+        u[2] = n[0] * t[1] - n[1] * t[0]
+        gt, gu = 0.0, 0.0
+        for i in range(3):
+            g[i] = delta[i] - p[i] - q[i]
+            gt += g[i] * t[i]
+            gu += g[i] * u[i]
+        # −Hessian on the tangent plane: curvature of both supports, and f from the sphere's own
+        tt, tu, uu = f, 0.0, f
+        for which in range(2):
+            shape = one if which == 0 else other
+            w = p if which == 0 else q
+            size = h if which == 0 else k
+            wt = w[0] * t[0] + w[1] * t[1] + w[2] * t[2]
+            wu = w[0] * u[0] + w[1] * u[1] + w[2] * u[2]
+            dtt, dtu, duu = 0.0, 0.0, 0.0
+            for i in range(3):
+                for j in range(3):
+                    dtt += t[i] * shape[i, j] * t[j]
+                    dtu += t[i] * shape[i, j] * u[j]
+                    duu += u[i] * shape[i, j] * u[j]
+            tt += (dtt - wt * wt) / size
+            tu += (dtu - wt * wu) / size
+            uu += (duu - wu * wu) / size
+        middle, half = 0.5 * (tt + uu), np.sqrt(0.25 * (tt - uu) ** 2 + tu * tu)
+        least = 1e-2 * (h + k)
+        if middle - half < least:  # not a hilltop here: make it one
+            lift = least - (middle - half)
+            tt += lift
+            uu += lift
+        det = tt * uu - tu * tu
+        st, su = (uu * gt - tu * gu) / det, (tt * gu - tu * gt) / det
+        length = np.sqrt(st * st + su * su)
+        if length > 0.7:
+            st, su, length = 0.7 * st / length, 0.7 * su / length, 0.7
+        better = False
+        for _ in range(12):
+            size = np.sqrt(1.0 + st * st + su * su)
+            for i in range(3):
+                trial[i] = (n[i] + st * t[i] + su * u[i]) / size
+            there, h, k = _gap(delta, one, other, trial, p, q)
+            if there >= f:
+                better = True
+                break
+            st, su = 0.25 * st, 0.25 * su
+            if st * st + su * su < _DONE:
+                break
+        if not better:
+            break
+        done = st * st + su * su < _DONE
+        f = there
+        for i in range(3):
+            n[i] = trial[i]
+        if done:
+            break
+    f, h, k = _gap(delta, one, other, n, p, q)
+    return f
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def separation(place, shape, start, i, j, n, p, q):  # pragma: no cover - compiled
+    """Return the signed distance of ellipsoids i and j if they overlap (minus how far one must move), else something > 0.
+
+    n: direction from i to j in which they are to be parted; p, q: the points that go deepest, from i's and j's centre.
+    start: (2, 3) work space.
+    """
+    delta = np.empty(3)
+    for a in range(3):
+        delta[a] = place[j, a] - place[i, a]
+    size = np.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)
+    starts = 1
+    if size > 1e-12:
+        for a in range(3):
+            start[0, a] = delta[a] / size
+    else:
+        start[0, 0], start[0, 1], start[0, 2] = 1.0, 0.0, 0.0
+    # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts
+    best = -np.inf
+    one, other = shape[i], shape[j]
+    trial, tp, tq = np.empty(3), np.empty(3), np.empty(3)
+    total = np.empty((3, 3))
+    for a in range(3):
+        for b in range(3):
+            total[a, b] = one[a, b] + other[a, b]
+    # (D₁ + D₂)⁻¹ δ by Cramer's rule
+    c00 = total[1, 1] * total[2, 2] - total[1, 2] * total[2, 1]
+    c01 = total[1, 2] * total[2, 0] - total[1, 0] * total[2, 2]
+    c02 = total[1, 0] * total[2, 1] - total[1, 1] * total[2, 0]
+    c11 = total[0, 0] * total[2, 2] - total[0, 2] * total[2, 0]
+    c12 = total[0, 1] * total[2, 0] - total[0, 0] * total[2, 1]
+    c22 = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
+    x = c00 * delta[0] + c01 * delta[1] + c02 * delta[2]
+    y = c01 * delta[0] + c11 * delta[1] + c12 * delta[2]
+    z = c02 * delta[0] + c12 * delta[1] + c22 * delta[2]
+    size = np.sqrt(x * x + y * y + z * z)
+    if size > 1e-300:
+        start[1, 0], start[1, 1], start[1, 2] = x / size, y / size, z / size
+        starts = 2
+    for s in range(starts):
+        for a in range(3):
+            trial[a] = start[s, a]
+        f = _climb(delta, one, other, trial, tp, tq)
+        if f > best:
+            best = f
+            for a in range(3):
+                n[a], p[a], q[a] = trial[a], tp[a], tq[a]
+        if best > 0.0:
+            return best
+    # deep or symmetric overlaps have other ways out: look along the world's axes and diagonals
+    promising = best
+    for c in range(26):
+        code = c if c < 13 else c + 1  # leaves out (0, 0, 0)
+        size = 0.0
+        for a in range(3):
+            tp[a] = code % 3 - 1.0
+            code //= 3
+            size += tp[a] * tp[a]
+        for a in range(3):
+            tp[a] /= np.sqrt(size)
+        f = _free_space(delta, one, other, tp)
+        if f > promising:
+            promising = f
+            for a in range(3):
+                trial[a] = tp[a]
+    if promising > best:
+        best = _climb(delta, one, other, trial, p, q)
+        for a in range(3):
+            n[a] = trial[a]
+    return best
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - compiled
+    """Fill found (K,) with the signed distance of each pair where they overlap, 0 where they do not."""
+    start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
+    for k in range(first.shape[0]):
+        i, j = first[k], second[k]
+        far, square = reach[i] + reach[j], 0.0
+        for a in range(3):
+            square += (place[j, a] - place[i, a]) ** 2
+        found[k] = 0.0
+        if square < far * far:
+            found[k] = min(separation(place, shape, start, i, j, n, p, q), 0.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def collision_system(
+    rotation, position, reference, bone, centre, turn, radii, first, second, slack, sigma, weight, want_system,
+    gradient, hessian,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Add the pairs' overlaps to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ r²."""
+    count = bone.shape[0]
+    place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+    shape_matrices(rotation, position, bone, centre, turn, radii, place, shape)
+    for e in range(count):
+        reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
+    start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
+    row = np.empty(12)
+    cost = 0.0
+    for k in range(first.shape[0]):
+        i, j = first[k], second[k]
+        far, square = reach[i] + reach[j] - slack, 0.0
+        for a in range(3):
+            square += (place[j, a] - place[i, a]) ** 2
+        if far <= 0.0 or square >= far * far:
+            continue
+        distance = separation(place, shape, start, i, j, n, p, q)
+        residual = (-distance - slack) / sigma
+        if residual <= 0.0:
+            continue
+        cost += residual * residual
+        if not want_system:
+            continue
+        # −d = n·(x_i − x_j) at the points that go deepest: + on i's bone, − on j's
+        for side in range(2):
+            e = i if side == 0 else j
+            sign = (1.0 if side == 0 else -1.0) / sigma
+            x = place[e, 0] - reference[0] + (p[0] if side == 0 else -q[0])
+            y = place[e, 1] - reference[1] + (p[1] if side == 0 else -q[1])
+            z = place[e, 2] - reference[2] + (p[2] if side == 0 else -q[2])
+            at = 6 * side
+            row[at], row[at + 1], row[at + 2] = sign * n[0], sign * n[1], sign * n[2]
+            row[at + 3] = sign * (y * n[2] - z * n[1])
+            row[at + 4] = sign * (z * n[0] - x * n[2])
+            row[at + 5] = sign * (x * n[1] - y * n[0])
+        for a in range(12):
+            column = 6 * bone[i] + a if a < 6 else 6 * bone[j] + a - 6
+            gradient[column] += weight * row[a] * residual
+            for b in range(12):
+                other = 6 * bone[i] + b if b < 6 else 6 * bone[j] + b - 6
+                hessian[column, other] += weight * row[a] * row[b]
+    return 0.5 * weight * cost

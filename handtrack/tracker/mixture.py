@@ -1,0 +1,298 @@
+"""Several hypotheses carried over time: predicted, jumped, scattered, optimised, weighed (2003 paper, §4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.sampling.chain_vote import chain_votes
+from handtrack.sampling.chains import PreparedChain
+from handtrack.sampling.diffusion import covariance_scaled, projected
+from handtrack.sampling.hypotheses import Hypothesis, distinct
+from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.solver.covariance import covariance
+from handtrack.terms.priors import BellPrior
+from handtrack.tracker.descent import Minima, minima
+from handtrack.tracker.frame_terms import FrameTerms
+from handtrack.tracker.motion_belief import MotionBelief
+from handtrack.tracker.settings import TrackerSettings
+
+_TREE = TreeSettings(failing="nearest", stretched="sample")
+_MOST_FIRST = 512  # leaves of a first frame's tree that are looked at
+_WEIGHTLESS = 1e-300
+_SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
+"""a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingHypothesis(Hypothesis):
+    """A hypothesis that knows how it moves."""
+
+    belief: MotionBelief
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One bell of the temporal prior: a hypothesis of the last frame moved to where it is expected now."""
+
+    belief: MotionBelief
+    terms: FrameTerms
+    """what the frame costs, without any pull to the expected pose"""
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """The hypotheses of one frame, heaviest first, and which of the last frame's each continues."""
+
+    hypotheses: tuple[MovingHypothesis, ...]
+    parents: tuple[int, ...]
+    """−1 in a first frame"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Proposals:
+    """Minima found from one component in one way."""
+
+    found: Minima
+    parent: int
+    origin: str
+    belief: MotionBelief
+    log_prior: float
+    """log of the weight and of the prior's normalisation"""
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureStep:
+    """What is the same in every frame: model, settings, chains, and how fast parameters may change."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings
+    chains: Sequence[PreparedChain]
+
+    def first(
+        self, observation: Observation, terms: FrameTerms, start: Floats,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Mixture:  # fmt: skip
+        """Return the hypotheses of a first frame: the minimum near start (P,), and what its interpretation tree holds."""
+        rng = self._rng(observation)
+        near = self._minima(terms, start[None], should_stop)
+        best = near.params[int(np.argmin(near.cost))]
+        found, eye = [near], _eye(observation)
+        if eye is not None and self.chains:
+            camera, seen = eye
+            targets = _of(self.model, seen)
+            leaves = interpretation_tree(self.model, best, self.chains, camera, targets, _TREE, rng)
+            starts = leaves.params
+            if len(starts) > _MOST_FIRST:
+                starts = starts[rng.choice(len(starts), _MOST_FIRST, replace=False)]
+            scale, draws = self.settings.mixture.scale, self.settings.mixture.draws
+            around = covariance_scaled(best, covariance(near.hessian[0])[0], scale, draws, rng)
+            starts = np.concatenate([starts, projected(self.model, around)])
+            found.append(self._minima(terms, starts, should_stop))
+        still = MotionBelief.at_rest(best, np.eye(len(best)), self._speed())
+        origins = ("start", "first tree")
+        return self._weighed(
+            [_Proposals(f, -1, o, still, 0.0) for f, o in zip(found, origins, strict=False)], True
+        )
+
+    def next(
+        self,
+        observation: Observation,
+        components: Sequence[Component],
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Mixture:
+        """Return the hypotheses of a frame from those of the last one.
+
+        Each component is optimised from where it is expected. Then components are drawn; of each, a chain by its vote,
+        a covariance-scaled sample, and the sample's interpretation tree over the chain. Leaves are optimised under the
+        temporal prior of a jump, which is flat in the parameters of the chain that jumped. docs/mixture.md.
+        """
+        rng = self._rng(observation)
+        eye = _eye(observation)
+        share = self.settings.mixture.jump_share if self.chains and eye is not None else 0.0
+        proposals = []
+        for i, component in enumerate(components):
+            terms = _pulled(self.model, component.terms, component.belief, ())
+            found = self._minima(terms, component.belief.mean[None], should_stop)
+            log = np.log1p(-share) + np.log(max(component.weight, _WEIGHTLESS))
+            log += _log_normal(component.belief.place_covariance)
+            proposals.append(_Proposals(found, i, "followed", component.belief, float(log)))
+        if share:
+            assert eye is not None
+            votes = [
+                chain_votes(
+                    self.model, c.belief.mean, c.belief.place_covariance, [r.chain for r in self.chains]
+                )
+                for c in components
+            ]
+            for (i, c), starts in self._leaves(components, votes, eye, rng).items():
+                log = np.log(share * max(votes[i][c], _WEIGHTLESS))
+                proposals.append(
+                    self._jumped(components[i], i, self.chains[c], starts, float(log), should_stop)
+                )
+        return self._weighed(proposals, False)
+
+    def speed_of_change(self) -> Floats:
+        """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
+        prior, strength = self.settings.prior, self.settings.tracker.smoothing
+        push = np.full(self._size, np.deg2rad(prior.motion_sigma_deg))
+        push[:3] = 1e-3 * prior.motion_sigma_mm
+        return push / np.sqrt(max(strength, 1e-6))
+
+    def _leaves(
+        self,
+        components: Sequence[Component],
+        votes: Sequence[Floats],
+        eye: tuple[Camera, ImageKeypoints | None],
+        rng: np.random.Generator,
+    ) -> dict[tuple[int, int], Floats]:
+        """Return the leaves (N, P) of all draws by component and chain."""
+        camera, seen = eye
+        targets = _of(self.model, seen)
+        weights = np.array([component.weight for component in components])
+        leaves: dict[tuple[int, int], list[Floats]] = {}
+        for i in _drawn(weights / weights.sum(), self.settings.mixture.draws, rng):
+            belief = components[i].belief
+            c = int(rng.choice(len(self.chains), p=votes[i]))
+            scale = self.settings.mixture.scale
+            sample = covariance_scaled(belief.mean, belief.place_covariance, scale, 1, rng)
+            sample = projected(self.model, sample)[0]
+            tree = interpretation_tree(
+                self.model, sample, [self.chains[c]], camera, targets, _TREE, rng
+            )
+            if len(tree):
+                leaves.setdefault((int(i), c), []).append(tree.params)
+        return {key: np.concatenate(found) for key, found in sorted(leaves.items())}
+
+    def _jumped(
+        self,
+        component: Component,
+        parent: int,
+        ready: PreparedChain,
+        starts: Floats,
+        log_share: float,
+        should_stop: Callable[[], bool] | None,
+    ) -> _Proposals:
+        names = self.model.transform.names
+        columns = np.array([names.index(name) for name in ready.chain.parameters])
+        low, high = self.model.bounds(component.belief.mean)[columns].T
+        ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
+        terms = _pulled(self.model, component.terms, component.belief, columns)
+        found = self._minima(terms, starts, should_stop)
+        others = np.setdiff1d(np.arange(self._size), columns)
+        known = component.belief.place_covariance[np.ix_(others, others)]
+        log = log_share + np.log(max(component.weight, _WEIGHTLESS)) + _log_normal(known)
+        log -= float(np.log(ranges).sum())
+        spread = np.zeros(self._size)
+        spread[columns] = ranges / np.sqrt(12.0)
+        belief = component.belief.released(columns, spread, self._speed())
+        return _Proposals(found, parent, f"{ready.chain.name} jumped", belief, float(log))
+
+    def _minima(
+        self, terms: FrameTerms, starts: Floats, should_stop: Callable[[], bool] | None
+    ) -> Minima:
+        most = self.settings.mixture.descents
+        return minima(self.model, self.settings.solver, terms, starts, most, should_stop)
+
+    def _weighed(self, proposals: Sequence[_Proposals], is_first: bool) -> Mixture:
+        """Return the distinct minima of largest posterior mass.
+
+        The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the bell of covariance C around the
+        minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one.
+        """
+        params = np.concatenate([p.found.params for p in proposals])
+        cost = np.concatenate([p.found.cost for p in proposals])
+        hessian = np.concatenate([p.found.hessian for p in proposals])
+        source = np.repeat(np.arange(len(proposals)), [len(p.found.cost) for p in proposals])
+        prior = np.array([p.log_prior for p in proposals])
+        log = prior[source] - cost
+        if not is_first:
+            log -= 0.5 * np.linalg.slogdet(hessian)[1] - 0.5 * self._size * np.log(2.0 * np.pi)
+        known: Ints = np.flatnonzero(np.isfinite(log))
+        assert len(known), "every start led behind the camera"
+        kept = known[distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))]
+        kept = kept[: self.settings.tracker.hypotheses]
+        weights = np.exp(log[kept] - log[kept].max())
+        weights /= weights.sum()
+        hypotheses = []
+        for row, weight in zip(kept, weights, strict=True):
+            via = proposals[source[row]]
+            spread = covariance(hessian[row])[0]
+            belief = (
+                MotionBelief.at_rest(params[row], spread, self._speed())
+                if is_first
+                else via.belief.updated(params[row], spread)
+            )
+            hypotheses.append(
+                MovingHypothesis(
+                    params[row], float(cost[row]), spread, float(weight), via.origin, belief
+                )
+            )
+        return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
+
+    @property
+    def _size(self) -> int:
+        return len(self.model.transform.names)
+
+    def _speed(self) -> Floats:
+        speed = np.full(self._size, _SPEED_RAD)
+        speed[:3] = _SPEED_M
+        return speed
+
+    def _rng(self, observation: Observation) -> np.random.Generator:
+        return np.random.default_rng([self.settings.mixture.seed, observation.frame])
+
+
+def _pulled(
+    model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints
+) -> FrameTerms:
+    """Return the terms with the pull to where a belief expects the pose, but for the columns that are free."""
+    others = np.setdiff1d(np.arange(len(belief.mean)), np.asarray(free, dtype=int))
+    information = np.zeros((len(belief.mean), len(belief.mean)))
+    inner = belief.place_covariance[np.ix_(others, others)]
+    information[np.ix_(others, others)] = np.linalg.inv(inner)
+    back = np.linalg.pinv(model.transform.matrix)
+    information = back.T @ (0.5 * (information + information.T)) @ back
+    prior = BellPrior(model.joint_params(belief.mean), information)
+    return replace(terms, priors=(*terms.priors, prior))
+
+
+def _log_normal(spread: Floats) -> float:
+    """Return the log of a bell's height at its middle, −½ log det(2π C)."""
+    return -0.5 * float(np.linalg.slogdet(spread)[1] + len(spread) * np.log(2.0 * np.pi))
+
+
+def _drawn(weights: Floats, draws: int, rng: np.random.Generator) -> Ints:
+    """Return which components are drawn: half of the draws in turn, half by weight."""
+    turn = np.arange(draws // 2) % len(weights)
+    return np.concatenate([turn, rng.choice(len(weights), draws - len(turn), p=weights)])
+
+
+def _eye(observation: Observation) -> tuple[Camera, ImageKeypoints | None] | None:
+    """Return the camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views."""
+    images = [seen for seen in observation.keypoints if isinstance(seen, ImageKeypoints)]
+    if images:
+        best = max(images, key=lambda seen: int(np.isfinite(seen.pixels).all(axis=1).sum()))
+        return best.camera, best
+    if observation.silhouettes:
+        return observation.silhouettes[0].camera, None
+    if observation.images:
+        return observation.images[0].camera, None
+    return None
+
+
+def _of(model: ArticulatedModel, seen: ImageKeypoints | None) -> Floats | None:
+    """Return where the model's joints (J, 2) are seen [px], NaN where they are not."""
+    if seen is None:
+        return None
+    pixels = np.full((len(model.joint_names), 2), np.nan)
+    for name, place in zip(seen.names, seen.pixels, strict=True):
+        pixels[model.joint_names.index(name)] = place
+    return pixels

@@ -1,0 +1,84 @@
+"""Where a hypothesis is and how it moves, with the uncertainty of both: a Kalman filter's state, in solver parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class MotionBelief:
+    """A normal distribution of place and velocity."""
+
+    mean: Floats
+    """(P,) [m, rad]"""
+    velocity: Floats
+    """(P,) a frame"""
+    covariance: Floats
+    """(2P, 2P) of place, then velocity"""
+
+    @property
+    def place_covariance(self) -> Floats:
+        """Return (P, P) of the place alone."""
+        count = len(self.mean)
+        return self.covariance[:count, :count]
+
+    @classmethod
+    def at_rest(cls, mean: Floats, covariance: Floats, speed: Floats) -> MotionBelief:
+        """Return the belief of a first frame: place as found, velocity around 0 by speed (P,), a standard deviation."""
+        count = len(mean)
+        whole = np.zeros((2 * count, 2 * count))
+        whole[:count, :count] = covariance
+        whole[count:, count:] = np.diag(speed**2)
+        return cls(mean, np.zeros(count), whole)
+
+    def ahead(self, push: Floats, frames: int, moving: bool = True) -> MotionBelief:
+        """Return the belief some frames later; each frame an unknown acceleration pushes (P,), a standard deviation.
+
+        moving: whether motion goes on; otherwise places alone drift by `push`.
+        """
+        count = len(self.mean)
+        mean, velocity, covariance = self.mean, self.velocity, self.covariance
+        step = np.eye(2 * count)
+        noise = np.zeros_like(covariance)
+        variance = np.diag(push**2)
+        if moving:
+            step[:count, count:] = np.eye(count)
+            noise[:count, :count], noise[count:, count:] = 0.25 * variance, variance
+            noise[:count, count:] = noise[count:, :count] = 0.5 * variance
+        else:
+            velocity = np.zeros(count)
+            noise[:count, :count] = variance
+        for _ in range(frames):
+            mean = mean + velocity
+            covariance = step @ covariance @ step.T + noise
+        return MotionBelief(mean, velocity, 0.5 * (covariance + covariance.T))
+
+    def updated(self, mean: Floats, covariance: Floats) -> MotionBelief:
+        """Return the belief once the place is known to be mean (P,) with covariance (P, P), this belief included."""
+        count = len(self.mean)
+        across, moving = self.covariance[count:, :count], self.covariance[count:, count:]
+        gain = np.linalg.solve(self.place_covariance, across.T).T
+        whole = np.empty_like(self.covariance)
+        whole[:count, :count] = covariance
+        whole[count:, :count] = gain @ covariance
+        whole[:count, count:] = whole[count:, :count].T
+        whole[count:, count:] = moving - gain @ (self.place_covariance - covariance) @ gain.T
+        velocity = self.velocity + gain @ (mean - self.mean)
+        return MotionBelief(mean, velocity, 0.5 * (whole + whole.T))
+
+    def released(self, columns: Ints, spread: Floats, speed: Floats) -> MotionBelief:
+        """Return the belief in which some parameters may be anywhere: spread and speed (P,), standard deviations."""
+        count = len(self.mean)
+        both = np.concatenate([columns, columns + count])
+        whole = self.covariance.copy()
+        whole[both, :] = 0.0
+        whole[:, both] = 0.0
+        whole[columns, columns] = spread[columns] ** 2
+        whole[columns + count, columns + count] = speed[columns] ** 2
+        velocity = self.velocity.copy()
+        velocity[columns] = 0.0
+        return MotionBelief(self.mean, velocity, whole)

@@ -1,0 +1,79 @@
+"""A small recording with clouds: a hand's surface in skin colour before a grey wall, and two cameras with images."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.capture.calibration import write_rig
+from handtrack.capture.cloud_files import write_cloud
+from handtrack.capture.point_cloud import PointCloud
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.model.model_file import load_model
+from handtrack.model.surface import sample_surface
+
+FRAMES, HAND, WALL = 3, 1500, 400
+SKIN, GREY = (200, 140, 110), (120, 120, 120)
+BOX = (40, 20, 16, 20)
+"""x, y, w, h [px] of the skin in the images"""
+SETTINGS = """# a comment that stays
+[session]
+fps = 25.0
+name = "cloudy"
+
+[hand]
+model = "hand26"
+forearm = false
+
+[[camera]]
+name = "cam0"
+images = "cam0/*.png"
+
+[[camera]]
+name = "cam1"
+images = "cam1/*.png"
+
+[clouds]
+files = "clouds/*.npz"
+voxel_m = 0.003  # fine
+"""
+
+
+def start() -> Floats:
+    """Return solver parameters (P,) of the relaxed hand at the origin, its back to the cameras."""
+    return load_model("hand26").rest_params()
+
+
+def cloudy_session(folder: Path) -> Path:
+    """Write the recording into a folder and return it."""
+    rng = np.random.default_rng(7)
+    matrix = np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
+    turned = np.diag([1.0, -1.0, -1.0])
+    cameras = tuple(
+        Camera(f"cam{i}", (96, 72), matrix, np.zeros(5), turned, np.array([-0.06 * i, 0.09, 0.5]))
+        for i in range(2)
+    )
+    write_rig(folder / "calibration.toml", CameraRig(cameras))
+    (folder / "session.toml").write_text(SETTINGS)
+    texture = rng.integers(0, 40, (72, 96, 3), dtype=np.uint8)
+    texture[BOX[1] : BOX[1] + BOX[3], BOX[0] : BOX[0] + BOX[2]] += np.uint8(SKIN[::-1]) - 20
+    for i in range(2):
+        (folder / f"cam{i}").mkdir()
+        for frame in range(FRAMES):
+            cv2.imwrite(str(folder / f"cam{i}" / f"{frame:03d}.png"), np.roll(texture, -18 * i, 1))
+    model = load_model("hand26")
+    points, _ = sample_surface(MetaballSurface.of(model), model.bones(start()), HAND, rng)
+    wall = np.column_stack([rng.uniform(-0.2, 0.2, (WALL, 2)), np.full(WALL, -0.4)])
+    colors = np.repeat(np.uint8([SKIN, GREY]), [HAND, WALL], axis=0)
+    (folder / "clouds").mkdir()
+    for frame in range(FRAMES):
+        cloud = PointCloud(np.vstack([points, wall]), colors)
+        write_cloud(folder / "clouds" / f"{frame:03d}.npz", cloud)
+    values = dict(zip(model.parameter_names, model.joint_params(start()).tolist(), strict=True))
+    (folder / "init.json").write_text(json.dumps({"frame": 0, "parameters": values}))
+    return folder

@@ -1,0 +1,135 @@
+"""Overlap of parts: known answers, agreement with the plain form, and what neighbours may do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.model_file import load_model
+from handtrack.solver.levenberg_marquardt import solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.body_priors import body_priors, stabilisation
+from handtrack.terms.collision import CollisionTerm, colliding_pairs
+from tests.terms.collision_reference import signed_distance
+
+PAIR = np.array([[0, 1]])
+
+
+def two(radii, centres, turns=None):
+    """Return two ellipsoids, each on its own bone, and the bones."""
+    rotation = np.stack([np.eye(3)] * 2) if turns is None else turns
+    flesh = Ellipsoids(("a", "b"), np.arange(2), np.zeros((2, 3)), rotation, np.array(radii))
+    return flesh, BonePoses(np.zeros(3), np.stack([np.eye(3)] * 2), np.array(centres, float))
+
+
+@pytest.mark.parametrize(("apart", "depth"), [(0.25, 0.0), (0.2, 0.0), (0.17, 0.03), (0.05, 0.15)])
+def test_two_balls(apart, depth):
+    flesh, bones = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, apart, 0]])
+    term = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.01, weight=3.0)
+    assert term.depths(bones)[0] == pytest.approx(depth, abs=1e-12)
+    over = max(depth - 0.01, 0.0) / 0.02
+    assert term.cost(bones) == pytest.approx(1.5 * over**2, abs=1e-12)
+
+
+def test_the_force_parts_them_along_the_shortest_way():
+    flesh, bones = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 0.15, 0]])
+    system = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.0).linearize(bones)
+    force = -system.gradient.reshape(2, 6)
+    np.testing.assert_allclose(force[:, :3], [[0, -125, 0], [0, 125, 0]], atol=1e-9)
+    np.testing.assert_allclose(force[:, 3:], 0.0, atol=1e-9)  # the centres lie on the line
+
+
+def test_crossed_rods_part_across_both():
+    """Long rods in x and y whose middles are 1 cm apart in z: out is along z, not along a rod."""
+    flesh, bones = two([[0.3, 0.02, 0.02], [0.02, 0.3, 0.02]], [[0, 0, 0], [0.05, -0.08, 0.01]])
+    depth = CollisionTerm(flesh, PAIR).depths(bones)[0]
+    assert 0.02 < depth < 0.03
+
+
+def test_parts_that_lie_in_each_other_are_parted_sideways():
+    """Crossed thighs with one middle: every direction looks alike from the centres, the way out is across both."""
+    turns = rotation_matrix(np.array([[0, 0, 0.4], [0, 0, -0.4]]))
+    flesh, bones = two([[0.08, 0.25, 0.07]] * 2, [[0, 0, 0], [0, 0, 0]], turns)
+    assert CollisionTerm(flesh, PAIR).depths(bones)[0] == pytest.approx(0.14)
+
+
+def test_it_agrees_with_the_plain_form(rng):
+    """Shapes as parts have, touching or deep in each other."""
+    seen = 0
+    for _ in range(60):
+        radii = rng.uniform(0.03, 0.15, (2, 3))
+        turns = rotation_matrix(rng.normal(size=(2, 3)))
+        centre = rng.normal(size=3)
+        centre *= rng.uniform(0.08, 0.25) / np.linalg.norm(centre)
+        flesh, bones = two(radii, [[0, 0, 0], centre], turns)
+        one, other = (t @ np.diag(r**2) @ t.T for t, r in zip(turns, radii, strict=True))
+        expected = max(-signed_distance(centre, one, other), 0.0)
+        depth = CollisionTerm(flesh, PAIR).depths(bones)[0]
+        assert depth == pytest.approx(expected, abs=1e-7)
+        seen += expected > 0
+    assert seen > 20
+
+
+def test_moving_both_together_changes_nothing():
+    body = load_model("body34")
+    joint = body.rest_params()
+    joint[body.skeleton.parameter("left_shoulder_flex")] = 1.2
+    moved = joint.copy()
+    moved[:6] = [0.3, -1.0, 2.0, 0.5, -0.8, 0.2]
+    term = CollisionTerm.of(body)
+    assert term.cost(body.bones(joint)) > 0.1
+    assert term.cost(body.bones(moved)) == pytest.approx(term.cost(body.bones(joint)), rel=1e-9)
+
+
+def test_neighbours_and_what_touches_at_rest_do_not_collide():
+    body = load_model("body34")
+    flesh, parent = body.flesh["fine"], body.skeleton.parent
+    pairs = flesh.bone[colliding_pairs(body, flesh)]
+    assert len(pairs) > 100
+    assert (pairs[:, 0] != pairs[:, 1]).all()
+    assert (parent[pairs[:, 0]] != pairs[:, 1]).all()
+    assert (parent[pairs[:, 1]] != pairs[:, 0]).all()
+    assert CollisionTerm.of(body).cost(body.bones(body.rest_params())) == 0.0
+
+
+def test_an_arm_through_the_chest_is_pushed_out():
+    body = load_model("body34")
+    start = body.rest_params()
+    for name, degrees in (("left_shoulder_abd", 20), ("left_shoulder_flex", 70)):
+        start[body.skeleton.parameter(name)] = np.deg2rad(degrees)
+    term = CollisionTerm.of(body)
+    assert term.depths(body.bones(start)).max() > 0.03
+    priors = body_priors(body)
+    solved = solve(Problem(body, priors.bones, priors.joints), start)
+    assert term.depths(body.bones(solved.params)).max() < 0.02
+
+
+def test_a_hand_may_have_the_term_too():
+    hand = load_model()
+    term = CollisionTerm.of(hand)
+    assert term.cost(hand.bones(hand.rest_params())) == 0.0
+    assert stabilisation(hand) is None
+
+
+def test_clavicles_are_held():
+    body = load_model("body34")
+    held = stabilisation(body)
+    raised = np.zeros(34)
+    raised[body.skeleton.parameter("left_clavicle_elevate")] = np.deg2rad(20)
+    assert held is not None
+    assert held.cost(raised) == pytest.approx(0.5 * 2.0**2)
+    other = np.zeros(34)
+    other[body.skeleton.parameter("left_elbow_flex")] = 1.0
+    assert held.cost(other) == 0.0
+
+
+def test_errors():
+    flesh, _ = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 1, 0]])
+    with pytest.raises(HandtrackError, match="collision: sigma 0 m and slack 0.01 m; expected"):
+        CollisionTerm(flesh, PAIR, sigma_m=0.0)
+    with pytest.raises(HandtrackError, match="no set of ellipsoids 'skin' in the model body34"):
+        CollisionTerm.of(load_model("body34"), "skin")
