@@ -174,7 +174,9 @@ def _add_track(commands: Any) -> None:
     )
     track.add_argument("session", type=Path, help="session folder")
     track.add_argument(
-        "--init", metavar="FILE|auto", help="first-frame pose (default: the session's init.json)"
+        "--init",
+        metavar="FILE|auto",
+        help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
     )
     track.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
     track.add_argument(

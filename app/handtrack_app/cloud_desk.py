@@ -183,4 +183,5 @@ def changed_clouds(settings: CloudSettings | None, values: Mapping[str, object])
         raise HandtrackError(
             f"[clouds]: near_m = {filters.near_m:g} and far_m = {filters.far_m:g}; expected near_m < far_m."
         )
+    stereo_settings(changed)  # says what is wrong with it
     return changed

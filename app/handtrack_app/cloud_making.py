@@ -33,6 +33,8 @@ from handtrack_app.pictures import contact_sheet
 
 _SHOWN, _DROPPED_SHOWN = 20_000, 8_000  # points sent to the page at most
 _SPACING_M = 0.0035  # between vertices of the surface shown
+_BODY_SPACING_M = 0.015
+_LEAST_SLOPE = 0.3  # of the distance; deep inside it has none
 _THINNED = ("voxel", "most")
 
 
@@ -58,7 +60,8 @@ class CloudMaker:
         self._matcher: tuple[object, StereoMatcher] | None = None
 
     def surface(self, moment: Moment) -> m.SurfaceSnapshot:
-        mesh = surface_mesh(MetaballSurface.of(moment.model), moment.bones, _SPACING_M)
+        spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
+        mesh = surface_mesh(MetaballSurface.of(moment.model), moment.bones, spacing)
         return m.SurfaceSnapshot(
             moment.frame,
             moment.version,
@@ -133,7 +136,9 @@ class CloudMaker:
         view = matcher.match(
             images[0], images[1], *(session.view(name).hand_pixels(frame) for name in pair)
         )
-        sheet = contact_sheet(stereo_pictures(view), width)
+        pictures = stereo_pictures(view)
+        tall = any(p.shape[0] > 1.2 * p.shape[1] for p in pictures.values())
+        sheet = contact_sheet(pictures, width, 4 if tall and moment.wanted.wide else 2)
         return _picture(moment, sheet, stereo_words(view, matcher.pair))
 
     def _filtered(
@@ -171,9 +176,14 @@ def _nothing(frame: int) -> m.CloudSnapshot:
 
 
 def _residual_mm(moment: Moment, points: Floats) -> Floats:
+    """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
+    ellipsoid's ends than millimetres do.
+    """
     if "metaballs" not in moment.model.flesh:
         return np.full(len(points), np.nan)
-    return 1e3 * MetaballSurface.of(moment.model).distance(moment.bones, points)
+    near = MetaballSurface.of(moment.model).near(moment.bones, points)
+    slope = np.linalg.norm(near.gradient, axis=1)
+    return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
 
 
 def _camera_images(moment: Moment) -> list[tuple[str, Bytes]]:

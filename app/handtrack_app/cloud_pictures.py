@@ -13,7 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack_app.scene.palette import FILTERS, KEPT, REJECTS
 
 NARROW_PX, WIDE_PX = 620, 1240  # width of a picture in its panel, and large
-_TALLEST = 0.85  # height of a large picture as a share of its width
+_TALLEST = 0.6  # height of a large picture as a share of its width
 _LINES = 12  # epipolar lines
 _MARGIN = 0.12  # around what was matched, as a share of its size
 _LINE, _BOX = (86, 180, 233), (255, 255, 255)

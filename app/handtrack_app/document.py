@@ -12,11 +12,18 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose, pose_names
+from handtrack.session.body_motion import BODY_POSES, body_pose
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.result import FrameResult
-from handtrack_app.messages import CameraCard, PoseSnapshot, SessionSnapshot, StripSnapshot
+from handtrack_app.messages import (
+    CameraCard,
+    PoseSnapshot,
+    SessionSnapshot,
+    StripSnapshot,
+)
+from handtrack_app.model_card import model_reach, model_words, part_cards
 from handtrack_app.reaching import reach, tip_names
 
 _TERM_WORDS = {
@@ -27,6 +34,8 @@ _TERM_WORDS = {
     "rest": "priors",
     "posture": "priors",
     "motion": "priors",
+    "stabilise": "priors",
+    "collision": "priors",
 }
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
@@ -113,8 +122,9 @@ class Document:
     def take_pose(self, frame: int, source: str) -> None:
         """Replace a frame's pose by the first-frame pose, by the frame before, or by the library's fingers."""
         current = self.pose_at(frame)
-        if source in pose_names():
-            taken = named_pose(self.model, source)
+        if source in self.pose_names:
+            body = self.model.kind == "body"
+            taken = body_pose(self.model, source) if body else named_pose(self.model, source)
             taken[:6] = current[:6]
         elif source == "previous":
             known = [f for f in (*self.by_hand, *self.results) if f < frame]
@@ -131,6 +141,11 @@ class Document:
             self.set_pose(
                 frame, tuple(self.model.joint_params(reach(self.model, params, tip, point)))
             )
+
+    @property
+    def pose_names(self) -> tuple[str, ...]:
+        """The pose library of the model."""
+        return tuple(BODY_POSES) if self.model.kind == "body" else pose_names()
 
     @property
     def tip_names(self) -> tuple[str, ...]:
@@ -262,8 +277,11 @@ class Document:
             settings=dict(self.run.settings.flat()),
             has_truth=session.truth is not None,
             tip_names=self.tip_names,
-            pose_names=pose_names(),
-            model=f"{model.name}, {model.side} hand, size {model.scale.overall:.2f}",
+            pose_names=self.pose_names,
+            model=model_words(model),
+            kind=model.kind,
+            parts=part_cards(model),
+            reach_m=model_reach(model),
         )
 
     def pose_snapshot(self) -> PoseSnapshot:

@@ -181,7 +181,8 @@ class Keeper:
         try:
             track = read_npz(path)
             size = json.loads(track.scale)
-            scale = HandScale(float(size["overall"]), dict(size["parts"]))
+            moved = dict(size.get("proportions", {}))
+            scale = HandScale(float(size["overall"]), dict(size["parts"]), moved)
         except (HandtrackError, ValueError, KeyError, TypeError) as error:
             self.warning = f"The track of last time, {path.name}, cannot be read: {error}"
             return

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from handtrack.arrays import Bytes, Floats, Ints
+from handtrack_app.model_card import HAND_REACH_M, PartCard
 
 # ---- commands: page → worker ----------------------------------------------------------------------
 
@@ -242,6 +243,12 @@ class SessionSnapshot:
     tip_names: tuple[str, ...]
     pose_names: tuple[str, ...]
     """the pose library"""
+    kind: str = "hand"
+    """`hand` or `body`"""
+    parts: tuple[PartCard, ...] = ()
+    """what is drawn of a body instead of ellipsoids"""
+    reach_m: float = HAND_REACH_M
+    """how far the model extends around its middle: what is drawn is sized by it"""
 
 
 @dataclass(frozen=True)

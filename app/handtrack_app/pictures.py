@@ -35,7 +35,7 @@ def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int 
     """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
     columns = min(columns, max(len(pictures), 1))
     cell = (width - _GAP * (columns - 1)) // columns
-    large = width / _SHEET
+    large = min(2 * cell / _SHEET, 1.6)
     rows: list[Bytes] = []
     row: list[Bytes] = []
     named = list(pictures.items())

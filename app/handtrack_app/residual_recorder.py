@@ -23,6 +23,7 @@ from handtrack.observation.observation import Observation
 from handtrack.session.run import TrackingRun
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
+from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.tracker import Tracker, Watch
@@ -60,10 +61,11 @@ class WatchedTracker(Tracker):
         should_stop=None,
         on_iteration: Watch | None = None,
         before: Observation | None = None,
+        given: Before | None = None,
     ) -> FrameResult:
         """Return the pose of one frame, as Tracker does."""
         if observation.frame != self.closely:
-            return super().step(observation, previous, start, should_stop, on_iteration, before)
+            return super().step(observation, previous, start, should_stop, on_iteration, before, given)
 
         def note(count: int, params: Floats, cost: float) -> None:
             self.steps.append(Step(params.copy(), cost))
@@ -71,7 +73,7 @@ class WatchedTracker(Tracker):
                 on_iteration(count, params, cost)
 
         self.steps.clear()
-        return super().step(observation, previous, start, should_stop, note, before)
+        return super().step(observation, previous, start, should_stop, note, before, given)
 
 
 class ResidualRecorder:

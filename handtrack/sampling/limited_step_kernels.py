@@ -124,7 +124,7 @@ def fold(box, held, matrix, vector):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def _slopes(box, held, slope):  # pragma: no cover - compiled
+def _fold_gradient(box, held, slope):  # pragma: no cover - compiled
     """Fold a gradient only."""
     for p in range(slope.shape[0]):
         by, rate = _tie(box, held, p)
@@ -143,7 +143,7 @@ def hold(params, gradient, box, held, folded):  # pragma: no cover - compiled
             held[p] = 1
         elif params[p] <= box.low[p] + _AT_LIMIT and gradient[p] > 0.0:
             held[p] = -1
-    _slopes(box, held, folded)
+    _fold_gradient(box, held, folded)
     for p in range(size):  # what others follow may now be pushed the other way
         if held[p] == 0 and params[p] >= box.high[p] - _AT_LIMIT and folded[p] < 0.0:
             held[p] = 1
@@ -272,7 +272,7 @@ def limited_step(
             if step[p] != 0.0:
                 for r in range(size):
                     slope[r] += hessian[r, p] * step[p]
-        _slopes(box, held, slope)
+        _fold_gradient(box, held, slope)
         worst, most = -1, 1e-12 * (1.0 + largest)
         for p in range(size):
             if held[p] * slope[p] > most:

@@ -21,7 +21,7 @@ from handtrack.terms.term import ParameterTerm
 class PolishSettings:
     """How far to polish."""
 
-    iterations: int = 60
+    iterations: int = 200
     """linearisations at most"""
     gradient_tolerance: float = 1e-6
     """stop when the gradient on the free directions, each in its own standard deviations, is shorter than this"""

@@ -1,8 +1,7 @@
 """Compiled damped Newton with limits, over many starts. The plain form is solver/levenberg_marquardt.py.
 
 Two things differ from there, beside the followed limits. The step uses the exact Hessian where it is positive on the free
-directions, and Gauss-Newton's where it is not: flips of nearly straight links lie in flat valleys, where Gauss-Newton
-creeps. And the damping follows the ratio of true to foretold descent.
+directions, and Gauss-Newton's where it is not: one camera leaves flat valleys, where Gauss-Newton creeps. And the damping follows the ratio of true to foretold descent.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from handtrack.sampling.limited_step_kernels import (
     new_box,
 )
 
-_REJECTIONS = 12  # trials at one linearisation before giving up
+_REJECTIONS = 20  # trials at one linearisation before giving up
 _STEP = 1e-6  # [m, rad] of central differences
 _SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian
 _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
@@ -81,7 +80,7 @@ def polish_all(
             used += 1
             if used > _SLOW and space.collided.sum() > 0:
                 _difference(problem, x, space, normal, curvature, right, goal, damped, compact)
-            moved, newton, refused = False, True, False
+            moved, newton, refused, tighten = False, True, False, 4.0
             for _ in range(_REJECTIONS):
                 for p in range(size):
                     for r in range(size):
@@ -120,7 +119,8 @@ def polish_all(
                         level *= 2.0
                     break
                 fill_box(problem, x, box)
-                level, refused = max(4.0 * level, 1e-6), True
+                level, refused = max(tighten * level, 1e-6), True
+                tighten *= 2.0
             if not moved:
                 break
             for p in range(size):

@@ -17,8 +17,9 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
-from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.session.first_pose import FirstPose
+from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
 from handtrack.tracker.hand_distance import hand_distance
@@ -53,15 +54,16 @@ class TrackingRun:
         overrides: Mapping[str, Any] | None = None,
         first: FirstPose | None = None,
         should_stop: Callable[[], bool] | None = None,
+        use_init: bool = True,
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
-        A hand scale of "fit" is fitted to the first pose's keypoints, then to the silhouettes of the frames
+        use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first pose's keypoints, then to the silhouettes of the frames
         after it (`fit_size`); a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = TrackerSettings().with_values(dotted(session.file.tracking))
         settings = settings.with_values(overrides or {})
-        first = first or session.init
+        first = first or (session.init if use_init else None)
         scale = _hand_scale(session, settings, first)
         forearm = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, forearm)
@@ -130,6 +132,21 @@ class TrackingRun:
             return self
         return replace(self, forearm=True).with_scale(self.scale)
 
+    def whole_hands(self) -> list[ArticulatedModel]:
+        """Return the hands with all joints that may be in view: without and with a forearm, if that is left open."""
+        chosen = self.settings.model.forearm
+        if chosen == "auto":
+            chosen = str(self.session.file.hand.forearm).lower()
+        arms = (False, True) if chosen == "auto" else (chosen == "true",)
+        if self.model.kind != "hand" or self.model.has_keypoints21:
+            return [_model(self.session, self.settings, self.scale, arm) for arm in arms]
+        side, scale = self.model.side, self.model.scale
+        return [load_model("hand26", side, scale, forearm=arm) for arm in arms]
+
+    def seen(self, frame: int) -> Observation:
+        """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
+        return _seen(self.session, self.settings, frame)
+
     @property
     def tracker(self) -> Tracker:
         return Tracker(self.model, self.settings)
@@ -147,12 +164,21 @@ class TrackingRun:
         """Return what is known of a frame and counts by the settings: silhouettes (missing views are absent), cloud,
         given keypoints. bones: where the hand is expected; the cloud is cropped to it.
         """
-        seen = _seen(self.session, self.settings, frame, self._near(bones))
+        seen = self._named(_seen(self.session, self.settings, frame, self._near(bones)))
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
         if not self.model.has_keypoints21:
             return seen
-        return replace(seen, keypoints=(_keypoints(self.first, self.settings),))
+        given = _keypoints(self.first, self.settings)
+        return replace(seen, keypoints=(given, *seen.keypoints))
+
+    def _named(self, seen: Observation) -> Observation:
+        """Return what was seen, with those keypoints only that the model has: a simpler one lacks some."""
+        points = [
+            of_model(joints, self.model) if isinstance(joints, ImageKeypoints) else joints
+            for joints in seen.keypoints
+        ]
+        return replace(seen, keypoints=tuple(p for p in points if p.names)) if points else seen
 
     def _near(self, bones: BonePoses | None) -> HandDistance | None:
         return None if bones is None else hand_distance(self.model, bones)
@@ -211,6 +237,10 @@ def _seen(
     """Return what a session has of a frame, without what the settings' weights switch off."""
     silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
     seen = session.observation(frame, silhouettes, cloud, near)
+    if settings.keypoints.weight > 0:
+        sigma = settings.keypoints.sigma_px
+        points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
+        seen = replace(seen, keypoints=points) if points else seen
     return replace(seen, images=session.images(frame)) if settings.looks_at_images else seen
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.capture.bayer import METHODS, PATTERNS
+from handtrack.capture.openpose import LAYOUTS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
@@ -67,6 +68,10 @@ class CameraSettings:
     """how mosaics become colour images."""
     white_level: float | None = None
     """the value of a mosaic that becomes 255."""
+    keypoints: str | None = None
+    """a pattern of numbered files of 2D joints, as OpenPose writes them."""
+    keypoint_layout: str | None = None
+    """which of their points are which joints: body_25, body_25b, hand_left or hand_right."""
 
 
 @dataclass(frozen=True)
@@ -229,9 +234,23 @@ def _camera(table: TableReader) -> CameraSettings:
             f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files."
         )
     bayer, method, white = _mosaic(table, images)
+    joints, layout = _keypoints(table)
     table.finish()
     box = None if roi is None else (roi[0], roi[1], roi[2], roi[3])
-    return CameraSettings(name, images, masks, box, depth, scale, bayer, method, white)
+    mosaic = (bayer, method, white)
+    return CameraSettings(name, images, masks, box, depth, scale, *mosaic, joints, layout)
+
+
+def _keypoints(table: TableReader) -> tuple[str | None, str | None]:
+    """Return the pattern of a detector's files and their layout; None where not given."""
+    joints = table.text("keypoints") if table.raw("keypoints") is not None else None
+    if table.raw("keypoint_layout") is None:
+        return joints, None
+    if joints is None:
+        raise HandtrackError(
+            f"{table.where}: keypoint_layout says how `keypoints` are to be read, which is missing."
+        )
+    return joints, table.choice("keypoint_layout", tuple(LAYOUTS), "body_25")
 
 
 def _mosaic(table: TableReader, images: str | None) -> tuple[str | None, str | None, float | None]:

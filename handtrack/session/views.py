@@ -23,9 +23,10 @@ from handtrack.capture.segmentation import Segmenter
 from handtrack.capture.video import VideoFile
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.observation.observation import ImageView, Silhouette
+from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
+from handtrack.session.seen_keypoints import KeypointFiles
 from handtrack.session.session_file import CameraSettings
 
 
@@ -45,6 +46,7 @@ class View:
         masks = settings.masks if isinstance(settings.masks, str) else None
         self.mask_files = self._source(folder, masks, MASK)
         self.depth = self._source(folder, settings.depth, DEPTH)
+        self.keypoint_files = self._keypoint_files(folder)
         for source in self.sources:
             source.size  # noqa: B018  reads one image, which checks its size
 
@@ -65,7 +67,8 @@ class View:
     @property
     def frame_count(self) -> int:
         """One more than the last frame of any source."""
-        return max((len(source.frames) for source in self.sources), default=0)
+        joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
+        return max([joints, *(len(source.frames) for source in self.sources)])
 
     @property
     def warnings(self) -> list[str]:
@@ -112,6 +115,10 @@ class View:
         image = self.image(frame)
         return None if image is None else undistort_image(self.camera, image)
 
+    def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
+        """Return the frame's 2D joints in the undistorted image; none where none were found."""
+        return () if self.keypoint_files is None else self.keypoint_files.read(frame, sigma_px)
+
     @property
     def _segmented_source(self) -> FrameSource | None:
         method = self.settings.masks
@@ -144,6 +151,13 @@ class View:
                 f"{self._where}: roi = {[x, y, width, height]} reaches outside the image of "
                 f"{self.camera.size[0]} x {self.camera.size[1]}; expected [x, y, w, h] inside it."
             )
+
+    def _keypoint_files(self, folder: Path) -> KeypointFiles | None:
+        pattern, layout = self.settings.keypoints, self.settings.keypoint_layout
+        if pattern is None:
+            return None
+        where = f"{self._where}, keypoints"
+        return KeypointFiles(folder, pattern, layout or "body_25", self.camera, where)
 
     def _source(self, folder: Path, setting: str | None, kind: str) -> FrameSource | None:
         if setting is None:

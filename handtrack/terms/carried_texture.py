@@ -100,6 +100,8 @@ class CarriedTextureTerm:
     """[grey levels] how far a surface point's colour is from what it was"""
     loss: Loss = GemanMcClure(3.0)
     weight: float = 1.0
+    from_unexplained: bool = False
+    """count from the most that a point costs, so that a pose that shows less of the surface does not seem better"""
     name: str = "intensity"
 
     def __post_init__(self) -> None:
@@ -108,6 +110,10 @@ class CarriedTextureTerm:
                 f"{self.name}: sigma {self.sigma:g} grey levels; expected a positive number."
             )
         _ = self._loss
+        if self.from_unexplained and not isinstance(self.loss, GemanMcClure):
+            raise HandtrackError(
+                f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
+            )
 
     def cost(self, bones: BonePoses) -> float:
         return self._system(bones, want_system=False).cost
@@ -132,6 +138,7 @@ class CarriedTextureTerm:
                 self.sigma,
                 kind,
                 scale,
+                scale**2 if self.from_unexplained else 0.0,
                 self.weight,
                 matrix,
                 camera.rotation,

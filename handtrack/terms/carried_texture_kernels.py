@@ -12,10 +12,10 @@ from handtrack.terms.smooth_image_kernels import cell, look_up
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def texture_system(
-    image, bone, local, color, sigma, loss, scale, weight, matrix, turn, shift,
+    image, bone, local, color, sigma, loss, scale, worst, weight, matrix, turn, shift,
     rotation, position, reference, want_system, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's texture to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ ρ. color: (N, C)."""
+    """Add one camera's texture to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ (ρ − worst). color: (N, C)."""
     height, width, channels = image.shape
     cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(6)
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)
@@ -34,7 +34,7 @@ def texture_system(
             across[c], down[c] = in_u * du / sigma, in_v * dv / sigma
             squared += residual[c] * residual[c]
         value, size = counted(loss, scale, squared)
-        cost += value
+        cost += value - worst
         if not want_system:
             continue
         for c in range(channels):

@@ -30,6 +30,8 @@ class OutlineEdgesTerm:
     clutter: float = 0.1
     """strength that an outline without any edge has"""
     weight: float = 1.0
+    from_unexplained: bool = False
+    """count from what a piece without an edge costs, so that a pose that shows less outline does not seem better"""
     name: str = "edges"
 
     def __post_init__(self) -> None:
@@ -61,6 +63,7 @@ class OutlineEdgesTerm:
                 seen.strength,
                 self.sigma_px,
                 self.clutter,
+                self.from_unexplained,
                 camera.matrix,
                 camera.rotation,
                 camera.translation,

@@ -10,7 +10,7 @@ from handtrack.terms.image_rows_kernels import NEAREST, add_row, fill_row, place
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def edges_system(
-    bone, local, pixel, normal, weight, edge, strength, sigma, clutter, matrix, turn, shift,
+    bone, local, pixel, normal, weight, edge, strength, sigma, clutter, from_none, matrix, turn, shift,
     rotation, position, reference, want_system, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Add one camera's edges to gradient (6B,) and hessian (6B, 6B); returns their cost. edge, strength: (N, K)."""
@@ -34,7 +34,7 @@ def edges_system(
             best += strength[n, k]
             pull += likely * off / sigma
             held += likely / (sigma * sigma)
-        cost -= weight[n] * np.log(here / best)
+        cost -= weight[n] * np.log(here / (clutter if from_none else best))
         if want_system and held > 0.0:
             fill_row(normal[n, 0], normal[n, 1], seen, matrix, turn, point, reference, row)
             add_row(b, row, weight[n] * pull / here, weight[n] * held / here, gradient, hessian)

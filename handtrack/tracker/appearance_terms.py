@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_mesh import model_mesh
@@ -33,7 +34,11 @@ from handtrack.tracker.settings import TrackerSettings
 _MM = 1e-3
 _STEP = 0.5  # of a thin part's radius: what is that much further behind shows an edge
 _SIGMAS = 3.0  # of an edge's place, within the search
-_ROBUST = (12.0, 6.0, 3.0)  # sigmas; another colour is another thing, or, at first, still the wrong place
+_ROBUST = (
+    12.0,
+    6.0,
+    3.0,
+)  # sigmas; another colour is another thing, or, at first, still the wrong place
 _SPACING_PX = 3  # between points of texture
 _BORDER_PX = 2  # of the model, where the colour may be the background's
 _LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
@@ -46,13 +51,21 @@ class Before:
     seen: Observation
     bones: BonePoses
     """where the model was found in it"""
+    first: Before | None = None
+    """the frame that tracking started from, where its pose was given"""
 
 
 @dataclass(frozen=True, eq=False)
 class _Carried:
-    """Points of the surface that one camera saw in the frame before."""
+    """Points of the surface that one camera saw in a frame before."""
 
-    image: ImageView
+    share: float
+    """of the weight"""
+    camera: Camera
+    """of this frame's image"""
+
+    pixels: Array
+    """that frame's image"""
     bone: Ints
     local: Floats
     pixel: Floats
@@ -66,18 +79,14 @@ class SeenAppearance:
     mesh: PartMesh
     step_m: float
     """parts nearer together than this in depth show no edge between them"""
-    carried: tuple[_Carried | None, ...]
-    """of each image; None where that camera saw nothing in the frame before"""
+    carried: tuple[_Carried, ...]
     length: Floats
     """(B,) bone lengths of the model [m]"""
 
     def of(self, model: ArticulatedModel, settings: TrackerSettings) -> SeenAppearance:
         """Return the same images for a model of another size; each bone's surface grows with the bone."""
         share = model.skeleton.length / self.length
-        carried = [
-            None if c is None else replace(c, local=c.local * share[c.bone, None])
-            for c in self.carried
-        ]
+        carried = [replace(c, local=c.local * share[c.bone, None]) for c in self.carried]
         mesh = _looked_at(model, settings)
         return replace(self, mesh=mesh, carried=tuple(carried), length=model.skeleton.length)
 
@@ -90,14 +99,16 @@ def see_appearance(
     if not seen.images or not (by_edges or (by_texture and before is not None)):
         return None
     mesh = _looked_at(model, settings)
-    step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
-    known = {view.camera.name: view for view in before.seen.images} if before and by_texture else {}
-    carried = []
-    for view in seen.images:
-        earlier = known.get(view.camera.name)
-        carried.append(_carried(mesh, before.bones, earlier) if before and earlier else None)
-    if not by_edges and not any(carried):
+    carried: list[_Carried] = []
+    if by_texture and before is not None:
+        first, memory = before.first, settings.intensity.memory
+        memory = 0.0 if first is None else memory
+        for look, share in ((before, 1.0 - memory), (first, memory)):
+            if look is not None and share > 0:
+                carried += _carried(mesh, look, seen.images, share)
+    if not by_edges and not carried:
         return None
+    step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
     return SeenAppearance(seen.images, mesh, step, tuple(carried), model.skeleton.length)
 
 
@@ -109,8 +120,8 @@ def appearance_terms(
     terms: list[ObservationTerm] = []
     if settings.edges.weight > 0:
         terms.append(_edges(seen, settings, stage, start, pictures))
-    if any(carried is not None for carried in seen.carried):
-        terms.append(_texture(seen, settings, stage, start, pictures))
+    for carried in seen.carried:
+        terms.append(_texture(carried, seen, settings, stage, start, pictures))
     return terms
 
 
@@ -131,11 +142,16 @@ def _edges(
         image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
         found.append(edges_near(outline, image, search))
     return OutlineEdgesTerm(
-        found, sigma_px=sigma, stretch_px=chosen.correlation_px, weight=chosen.weight
+        found,
+        sigma_px=sigma,
+        stretch_px=chosen.correlation_px,
+        weight=chosen.weight,
+        from_unexplained=_compared(settings),
     )
 
 
 def _texture(
+    carried: _Carried,
     seen: SeenAppearance,
     settings: TrackerSettings,
     stage: int,
@@ -144,24 +160,25 @@ def _texture(
 ) -> CarriedTextureTerm:
     chosen = settings.intensity
     smoothing = at_stage(chosen.smooth_px, stage)
-    found = []
-    for view, carried, picture in zip(seen.images, seen.carried, pictures, strict=True):
-        if carried is None:
-            continue
-        then = smooth_image(carried.image.pixels, smoothing, carried.pixel)
-        color = then.look_up(carried.pixel)[0]
-        texture = Texture(view.camera, carried.bone, carried.local, color)
-        texture = still_visible(texture, start, picture, seen.step_m)
-        at = view.camera.project(start.to_world(texture.bone, texture.local))
-        now = smooth_image(view.pixels, smoothing, at, 8.0 + 4.0 * smoothing)
-        found.append((exposed_as(texture, start, now), now))
+    i = next(i for i, view in enumerate(seen.images) if view.camera is carried.camera)
+    then = smooth_image(carried.pixels, smoothing, carried.pixel)
+    texture = Texture(carried.camera, carried.bone, carried.local, then.look_up(carried.pixel)[0])
+    texture = still_visible(texture, start, pictures[i], seen.step_m)
+    at = carried.camera.project(start.to_world(texture.bone, texture.local))
+    now = smooth_image(seen.images[i].pixels, smoothing, at, 8.0 + 4.0 * smoothing)
     share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
     return CarriedTextureTerm(
-        found,
+        [(exposed_as(texture, start, now), now)],
         chosen.sigma,
         GemanMcClure(at_stage(_ROBUST, stage)),
-        weight=chosen.weight * share,
+        weight=chosen.weight * carried.share * share,
+        from_unexplained=_compared(settings),
     )
+
+
+def _compared(settings: TrackerSettings) -> bool:
+    """Return whether costs of different poses are held against each other, each with what it shows of the model."""
+    return settings.tracker.hypotheses > 1
 
 
 def appearance_stages(settings: TrackerSettings) -> int:
@@ -177,14 +194,23 @@ def at_stage(values: Sequence[float], stage: int) -> float:
     return values[min(stage, len(values) - 1)]
 
 
-def _carried(mesh: PartMesh, bones: BonePoses, view: ImageView) -> _Carried:
-    """Return the surface points that a camera saw at `bones`, but not those next to the background."""
-    picture = depth_picture(mesh, bones, view.camera)
-    on_model = np.pad((picture.face >= 0).astype(np.uint8), 1)
-    size = 2 * _BORDER_PX + 1
-    inner = cv2.erode(on_model, np.ones((size, size), np.uint8))[1:-1, 1:-1]
-    picture = replace(picture, face=np.where(inner > 0, picture.face, -1))
-    return _Carried(view, *texture_points(mesh, bones, picture, _SPACING_PX))
+def _carried(
+    mesh: PartMesh, before: Before, images: Sequence[ImageView], share: float
+) -> list[_Carried]:
+    """Return the surface points that each camera saw in an earlier frame, but not those next to the background."""
+    now = {view.camera.name: view.camera for view in images}
+    found = []
+    for view in before.seen.images:
+        if view.camera.name not in now:
+            continue
+        picture = depth_picture(mesh, before.bones, view.camera)
+        on_model = np.pad((picture.face >= 0).astype(np.uint8), 1)
+        size = 2 * _BORDER_PX + 1
+        inner = cv2.erode(on_model, np.ones((size, size), np.uint8))[1:-1, 1:-1]
+        picture = replace(picture, face=np.where(inner > 0, picture.face, -1))
+        points = texture_points(mesh, before.bones, picture, _SPACING_PX)
+        found.append(_Carried(share, now[view.camera.name], view.pixels, *points))
+    return found
 
 
 def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:

@@ -69,13 +69,15 @@ def laid_everywhere(
 ) -> list[Laid]:
     """Return the shapes laid everywhere, the best first, at most `most`, none like a better one.
 
-    A first look with few turns tells at which places a hand may be at all; those are looked at closely.
+    A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
+    of the sources is asked here: a cloud says more than silhouettes.
     """
-    places, few = sources[0].places, spread_rotations(_FEW_ROTATIONS)
+    source = sources[0]
+    places, few = source.places, spread_rotations(_FEW_ROTATIONS)
     if not len(places):
         return []
     typical = [shape for shape in shapes if shape.is_typical]
-    rough = np.stack([_scores(sources, s, few, places, _HOPELESS) for s in typical])
+    rough = np.stack([source.scores(s, few, places, _HOPELESS) for s in typical])
     places = places[np.argsort(rough.min(axis=(0, 1)), kind="stable")[:_KEPT_PLACES]]
     rotations = spread_rotations(_ROTATIONS)
     enough = _PROMISING * float(rough.min())
@@ -83,7 +85,7 @@ def laid_everywhere(
     for i, shape in enumerate(shapes):
         if should_stop():
             return []
-        scores[i] = _scores(sources, shape, rotations, places, enough)
+        scores[i] = source.scores(shape, rotations, places, enough)
     order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
     chosen: list[tuple[int, int, int]] = []
     for s, r, p in np.stack(np.unravel_index(order, scores.shape), axis=1).tolist():
@@ -99,11 +101,3 @@ def laid_everywhere(
         Laid(shapes[s], shapes[s].params_at(rotations[r], places[p]), float(scores[s, r, p]))
         for s, r, p in chosen
     ]
-
-
-def _scores(
-    sources: Sequence[StartSource], shape: StartShape, rotations: Floats, places: Floats, enough: float
-) -> Floats:  # fmt: skip
-    """Return (R, M) the sources' mean share of disagreement; exact only up to `enough`."""
-    most = enough * len(sources)
-    return np.mean([s.scores(shape, rotations, places, most) for s in sources], axis=0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, Ints
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.sampling.chain_vote import chain_votes
@@ -17,7 +18,8 @@ from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.solver.covariance import covariance
-from handtrack.terms.priors import BellPrior
+from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.terms.term import ParameterTerm
 from handtrack.tracker.descent import Minima, minima
 from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.motion_belief import MotionBelief
@@ -25,6 +27,7 @@ from handtrack.tracker.settings import TrackerSettings
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
 _MOST_FIRST = 512  # leaves of a first frame's tree that are looked at
+_MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
 _WEIGHTLESS = 1e-300
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
@@ -82,7 +85,7 @@ class MixtureStep:
     ) -> Mixture:  # fmt: skip
         """Return the hypotheses of a first frame: the minimum near start (P,), and what its interpretation tree holds."""
         rng = self._rng(observation)
-        near = self._minima(terms, start[None], should_stop)
+        near = self._minima(terms, self._turned(start), should_stop)
         best = near.params[int(np.argmin(near.cost))]
         found, eye = [near], _eye(observation)
         if eye is not None and self.chains:
@@ -93,7 +96,8 @@ class MixtureStep:
             if len(starts) > _MOST_FIRST:
                 starts = starts[rng.choice(len(starts), _MOST_FIRST, replace=False)]
             scale, draws = self.settings.mixture.scale, self.settings.mixture.draws
-            around = covariance_scaled(best, covariance(near.hessian[0])[0], scale, draws, rng)
+            spread = covariance(near.hessian[int(np.argmin(near.cost))])[0]
+            around = covariance_scaled(best, spread, scale, draws, rng)
             starts = np.concatenate([starts, projected(self.model, around)])
             found.append(self._minima(terms, starts, should_stop))
         still = MotionBelief.at_rest(best, np.eye(len(best)), self._speed())
@@ -138,6 +142,15 @@ class MixtureStep:
                     self._jumped(components[i], i, self.chains[c], starts, float(log), should_stop)
                 )
         return self._weighed(proposals, False)
+
+    def _turned(self, start: Floats) -> Floats:
+        """Return (4, P) the start, and turned by quarters about the root's own y axis: who stands may face anywhere."""
+        joint = self.model.joint_params(start)
+        turns = [np.array([0.0, quarter * np.pi / 2, 0.0]) for quarter in range(4)]
+        facing = rotation_matrix(joint[3:6]) @ rotation_matrix(np.array(turns))
+        rows = np.tile(joint, (4, 1))
+        rows[1:, 3:6] = rotation_vector(facing[1:])
+        return np.array([self.model.transform.solver_params(row) for row in rows])
 
     def speed_of_change(self) -> Floats:
         """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
@@ -218,7 +231,7 @@ class MixtureStep:
         known: Ints = np.flatnonzero(np.isfinite(log))
         assert len(known), "every start led behind the camera"
         kept = known[distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))]
-        kept = kept[: self.settings.tracker.hypotheses]
+        kept = kept[self._apart(params[kept])]
         weights = np.exp(log[kept] - log[kept].max())
         weights /= weights.sum()
         hypotheses = []
@@ -236,6 +249,24 @@ class MixtureStep:
                 )
             )
         return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
+
+    def _apart(self, params: Floats) -> Ints:
+        """Return the first rows of params (N, P) whose shapes differ: what nearly looks like a heavier one is no alternative.
+
+        The difference is the mean over the joints' distances, the root's place apart.
+        """
+        limit = 1e-3 * self.settings.mixture.apart_mm
+        kept: list[int] = []
+        shapes: list[Floats] = []
+        for row, pose in enumerate(params):
+            if len(kept) == self.settings.tracker.hypotheses:
+                break
+            bones = self.model.bones(pose)
+            shape = self.model.joint_positions(bones) - bones.reference
+            if all(np.linalg.norm(shape - s, axis=1).mean() >= limit for s in shapes):
+                kept.append(row)
+                shapes.append(shape)
+        return np.array(kept, dtype=int)
 
     @property
     def _size(self) -> int:
@@ -261,7 +292,16 @@ def _pulled(
     back = np.linalg.pinv(model.transform.matrix)
     information = back.T @ (0.5 * (information + information.T)) @ back
     prior = BellPrior(model.joint_params(belief.mean), information)
-    return replace(terms, priors=(*terms.priors, prior))
+    return replace(terms, priors=(*map(_shared_out, terms.priors), prior))
+
+
+def _shared_out(prior: ParameterTerm) -> ParameterTerm:
+    """Return what is known of poses as one frame of many counts it: the belief already holds it from those before."""
+    if isinstance(prior, GaussianPrior):
+        return replace(prior, sigma=prior.sigma * np.sqrt(_MEMORY_FRAMES))
+    if isinstance(prior, LinearPrior):
+        return replace(prior, rows=prior.rows / np.sqrt(_MEMORY_FRAMES))
+    return prior
 
 
 def _log_normal(spread: Floats) -> float:

@@ -19,6 +19,8 @@ class MixtureSettings:
     """of the samples of one frame, those that are optimised, best first; keypoints alone: all of them are"""
     merge_deg: float = 5.7
     """two minima closer than this, root mean square over all angles, are one"""
+    apart_mm: float = 0.0
+    """hypotheses that are carried differ by at least this, mean over the joints relative to the root"""
     seed: int = 0
     """another one gives other samples; the same gives the same result"""
     sequence: str = "best"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from handtrack.arrays import Floats
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.tracker import Tracker
 
@@ -37,6 +38,8 @@ def track_frames(
         return
     if start_frame in frames:
         yield first
+    params = tracker.model.transform.solver_params(first.parameters)
+    given = Before(seen_first, tracker.model.bones(params))
     forward = range(start_frame + 1, frames.stop)
     backward = range(start_frame - 1, frames.start - 1, -1)
     for path in (forward, backward):
@@ -44,7 +47,7 @@ def track_frames(
         for frame in path:
             seen = observe(frame, tracker.expected_bones(frame, history[-_REMEMBERED:]))
             result = tracker.step(
-                seen, history[-_REMEMBERED:], None, should_stop, before=before
+                seen, history[-_REMEMBERED:], None, should_stop, before=before, given=given
             )
             if _stopped(should_stop):
                 return

@@ -31,6 +31,9 @@ class ModelSettings:
     """likewise the little finger's"""
     narrowing: bool = True
     """bent fingers spread less: the range of abduction shrinks with flexion"""
+    fallback: str = "auto"
+    """what takes the place of all joints while a cloud alone is too poor for them: `auto` the same hand with nine freedoms,
+    `glove9` or `ball6` these models' palm, `none` nothing"""
     fit_size: bool = True
     """where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone"""
 
@@ -100,6 +103,8 @@ class IntensitySettings:
     """by how much images are smoothed, one stage after the other"""
     sigma: float = 10.0
     """how far a point's colour is from what it was [grey levels of 0 … 255]"""
+    memory: float = 0.5
+    """share of the texture that is carried from the first frame, whose pose was given; the rest from the last one"""
     correlation_px: float = 6.0
     """over how much of the image that error stays the same"""
 
@@ -111,6 +116,8 @@ class KeypointSettings:
     weight: float = 1.0
     sigma_mm: float = 8.0
     """how well a first frame's keypoints are known, and joints of one hand agree with another's"""
+    sigma_px: float = 5.0
+    """how far a detector's 2D joints are from the model's, where it is sure of them"""
 
 
 @dataclass(frozen=True)
@@ -233,6 +240,7 @@ def _boolean(value: Any) -> bool:
 
 _CHOICES = {
     "model.coupling": ("26", "21", "18"),
+    "model.fallback": ("auto", "glove9", "ball6", "none"),
     "model.forearm": ("auto", "true", "false"),
     "silhouettes.term": ("coverage", "conic_field"),
     "solver.limits": ("bounds", "projection"),
@@ -240,7 +248,7 @@ _CHOICES = {
     "mixture.sequence": ("best", "path", "smooth"),
 }
 _POSITIVE = (
-    "silhouettes.outline_sigma_mm", "silhouettes.outline_correlation_mm", "keypoints.sigma_mm",
+    "silhouettes.outline_sigma_mm", "silhouettes.outline_correlation_mm", "keypoints.sigma_mm", "keypoints.sigma_px",
     "cloud.sigma_mm",
     "cloud.patch_mm",
     "cloud.crop_mm",
@@ -262,6 +270,10 @@ def _check(settings: TrackerSettings) -> None:
         signed = name.startswith("model.spread_")
         if isinstance(value, (int, float)) and value < least and not signed:
             raise HandtrackError(f"setting '{name}': expected a number {above} 0, found {value}.")
+    if settings.intensity.memory > 1:
+        raise HandtrackError(
+            f"setting 'intensity.memory': expected a share between 0 and 1, found {settings.intensity.memory}."
+        )
     if settings.cloud.balance > 1:
         raise HandtrackError(
             f"setting 'cloud.balance': expected K between 0 and 1, found {settings.cloud.balance}."

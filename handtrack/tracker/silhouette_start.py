@@ -22,12 +22,13 @@ from handtrack.tracker.visual_hull import VisualHull, visual_hull
 _PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
 _SAMPLES = 130  # mask pixels of a camera that are looked at in a score, within a hand's reach
 _STEP_PX = 2
-_PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 60, 0.007
+_PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 100, 0.007
 _SIGMA_BANDS, _STRETCH_M = (
     0.35,
     0.010,
 )  # of outline errors, in bands; along how much outline they stay the same
 _WIDE_PIXELS = 2.0
+_LEAST_SEEN = 0.25  # share of a box that counts as the whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +44,13 @@ class SilhouetteStart:
     def places(self) -> Floats:
         """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
         deep = self.hull.depth > min(_PALM_DEEP_M, 0.5 * float(self.hull.depth.max(initial=0.0)))
-        left = self.hull.centres[deep][np.argsort(-self.hull.depth[deep], kind="stable")]
-        chosen = []
-        while len(left) and len(chosen) < _MOST_PLACES:
-            around = np.linalg.norm(left - left[0], axis=1) < _PLACE_M
-            chosen.append(left[around].mean(axis=0))
-            left = left[~around]
-        return np.array(chosen).reshape(-1, 3)
+        order = np.argsort(-self.hull.depth[deep], kind="stable")
+        apart = _PLACE_M
+        chosen = _spread(self.hull.centres[deep][order], apart)
+        while len(chosen) > _MOST_PLACES:
+            apart *= 1.15
+            chosen = _spread(self.hull.centres[deep][order], apart)
+        return chosen
 
     @cached_property
     def _pictures(self) -> tuple[Array, Ints]:
@@ -106,7 +107,10 @@ class SilhouetteStart:
             sigma = _SIGMA_BANDS * band_m * metre
             near.append(prepare(boxed))
             bands.append(band)
-            weights.append(2 * band / (_STRETCH_M * metre * sigma**2))
+            # what is out of sight is taken to fit as badly as what is seen of the same hand
+            seen = (boxed.valid[:, 1] - boxed.valid[:, 0]).sum() / (2 * shape.reach * metre) ** 2
+            unseen = 1.0 / np.clip(seen, _LEAST_SEEN, 1.0)
+            weights.append(unseen * 2 * band / (_STRETCH_M * metre * sigma**2))
         if not near:
             return []
         return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
@@ -120,6 +124,16 @@ def silhouette_start(silhouettes: Sequence[Silhouette]) -> SilhouetteStart | Non
         return None
     middle = hull.centres.mean(axis=0)
     return SilhouetteStart(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
+
+
+def _spread(points: Floats, apart: float) -> Floats:
+    """Return the middles (M, 3) of groups of points (N, 3) that are `apart` [m] from each other; the first come first."""
+    chosen = []
+    while len(points):
+        around = np.linalg.norm(points - points[0], axis=1) < apart
+        chosen.append(points[around].mean(axis=0))
+        points = points[~around]
+    return np.array(chosen).reshape(-1, 3)
 
 
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:

@@ -8,7 +8,9 @@ import numpy as np
 FAR_M = 0.025
 """from which a point counts as not explained at all"""
 NEAREST_M = 0.02
-"""before a camera; what is nearer is out of sight"""
+"""before a camera; what is nearer is not looked at"""
+OUT_OF_SIGHT = 0.5
+"""how far off, in FAR_M, a point outside a camera's picture counts: a hand in full view is the likelier one"""
 _CELLS, _CELL_M, _STEP_M = 64, 0.010, 0.020
 """of the picture in which a shape hides parts of itself"""
 _GRAZING = 0.25
@@ -209,12 +211,9 @@ def silhouette_scores(
                         continue
                     u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / (w * step)
                     v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / (w * step)
-                    if u < -0.5 or v < -0.5:
-                        continue
-                    i, j = int(u + 0.5), int(v + 0.5)
-                    if i >= sizes[c, 0] or j >= sizes[c, 1]:
-                        continue
-                    share = min(outside[c, j, i] * metre / FAR_M, 1.0)
+                    share = OUT_OF_SIGHT
+                    if u >= -0.5 and v >= -0.5 and u < sizes[c, 0] - 0.5 and v < sizes[c, 1] - 0.5:
+                        share = min(outside[c, int(v + 0.5), int(u + 0.5)] * metre / FAR_M, 1.0)
                     total += 2.0 * toward * point_area * share * share
                     whole += 2.0 * toward * point_area
             for c in range(cameras):  # the mask's area that the shape does not cover

@@ -20,6 +20,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
+from handtrack.tracker.fallback import Agreement, agreement, in_whole, is_simplified, simplified, steadier
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
 from handtrack.tracker.mixture import Component, MixtureStep, MovingHypothesis
@@ -46,13 +47,14 @@ class Tracker:
         should_stop: Callable[[], bool] | None = None,
         on_iteration: Watch | None = None,
         before: Observation | None = None,
+        given: Before | None = None,
     ) -> FrameResult:
         """Return the pose of one frame.
 
         previous: results in the order they were tracked, the latest last; they give the start and the
         expected pose. start: solver parameters (P,) to begin from instead. At least one of the two.
         before: what was seen of one of those frames, the latest that was not lost; the model's texture is carried
-        from it.
+        from it, and from `given`, the frame with which tracking started.
         """
         expected = self._expected(observation.frame, previous)
         first = start is not None
@@ -63,7 +65,7 @@ class Tracker:
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(params)[3:6])
         ahead = abs(observation.frame - previous[-1].frame) if previous else 1
-        solved = self._solved(before, previous)
+        solved = self._solved(before, previous, given)
         terms = self._terms(observation, params, expected, ahead, solved)
         if not terms.has_seen:
             if previous:  # what moved on unseen is not known: the last estimate is held
@@ -91,7 +93,46 @@ class Tracker:
             if found is not summary.params:
                 summary, problem, more = self._descend(free, found, should_stop, on_iteration)
                 count += more
+        poor = self._poor(terms, summary.params, previous)
+        if poor is not None:
+            held = self.model.joint_params(params)
+            return self._simplified(observation, poor, held, previous, should_stop, on_iteration)
         return self._result(observation, terms, problem, summary.params, count, previous)
+
+    def _poor(
+        self, terms: FrameTerms, params: Floats, previous: Sequence[FrameResult]
+    ) -> Agreement | None:
+        """Return what is wrong with a cloud that alone must hold all joints and cannot, or None."""
+        if self.settings.model.fallback == "none" or not self.model.has_keypoints21:
+            return None
+        if terms.cloud is None or terms.views > 1 or terms.keypoints:
+            return None
+        found = agreement(terms.cloud, self.model, self.model.bones(params))
+        return found if found is not None and found.is_poor(previous) else None
+
+    def _simplified(
+        self,
+        observation: Observation,
+        poor: Agreement,
+        joint: Floats,
+        previous: Sequence[FrameResult],
+        should_stop: Callable[[], bool] | None,
+        on_iteration: Watch | None,
+    ) -> FrameResult:
+        """Return the frame with a simpler hand, from where the whole one was, joint parameters (S,)."""
+        few = simplified(self.model, joint, self.settings.model.fallback)
+        last = [replace(r, parameters=few.model.joint_params(few.start)) for r in previous[-1:]]
+
+        def watch(k: int, x: Floats, cost: float) -> None:
+            if on_iteration is not None:
+                on_iteration(k, self.model.transform.solver_params(few.whole(x)), cost)
+
+        found = Tracker(few.model, steadier(self.settings)).step(
+            observation, last, few.start, should_stop, watch
+        )
+        whole = few.whole(few.model.transform.solver_params(found.parameters))
+        whole[3:6] = wrapped(whole[3:6])
+        return in_whole(self.model, found, whole, few, poor.note)
 
     def expected_bones(self, frame: int, previous: Sequence[FrameResult]) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
@@ -104,19 +145,23 @@ class Tracker:
         if not previous:
             return None
         known = None
-        if self.settings.tracker.prediction == "constant_velocity":
+        steady = is_simplified(previous[-1])  # a velocity from poor poses is mostly their errors
+        if self.settings.tracker.prediction == "constant_velocity" and not steady:
             known = predict(self.model, previous, frame)
         return previous[-1].parameters.copy() if known is None else known
 
     def _solved(
-        self, before: Observation | None, previous: Sequence[FrameResult]
+        self, before: Observation | None, previous: Sequence[FrameResult], given: Before | None
     ) -> Before | None:
         """Return what was seen together with where the model was then."""
-        if before is None:
+        if before is None or not self.settings.looks_at_images:
             return None
         then = [result for result in previous if result.frame == before.frame]
         assert then, f"frame {before.frame} is not among the previous results"
-        return Before(before, self.model.bones(self.model.transform.solver_params(then[-1].parameters)))
+        if given is not None and given.seen.frame == before.frame:
+            given = None
+        params = self.model.transform.solver_params(then[-1].parameters)
+        return Before(before, self.model.bones(params), given)
 
     def _terms(
         self,

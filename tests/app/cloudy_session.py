@@ -23,6 +23,7 @@ BOX = (40, 20, 16, 20)
 """x, y, w, h [px] of the skin in the images"""
 SETTINGS = """# a comment that stays
 [session]
+format = 1
 fps = 25.0
 name = "cloudy"
 

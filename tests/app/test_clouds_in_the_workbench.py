@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
 from handtrack.session.clouds_settings import CloudSettings
@@ -21,9 +22,13 @@ from handtrack_app.cloud_desk import changed_clouds
 from handtrack_app.opening import open_document
 from handtrack_app.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.scene.palette import residual_colours
+from handtrack_app.scene.stage import pixel_box
+from handtrack_app.workbench import Workbench
 from handtrack_app.worker import Worker
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start
+from tests.app.test_workbench import eventually, latencies
 from tests.app.test_worker import Listener
+from tests.app.wire import WireClient
 
 Desk = tuple[Worker, Listener, Path]
 
@@ -34,7 +39,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     listener = Listener()
     worker = Worker(cloudy_session(tmp_path), listener.publish, open_document)
     worker.start()
-    listener.wait(m.ProgressSnapshot, lambda p: p.state == "idle", 60.0)
+    listener.wait(m.ProgressSnapshot, lambda p: p.state in ("idle", "failed"), 30.0)
     yield worker, listener, tmp_path
     worker.stop()
 
@@ -80,7 +85,7 @@ def test_the_distance_follows_the_pose(desk: Desk) -> None:
     values[2] += 0.004
     worker.send(m.SetPose(0, tuple(values.tolist()), 1))
     moved = listener.wait(m.CloudSnapshot, lambda c: np.abs(c.residual_mm).max() > 3.0)
-    assert np.abs(moved.residual_mm).max() < 4.2
+    assert 3.5 < np.quantile(np.abs(moved.residual_mm), 0.95) < 4.5
 
 
 def test_filters_are_live_with_counts(desk: Desk) -> None:
@@ -203,6 +208,89 @@ def test_a_slider_says_what_the_file_says(knob: Any) -> None:
         assert knob.in_file(0.0) is False
     changed = replace(CloudSettings(files="c/*"), **{knob.name: knob.in_file(high)})
     assert math.isfinite(getattr(changed, knob.name))
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Workbench]:
+    """A workbench with the recording."""
+    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
+    assert workbench.wait_ready(60.0)
+    eventually(lambda: workbench.stage.cloud.cloud is not None, "the cloud came")
+    yield workbench
+    workbench.stop()
+
+
+def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> None:
+    view, panel = page.stage.cloud, page.layout.cloud
+    assert view.points.visible
+    before = len(view.points.points)
+    assert len(view.points.colors) == before
+    with WireClient(page.port) as client:
+        client.set_value(panel.filters.sliders.known["voxel_m"][1], 8.0)
+        eventually(lambda: len(view.points.points) < before, "fewer points")
+        assert "cells" in panel.counts.content
+        eventually(lambda: "voxel_m" in panel.saved.content, "told as not saved")
+        client.set_value(panel.filters.sliders.known["voxel_m"][1], math.nan)
+        client.set_value(panel.widgets["colour"], "plain")
+        eventually(lambda: len(np.unique(view.points.colors, axis=0)) == 1, "plain")
+        client.set_value(panel.widgets["on"], False)
+        eventually(lambda: not view.points.visible, "hidden")
+
+
+def test_the_surface_stands_where_the_ellipsoids_did(page: Workbench) -> None:
+    stage = page.stage
+    assert stage.hand is not None
+    with WireClient(page.port) as client:
+        client.set_value(page.layout.session.mode, "surface")
+        eventually(lambda: stage.surface.visible and not stage.hand.flesh.visible, "the surface")
+        page.page.play(True)
+        eventually(lambda: stage.hand.flesh.visible and not stage.surface.visible, "in motion")
+        page.page.play(False)
+        eventually(lambda: stage.surface.visible, "the surface again")
+
+
+def test_sliders_stay_quick_with_cloud_and_surface(page: Workbench) -> None:
+    page.state.display.mode = "Surface"
+    page.redraw()
+    waits = latencies(page, 40)
+    assert np.quantile(waits, 0.95) <= 0.1, f"95 %: {1000 * np.quantile(waits, 0.95):.0f} ms"
+
+
+def test_another_model_takes_the_hands_place(page: Workbench) -> None:
+    for place, (name, tips) in enumerate((("glove9", 2), ("ball6", 0), ("hand26", 5))):
+        page.send(m.SetSetting("model.name", name))
+        eventually(
+            lambda tips=tips: page.stage.tips is not None and len(page.stage.tips.controls) == tips,
+            f"{name} has its fingertips",
+        )
+        eventually(
+            lambda: set(page.layout.pose.sliders) == set(page.state.names), "and its sliders"
+        )
+        version = page.state.version
+        with WireClient(page.port) as client:
+            client.set_value(page.layout.pose.sliders["root_tx"], 5.0 + place)
+            eventually(lambda version=version: page.state.version > version, "it can be posed")
+
+
+def test_a_dragged_box_is_found_in_the_image() -> None:
+    size, matrix = (96, 72), np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
+    turn = rotation_matrix(np.array([0.3, -0.2, 0.1]))
+    card = m.CameraCard("cam0", size, matrix, turn, np.zeros(3))
+    up = 0.5 * size[1] / 150.0 * 1.25  # the window sees more than the image, and looks the same way
+
+    class View:
+        fov, aspect = 2 * math.atan(up), 1.6
+        wxyz = quaternion_wxyz(turn)
+
+    def share(x: float, y: float) -> tuple[float, float]:
+        return (
+            0.5 + 0.5 * (x - 47.5) / 150.0 / (1.6 * up),
+            0.5 + 0.5 * (y - 35.5) / 150.0 / up,
+        )
+
+    assert pixel_box(View, card, (share(40, 20), share(56, 40))) == (40, 20, 16, 20)
+    assert pixel_box(View, card, ((0.0, 0.0), (1.0, 1.0))) == (0, 0, 96, 72)
+    assert pixel_box(View, card, ((0.5, 0.5), (0.5, 0.5))) is None
 
 
 def test_distances_are_told_by_colour() -> None:

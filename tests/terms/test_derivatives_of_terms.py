@@ -77,9 +77,11 @@ def test_keypoints(rng, model, params, camera, view, loss):
     check_observation_term(term, bones, model.skeleton.bone_names)
 
 
-def test_outline_edges(rng):
+@pytest.mark.parametrize("from_unexplained", [True, False])
+def test_outline_edges(rng, from_unexplained):
     bones, _, mesh, views = scene(rng)
-    term = OutlineEdgesTerm(edges_seen(bones, mesh, views), sigma_px=2.0, weight=0.7)
+    seen = edges_seen(bones, mesh, views)
+    term = OutlineEdgesTerm(seen, 2.0, weight=0.7, from_unexplained=from_unexplained)
     moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
     check_observation_term(term, moved)
 

@@ -21,6 +21,7 @@ from handtrack.session.tables import write_result
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.commands.auto_init import found_first_pose
 from handtrack_app.commands.compiling import compiling_told
 from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
 from handtrack_app.commands.track_options import (
@@ -51,7 +52,9 @@ def run(args: argparse.Namespace) -> int:
     out = writable(args.out, session.folder)
     fits = session.hand_scale == "fit" and settings.model.fit_size
     with stoppable() as stop, compiling_told():
-        run_ = _opened(session, overrides, first, fits, stop)
+        if args.init == "auto":
+            first = found_first_pose(session, overrides, frames, stop)
+        run_ = None if stop() else _opened(session, overrides, first, fits, stop)
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED

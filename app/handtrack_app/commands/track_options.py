@@ -55,6 +55,7 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
     """Raise HandtrackError for a session in which nothing can be tracked, or not what `--use` asks for."""
     masks, clouds = any(view.has_masks for view in session.views), session.has_clouds
     images = any(view.images is not None for view in session.views)
+    joints = any(view.keypoint_files is not None for view in session.views)
     for name, there, needs in (
         ("silhouettes", masks, "no camera has masks"),
         ("cloud", clouds, "there is no table [clouds]"),
@@ -66,6 +67,8 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
                 f"--use {use}: {session.folder / SESSION_FILE} has no {name}: {needs}."
             )
     by_images = images and settings.looks_at_images
+    if joints and settings.keypoints.weight > 0:
+        return
     usual = settings.silhouettes.weight + settings.cloud.weight > 0
     if not (masks or clouds or by_images) and usual:
         raise HandtrackError(
@@ -82,19 +85,17 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
 
 
 def first_pose(init: str | None, session: Session, settings: TrackerSettings) -> FirstPose | None:
-    """Return the pose of --init, None when the session's own is to be used. It belongs to the session."""
+    """Return the pose of --init, None when the session's own is to be used, or one is to be found. It belongs to the session."""
+    if init == "auto":
+        return None  # it is looked for once all else is checked
     if init is None:
         if session.init is None:
             raise HandtrackError(
-                f"{session.folder}: no init.json, so tracking has no first pose. Pose the hand in the workbench "
-                f"(`handtrack open {session.folder}`) and save the first-frame pose, or give a file with --init."
+                f"{session.folder}: no init.json, so tracking has no first pose. Let it be found with --init auto, pose "
+                f"the hand in the workbench (`handtrack open {session.folder}`) and save the first-frame pose, or give a "
+                "file with --init."
             )
         return None
-    if init == "auto":
-        raise HandtrackError(
-            "--init auto: this version cannot find the first pose by itself yet. Pose the first frame in the "
-            "workbench, or give a file with 21 keypoints."
-        )
     model = load_model(settings.model.name or session.hand_model, forearm=True)
     pose = read_first_pose(Path(init), model.parameter_names)
     if pose.frame not in session.frame_range:

@@ -48,9 +48,9 @@ class FilterKnob:
 CROP = (
     FilterKnob("near_m", "Nearest cm", "Points nearer to every camera are dropped; 0: none.", (0, 100, 1), 0.01),
     FilterKnob("far_m", "Farthest cm", "Points farther from every camera are dropped; 0: none.", (0, 400, 5), 0.01),
-    FilterKnob("crop_m", "Last hand mm", "Largest distance to the hand of the frame before; 0: any.",
+    FilterKnob("crop_m", "To hand mm", "Largest distance to the hand of the frame before; 0: any.",
                (0, 300, 5), 0.001),
-    FilterKnob("front_m", "Part deep mm", "Of the nearest part, how far behind its front end it may reach; 0: any.",
+    FilterKnob("front_m", "Deep mm", "Of the nearest part, how far behind its front end it may reach; 0: any.",
                (0, 500, 5), 0.001),
 )  # fmt: skip
 THIN = (

@@ -32,7 +32,9 @@ class SettingsPanel:
                     if known:
                         with self.page.gui.add_folder(title, expand_by_default=title in OPEN):
                             for knob in known:
-                                self._add(knob, session.settings[knob.name])
+                                value = session.settings[knob.name]
+                                if knob.choices or shown_value(knob, value) is not None:
+                                    self._add(knob, value)
                 size = self.page.gui.add_button(
                     "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
                     hint="From the frames near the first-frame pose. Done by itself before the first tracking.",
@@ -153,7 +155,7 @@ class LimitsPanel:
 
     def _name(self, name: str, interval: tuple[float, float]) -> None:
         """The range itself shows no numbers: they stand in its label."""
-        label = f"{label_of(name).removesuffix(' °')} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
+        label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
             "-", "−"
         )
         if self.ranges[name].label != label:

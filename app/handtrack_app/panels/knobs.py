@@ -27,7 +27,8 @@ KNOBS: dict[str, tuple[Knob, ...]] = {
     "Hand": (
         Knob("model.name", "Model", "glove9: thumb and one mitten; ball6: the palm alone, for poor clouds.",
              {"as session.toml": "", "hand26": "hand26", "glove9": "glove9", "ball6": "ball6"}),
-        Knob("model.fallback", "When data are poor", "Whether a simpler model takes over where the data are too poor."),
+        Knob("model.fallback", "Poor data", "A simpler model that takes over where the data are too poor for this one.",
+             {"automatic": "auto", "glove9": "glove9", "ball6": "ball6", "never": "none"}),
         Knob("model.coupling", "Freedoms", "How many joint angles move on their own.",
              {"26, all free": "26", "21, tips follow": "21", "18, spread linked": "18"}),
         Knob("model.forearm", "Forearm", "Whether the model has a forearm: yes where the arm is bare and in view.",

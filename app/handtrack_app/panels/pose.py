@@ -21,14 +21,20 @@ from handtrack_app.messages import (
 )
 from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page, number
-from handtrack_app.scene.palette import FINGER_COLOURS, STATUS
+from handtrack_app.scene.palette import FINGER_COLOURS, LIMB_COLOURS, STATUS, limb_of
 
-GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little")
+_LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
+GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS)
+"""folders; the first holds the root, of a body too"""
 _ROOT_LABELS = {
     "root_tx": "x mm", "root_ty": "y mm", "root_tz": "z mm",
     "root_rx": "turn x °", "root_ry": "turn y °", "root_rz": "turn z °",
 }  # fmt: skip
 _MOTIONS = {"flex": "flex °", "abd": "spread °"}
+_TURNS = {
+    "flex": "flex\u00a0°", "abd": "aside\u00a0°", "twist": "twist\u00a0°", "lean": "lean\u00a0°",
+    "elevate": "raise\u00a0°", "protract": "forward\u00a0°",
+}  # fmt: skip
 _KEEP: str = "choose …"
 _REACH_MM = 500.0  # sliders of the hand's place reach this far from where it first was
 
@@ -37,7 +43,11 @@ def group_of(name: str) -> str:
     """Return the folder of a parameter."""
     if name.startswith("root_"):
         return "Hand"
+    if (limb := limb_of(name)) is not None:
+        return limb.capitalize()
     first = name.split("_", maxsplit=1)[0].capitalize()
+    if first == "Spine":
+        return "Trunk"
     return first if first in GROUPS else "Hand"
 
 
@@ -45,7 +55,9 @@ def label_of(name: str) -> str:
     """Return a parameter's label inside its folder."""
     if name in _ROOT_LABELS:
         return _ROOT_LABELS[name]
-    _, *joint, motion = name.split("_")
+    first, *joint, motion = name.split("_")
+    if limb_of(name) is not None or first == "spine":
+        return " ".join([*(joint or [first]), _TURNS.get(motion, motion)])
     return " ".join([part.upper() for part in joint] + [_MOTIONS.get(motion, motion)])
 
 
@@ -121,6 +133,7 @@ class PosePanel:
         """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
         if session.parameter_names != self.names:
             self._rebuild(session)
+        self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
         self.library.options = (_KEEP, *session.pose_names)
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
@@ -142,7 +155,8 @@ class PosePanel:
 
     def _add_folder(self, group: str, members: list[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
-        folder = gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+        title = "Body" if group == GROUPS[0] and session.kind == "body" else group
+        folder = gui.add_folder(title, expand_by_default=group in ("Thumb", "Index", "Left arm"))
         self.folders.append(folder)
         with folder:
             for name in members:
@@ -260,7 +274,8 @@ def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
 
 
 def _dot(group: str) -> str:
-    red, green, blue = FINGER_COLOURS.get(group.lower(), FINGER_COLOURS["palm"])
+    colours = FINGER_COLOURS | LIMB_COLOURS
+    red, green, blue = colours.get(group.lower(), colours["palm"])
     return (
         f"<span style='display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.4em;"
         f"background:rgb({red},{green},{blue})'></span>"

@@ -85,11 +85,11 @@ class SessionPanel:
                     "Show each camera's image of this frame, in the scene and above.",
                 )
             with gui.add_folder("Show"):
-                self._toggle("Hand's handle", "handle", "Drag the whole hand.")
-                self._toggle("Fingertip handles", "tips", "Drag a fingertip; its finger follows.")
+                self._toggle("Handle", "handle", "Drag the whole hand.")
+                self._toggle("Fingertips", "tips", "Drag a fingertip; its finger follows.")
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
-                self.speed = gui.add_dropdown("Playback speed", tuple(_SPEEDS), initial_value="1 ×")
+                self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
             self.view = gui.add_button_group("Look at", ("Hand", "Everything"))
         self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
         self.mode.on_update(page.from_user(lambda event: self._set_mode(event.target.value)))

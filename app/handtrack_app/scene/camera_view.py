@@ -82,9 +82,11 @@ def size_cameras(view: CameraRigView, hand: Floats) -> None:
 
 
 def show_cameras(view: CameraRigView, display: Display) -> None:
-    """Apply the display options to the frusta; the camera looked through is hidden."""
+    """Apply the display options to the frusta; they are hidden while a camera is looked through: its neighbour's picture
+    could stand before the hand.
+    """
     for name, frustum in view.frusta.items():
-        frustum.visible = display.cameras and name != display.through
+        frustum.visible = display.cameras and display.through is None
         view.labels[name].visible = frustum.visible
         if not display.images:
             frustum.image = None

@@ -34,11 +34,13 @@ class RootHandle:
             self.control.wxyz = quaternion_wxyz(rotation_matrix(root[3:6]))
 
 
-def add_root_handle(server: viser.ViserServer, name: str, on_edit: RootEdit) -> RootHandle:
-    """Add the control; `on_edit` receives root parameters by name while it is dragged."""
+def add_root_handle(
+    server: viser.ViserServer, name: str, on_edit: RootEdit, larger: float = 1.0
+) -> RootHandle:
+    """Add the control; `on_edit` receives root parameters by name while it is dragged. larger: than a hand's."""
     control = server.scene.add_transform_controls(
         name,
-        scale=0.09,
+        scale=0.09 * larger,
         line_width=2.5,
         disable_sliders=True,
         depth_test=False,
@@ -84,13 +86,17 @@ class TipHandles:
 
 
 def add_tip_handles(
-    server: viser.ViserServer, name: str, tips: tuple[str, ...], on_edit: TipEdit
+    server: viser.ViserServer,
+    name: str,
+    tips: tuple[str, ...],
+    on_edit: TipEdit,
+    larger: float = 1.0,
 ) -> TipHandles:
-    """Add a control for each fingertip; `on_edit(tip, place)` is called while one is dragged."""
+    """Add a control for each fingertip; `on_edit(tip, place)` is called while one is dragged. larger: than a hand's."""
     handles = TipHandles({})
     for tip in tips:
         control = server.scene.add_transform_controls(
-            f"{name}/{tip}", scale=0.035, line_width=2.5, disable_sliders=True, disable_rotations=True,
+            f"{name}/{tip}", scale=0.035 * larger, line_width=2.5, disable_sliders=True, disable_rotations=True,
             depth_test=False, opacity=0.9, visible=False,
         )  # fmt: skip
         handles.controls[tip] = control

@@ -12,12 +12,14 @@ import viser
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.messages import PoseSnapshot, SessionSnapshot
-from handtrack_app.scene.palette import TRUTH, colours_of
+from handtrack_app.model_card import HAND_REACH_M
+from handtrack_app.scene.palette import TRUTH, colour_of, colours_of, linear
 from handtrack_app.state import Display
 
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
-_OVER_IMAGE, _AROUND_BONES = 0.3, 0.45  # most opacity of the flesh
+_THICKER = 0.75  # power of the model's size with which bones grow thicker
+_OVER_IMAGE, _AROUND_BONES, _AMONG_POINTS = 0.3, 0.45, 0.6  # most opacity of the flesh
 _CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
 KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)])
 
@@ -32,6 +34,9 @@ class HandView:
     truth_lines: viser.LineSegmentsHandle
     truth_points: viser.BatchedMeshHandle
     bone_length: Floats
+    parts: tuple[viser.MeshHandle, ...] = ()
+    """of a body, drawn instead of ellipsoids"""
+    part_bone: tuple[int, ...] = ()
 
 
 def _unit(count: int) -> Floats:
@@ -48,6 +53,7 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
     rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))  # along +y
     count, bones = len(session.ellipsoid_bone), len(session.bone_names)
     bone_colours = colours_of(session.bone_names, np.arange(bones))
+    thick = (session.reach_m / HAND_REACH_M) ** _THICKER
     scene.add_frame(name, show_axes=False)
     flesh = scene.add_batched_meshes_simple(
         f"{name}/flesh",
@@ -61,7 +67,12 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         visible=False,
     )
     scales = np.stack(
-        [np.full(bones, _BONE_RADIUS), session.bone_length, np.full(bones, _BONE_RADIUS)], 1
+        [
+            np.full(bones, thick * _BONE_RADIUS),
+            session.bone_length,
+            np.full(bones, thick * _BONE_RADIUS),
+        ],
+        1,
     )
     rods = scene.add_batched_meshes_simple(
         f"{name}/bones",
@@ -80,7 +91,7 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         small.faces,
         _unit(2 * bones),
         np.zeros((2 * bones, 3)),
-        batched_scales=np.full(2 * bones, _JOINT_RADIUS, np.float32),
+        batched_scales=np.full(2 * bones, thick * _JOINT_RADIUS, np.float32),
         batched_colors=np.concatenate([bone_colours, bone_colours]),
         lod="off",
         visible=False,
@@ -105,7 +116,26 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         cast_shadow=False,
         visible=False,
     )
-    return HandView(flesh, rods, knobs, lines, points, session.bone_length)
+    parts = tuple(
+        _add_part(server, f"{name}/part{i}", session, i) for i in range(len(session.parts))
+    )
+    part_bone = tuple(part.bone for part in session.parts)
+    return HandView(flesh, rods, knobs, lines, points, session.bone_length, parts, part_bone)
+
+
+def _add_part(
+    server: viser.ViserServer, name: str, session: SessionSnapshot, index: int
+) -> viser.MeshHandle:
+    part = session.parts[index]
+    red, green, blue = linear(colour_of(session.bone_names[part.bone])).tolist()
+    colour = (red, green, blue)
+    return server.scene.add_mesh_simple(
+        name,
+        part.vertices.astype(np.float32),
+        part.faces.astype(np.uint32),
+        color=colour,
+        visible=False,
+    )
 
 
 def update_hand(view: HandView, pose: PoseSnapshot) -> None:
@@ -116,6 +146,10 @@ def update_hand(view: HandView, pose: PoseSnapshot) -> None:
     view.bones.batched_positions = pose.bone_position.astype(np.float32)
     view.bones.batched_wxyzs = quaternion_wxyz(pose.bone_rotation).astype(np.float32)
     view.joints.batched_positions = np.concatenate([pose.bone_position, tips]).astype(np.float32)
+    if view.parts:
+        turns = quaternion_wxyz(pose.bone_rotation)
+        for part, bone in zip(view.parts, view.part_bone, strict=True):
+            part.position, part.wxyz = pose.bone_position[bone], turns[bone]
 
 
 def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
@@ -130,23 +164,39 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     view.truth_lines.visible = view.truth_points.visible = shown
 
 
-def show_hand(view: HandView, display: Display, instead: bool = False) -> None:
-    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
-    view.flesh.visible = display.flesh or (display.surface and not instead)
-    view.flesh.opacity = flesh_opacity(display)
+def show_hand(
+    view: HandView, display: Display, instead: bool = False, points: bool = False
+) -> None:
+    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would. points: there is
+    a cloud.
+    """
+    shown, opacity = (
+        display.flesh or (display.surface and not instead),
+        flesh_opacity(display, points),
+    )
+    view.flesh.visible = shown and not view.parts
+    view.flesh.opacity = opacity
+    for part in view.parts:
+        if part.visible != shown:
+            part.visible = shown
+        if part.opacity != opacity:
+            part.opacity = opacity
     view.bones.visible = view.joints.visible = display.skeleton
 
 
-def flesh_opacity(display: Display) -> float | None:
-    """Return how opaque flesh is: over a camera's image, and around bones, it lets both be seen."""
+def flesh_opacity(display: Display, points: bool) -> float | None:
+    """Return how opaque flesh is: over a camera's image, around bones, and with points in it, it lets them be seen."""
     most = _OVER_IMAGE if display.through is not None else 1.0
     if display.skeleton:
         most = min(most, _AROUND_BONES)
+    if points and display.cloud_colour == "residual":
+        most = min(most, _AMONG_POINTS)
     opacity = min(display.opacity, most)
     return None if opacity > 0.99 else opacity
 
 
 def remove_hand(view: HandView) -> None:
     """Take the hand out of the scene."""
-    for node in (view.flesh, view.bones, view.joints, view.truth_lines, view.truth_points):
+    own = (view.flesh, view.bones, view.joints, view.truth_lines, view.truth_points)
+    for node in (*own, *view.parts):
         node.remove()

@@ -14,6 +14,17 @@ FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
     "ring": (240, 228, 66),
     "little": (204, 121, 167),
 }
+"""of a hand's parts"""
+LIMB_COLOURS: dict[str, tuple[int, int, int]] = {
+    "head": (196, 178, 164),
+    "left arm": (230, 159, 0),
+    "right arm": (86, 180, 233),
+    "left leg": (240, 228, 66),
+    "right leg": (0, 158, 115),
+}
+"""of a body's; its trunk is the palm's grey"""
+_ARM = ("clavicle", "upper_arm", "forearm", "hand", "shoulder", "elbow", "wrist")
+_LEG = ("thigh", "shin", "foot", "hip", "knee", "ankle", "toe")
 TRUTH = (255, 255, 255)
 OUTLINE = (255, 176, 0)
 SURFACE = (196, 178, 164)
@@ -38,9 +49,25 @@ def finger_of(name: str) -> str:
     return "palm"
 
 
+def limb_of(name: str) -> str | None:
+    """Return the limb that a body's bone or parameter belongs to; None for the trunk, and for all of a hand."""
+    side, _, rest = name.partition("_")
+    if side in ("left", "right"):
+        if rest.startswith(_ARM):
+            return f"{side} arm"
+        return f"{side} leg" if rest.startswith(_LEG) else None
+    return "head" if side in ("neck", "head") else None
+
+
+def colour_of(name: str) -> tuple[int, int, int]:
+    """Return the colour of a bone or parameter, by its finger or limb."""
+    limb = limb_of(name)
+    return FINGER_COLOURS[finger_of(name)] if limb is None else LIMB_COLOURS[limb]
+
+
 def colours_of(bone_names: tuple[str, ...], bones: Ints) -> Bytes:
     """Return (N, 3) colours of things that sit on bones (N,)."""
-    return linear([FINGER_COLOURS[finger_of(bone_names[b])] for b in bones])
+    return linear([colour_of(bone_names[b]) for b in bones])
 
 
 def linear(colours: object) -> Bytes:

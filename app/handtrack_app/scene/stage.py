@@ -24,6 +24,7 @@ from handtrack_app.messages import (
     WantPictures,
     WantSurface,
 )
+from handtrack_app.model_card import HAND_REACH_M
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.camera_view import (
     CameraRigView,
@@ -86,13 +87,15 @@ class Stage:
         self.session = session
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session, looked_at(session))
-            self.root = add_root_handle(self.page.server, "/root", self._root_moved)
+            larger = session.reach_m / HAND_REACH_M
+            self.root = add_root_handle(self.page.server, "/root", self._root_moved, larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
                 self.tips.remove()
             self.tips = add_tip_handles(
-                self.page.server, "/tips", session.tip_names, self._tip_moved
-            )
+                self.page.server, "/tips", session.tip_names, self._tip_moved,
+                session.reach_m / HAND_REACH_M,
+            )  # fmt: skip
         if (
             before is None
             or before.bone_names != session.bone_names
@@ -120,9 +123,9 @@ class Stage:
             return
         with self.page.server.atomic():
             self.tips.show(display.tips and self.pose is not None)
-            self._show_flesh(display)
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
+            self._show_flesh(display)
             show_cameras(self.cameras, display)
             if self.surroundings is not None:
                 self.surroundings.ground.visible = display.through is None
@@ -138,10 +141,11 @@ class Stage:
         still = not (state.playing or state.tracking)
         ready = still and self._surface_at is not None and display.surface
         ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
-        show_hand(self.hand, display, instead=ready)
+        points = self.cloud.points.visible
+        show_hand(self.hand, display, ready, points)
         if self.surface.visible != ready:
             self.surface.visible = ready
-        opacity = flesh_opacity(display)
+        opacity = flesh_opacity(display, points)
         if self.surface.opacity != opacity:
             self.surface.opacity = opacity
 
@@ -198,8 +202,8 @@ class Stage:
         with self.page.server.atomic():
             update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
-            self._show_flesh(display)
             show_cloud(self.cloud, display, pose.frame)
+            self._show_flesh(display)
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self.tips.show_at(pose.tips)
@@ -232,6 +236,7 @@ class Stage:
             update_cloud(self.cloud, cloud, display)
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame)
+                self._show_flesh(display)
 
     # ---- views
 
@@ -240,7 +245,9 @@ class Stage:
         size_cameras(self.cameras, middle_of(pose))
         self.view = first_view(session, middle_of(pose))
         server = self.page.server
-        self.surroundings = add_surroundings(server, middle_of(pose), upward(session))
+        self.surroundings = add_surroundings(
+            server, middle_of(pose), upward(session), session.reach_m
+        )
         server.scene.set_up_direction(self.view.up)
         start = server.initial_camera
         start.up, start.position, start.look_at = (

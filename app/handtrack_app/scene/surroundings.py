@@ -9,6 +9,7 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import Floats
+from handtrack_app.model_card import HAND_REACH_M
 
 _BELOW = 0.16  # [m] the ground lies this far below the hand's middle
 _LINE, _SECTION = (44, 48, 54), (62, 68, 76)
@@ -21,8 +22,14 @@ class Surroundings:
     ground: viser.GridHandle
 
 
-def add_surroundings(server: viser.ViserServer, hand: Floats, up: Floats) -> Surroundings:
-    """Add lights and the ground for a hand at (3,) [m] in a world whose upward axis is `up` (3,)."""
+def add_surroundings(
+    server: viser.ViserServer, hand: Floats, up: Floats, reach_m: float = HAND_REACH_M
+) -> Surroundings:
+    """Add lights and the ground for a hand at (3,) [m] in a world whose upward axis is `up` (3,).
+
+    reach_m: how far it extends around its middle; a body stands on the ground.
+    """
+    larger = reach_m / HAND_REACH_M
     scene = server.scene
     side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.8 else (0.0, 1.0, 0.0))
     side /= np.linalg.norm(side)
@@ -36,8 +43,8 @@ def add_surroundings(server: viser.ViserServer, hand: Floats, up: Floats) -> Sur
             f"/light/{name}", intensity=strength, position=tuple(frame @ np.array(way))
         )
     ground = scene.add_grid(
-        "/ground", 3.0, 3.0, plane="xy", cell_size=0.05, section_size=0.25, cell_color=_LINE,
-        section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5,
-        fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - _BELOW * up,
+        "/ground", 3.0 * larger, 3.0 * larger, plane="xy", cell_size=0.05 * larger, section_size=0.25 * larger, cell_color=_LINE,
+        section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5 * larger,
+        fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - larger * _BELOW * up,
     )  # fmt: skip
     return Surroundings(ground)

@@ -11,7 +11,6 @@ import viser
 from handtrack.arrays import Floats
 from handtrack_app.messages import CameraCard, SessionSnapshot
 
-_HAND = 0.11  # [m] around a hand's middle
 _LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
 # free part of the picture, in half heights; the timeline is below
 _WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.42
@@ -38,13 +37,13 @@ class _Axes(NamedTuple):
 def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
     wide = overview(session, hand)
-    return wide if _size(wide, hand) >= _LEAST else hand_view(session, hand)
+    return wide if _size(wide, hand, session.reach_m) >= _LEAST else hand_view(session, hand)
 
 
 def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     """Return a close view of the hand. hand: (3,) its middle [m]."""
     up = upward(session)
-    points = hand + _HAND * _corners()
+    points = hand + session.reach_m * _corners()
     frusta = [frustum_corners(card, hand) for card in session.cameras]
     least, found = np.inf, _fitted(points, _axes(session, hand, up, 0.35), up)
     for raised in (0.35, 0.6, 0.2, 0.9):
@@ -52,7 +51,9 @@ def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
             axes = _axes(session, hand, up, raised, turn)
             view = _fitted(points, axes, up)
             cost = abs(turn) + abs(raised - 0.35)
-            cost += sum(2.0 * _hides(view, axes, corners, hand) for corners in frusta)
+            cost += sum(
+                2.0 * _hides(view, axes, corners, hand, session.reach_m) for corners in frusta
+            )
             if cost < least:
                 least, found = cost, view
     return found
@@ -66,27 +67,27 @@ def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     up = upward(session)
     frusta = [frustum_corners(card, hand) for card in session.cameras]
     images = [corners[1:] for corners in frusta]
-    points = np.concatenate([hand + _HAND * _corners(), *images])
+    points = np.concatenate([hand + session.reach_m * _corners(), *images])
     best, found = -np.inf, hand_view(session, hand)
     for turn in np.deg2rad(np.arange(-75, 76, 15)):
         for raised in (0.2, 0.4, 0.6, 0.9, 1.3):
             axes = _axes(session, hand, up, raised, turn)
             view = _fitted(points, axes, up)
-            score = _size(view, hand) - 0.04 * abs(turn)
+            score = _size(view, hand, session.reach_m) - 0.04 * abs(turn)
             for card, corners in zip(session.cameras, frusta, strict=True):
-                score -= 0.5 * _hides(view, axes, corners, hand)
+                score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
                 score += 0.15 * min(float(-axes.away @ card.rotation[:, 2]), 0.6) / len(frusta)
             if score > best:
                 best, found = score, view
     return found
 
 
-def _size(view: Viewpoint, hand: Floats) -> float:
+def _size(view: Viewpoint, hand: Floats, reach_m: float) -> float:
     """Return the share of the picture's height that a hand fills."""
-    return float(_HAND / (np.linalg.norm(view.position - hand) * np.tan(view.fov / 2)))
+    return float(reach_m / (np.linalg.norm(view.position - hand) * np.tan(view.fov / 2)))
 
 
-def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats) -> bool:
+def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats, reach_m: float) -> bool:
     """Return whether a drawn camera (5, 3) comes into the round place that the hand has in the picture."""
     apex, *image = frustum
     middle = np.mean(image, axis=0)
@@ -94,7 +95,7 @@ def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats) -> bool:
     seen = np.array([hand, *edges]) - view.position
     depth = -seen @ axes.away
     flat = np.stack([seen @ axes.right, seen @ axes.top], axis=1) / np.maximum(depth, 1e-6)[:, None]
-    near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * _HAND / depth[0]
+    near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * reach_m / depth[0]
     return bool(near.any())
 
 

@@ -1,0 +1,49 @@
+"""`--init auto`: the first pose is looked for, and how sure it is gets told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_search import (
+    SURE,
+    FirstPoseCandidate,
+    find_first_poses,
+    no_hand_found,
+)
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack_app.commands.progress import Stop, say
+
+
+def found_first_pose(
+    session: Session, overrides: Mapping[str, Any], frames: range, stop: Stop
+) -> FirstPose | None:
+    """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand."""
+    run = TrackingRun.open(session, overrides, use_init=False)
+    say("looking for the first pose …")
+    found = find_first_poses(run, frames, stop)
+    if stop():
+        return None
+    if not found:
+        raise no_hand_found(run)
+    for line in told(found):
+        say(line)
+    return found[0].first_pose
+
+
+def told(found: list[FirstPoseCandidate]) -> list[str]:
+    """Return lines that say what was found, how sure it is, and what else it may be."""
+    best, others = found[0], found[1:]
+    lines = [f"first pose: frame {best.frame}, {_percent(best.confidence)} sure ({best.note})."]
+    lines += [f"  or: {_percent(other.confidence)}, {other.note}" for other in others]
+    if best.confidence < SURE:
+        lines.append(
+            "note: that is not sure. Look at it in the workbench (`handtrack open`), where another can be taken."
+        )
+    return lines
+
+
+def _percent(share: float) -> str:
+    return "below 1 %" if share < 0.01 else f"{100 * min(share, 0.99):.0f} %"

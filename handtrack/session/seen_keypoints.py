@@ -1,0 +1,67 @@
+"""The 2D joints of one camera of a session, frame by frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.capture.frames import files_by_frame
+from handtrack.capture.openpose import LAYOUTS, Layout, read_openpose
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.session.layout import matching_files
+
+_LEAST, _SURE = (
+    0.3,
+    0.6,
+)  # confidences below which a point counts as missing, and with half its weight
+_UNSURE = 2.0  # times sigma of points between the two
+
+
+def of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypoints:
+    """Return the joints that a model has."""
+    rows = [i for i, name in enumerate(seen.names) if name in model.joint_names]
+    names = tuple(seen.names[i] for i in rows)
+    return ImageKeypoints(seen.camera, names, seen.pixels[rows], seen.sigma_px)
+
+
+class KeypointFiles:
+    """Files of 2D joints by frame number, and how they are to be read."""
+
+    def __init__(self, folder: Path, pattern: str, layout: str, camera: Camera, where: str) -> None:
+        """Raises HandtrackError when no file matches, two have the same number, or the first cannot be read."""
+        self.files = files_by_frame(matching_files(folder, pattern, where))
+        self.layout: Layout = LAYOUTS[layout]
+        self.camera = camera
+        self.flat = camera.without_distortion()
+        read_openpose(next(iter(self.files.values())), self.layout)
+
+    @property
+    def frames(self) -> range:
+        """From 0 to the last frame there is."""
+        return range(max(self.files) + 1)
+
+    def read(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
+        """Return the tallest person's joints in the undistorted image, none or two sets: sure ones, and others.
+
+        sigma_px: of the sure ones.
+        """
+        path = self.files.get(frame)
+        points = None if path is None else read_openpose(path, self.layout)
+        if points is None:
+            return ()
+        names = tuple(self.layout.points)
+        rows = points[list(self.layout.points.values())]
+        straight = self.camera.undistort_points(rows[:, :2])
+        confidence = np.where(np.isfinite(straight).all(axis=1), rows[:, 2], 0.0)
+        sets = []
+        for chosen, sigma in (
+            (confidence >= _SURE, sigma_px),
+            ((confidence >= _LEAST) & (confidence < _SURE), _UNSURE * sigma_px),
+        ):
+            if chosen.any():
+                pixels = np.where(chosen[:, None], straight, np.nan)
+                sets.append(ImageKeypoints(self.flat, names, pixels, sigma))
+        return tuple(sets)
