@@ -37,12 +37,14 @@ _TITLES = {
     "model": "Which hand",
     "silhouettes": "How outlines pull",
     "cloud": "How a point cloud pulls",
+    "edges": "How edges of the images pull the outline",
+    "intensity": "How the model's texture, carried from earlier frames, pulls",
     "keypoints": "How given points pull",
     "prior": "What is assumed where nothing is seen",
     "solver": "How hard to try on a frame",
     "tracker": "From frame to frame",
 }
-_UNITS = {"mm": "mm", "m": "m", "deg": "°", "rad": "rad"}
+_UNITS = {"mm": "mm", "m": "m", "deg": "°", "rad": "rad", "px": "px"}
 _PLAIN = {
     "silhouettes.weight": "factor on the outlines' cost; 1 takes `outline_sigma_mm` at its word, 0 leaves silhouettes out",
     "cloud.weight": "factor on the cloud's cost; 1 takes `sigma_mm` at its word, 0 leaves clouds out",

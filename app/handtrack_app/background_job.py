@@ -12,6 +12,7 @@ from typing import Any
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
+from handtrack.session.first_pose_search import find_first_poses
 from handtrack.tracker.result import FrameResult
 
 log = logging.getLogger(__name__)
@@ -43,7 +44,15 @@ class Ended:
     internal: bool = False
 
 
-Report = Tracked | Sized | Ended
+@dataclass(frozen=True)
+class Found:
+    """Poses that explain a frame, the surest first."""
+
+    job: int
+    candidates: list[Any]
+
+
+Report = Tracked | Sized | Found | Ended
 Watch = Callable[[Any, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
@@ -154,3 +163,24 @@ class SizingJob(BackgroundJob):
         scale = self._tracker.fit_size(self.should_stop).scale
         if not self.should_stop():
             self._post(Sized(self.number, scale))
+
+
+class FindingJob(BackgroundJob):
+    """Looks for the hand without a first pose: in a frame, or in the surest of several (None)."""
+
+    kind = "finding"
+
+    def __init__(
+        self, number: int, run: Any, frame: int | None, post: Callable[[Report], None]
+    ) -> None:
+        super().__init__(number, range(0), post)
+        self._tracker, self._frame = run, frame
+        self.share, self.words = 0.0, ""
+
+    def work(self) -> None:
+        found = find_first_poses(self._tracker, self._frame, self.should_stop, self._progress)
+        if not self.should_stop():
+            self._post(Found(self.number, found))
+
+    def _progress(self, share: float, words: str) -> None:
+        self.share, self.words = share, words

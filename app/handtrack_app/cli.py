@@ -221,6 +221,13 @@ def _add_results(commands: Any) -> None:
     evaluate.add_argument("poses", type=Path, metavar="POSES.npz")
     evaluate.add_argument("--truth", type=Path, required=True, metavar="truth.npz")
     evaluate.add_argument("--json", action="store_true", help="print JSON")
+    spread = _command(
+        commands,
+        "spread",
+        "spread",
+        "Measure how a person's fingers spread together, for coupling 18.",
+    )
+    spread.add_argument("poses", type=Path, metavar="POSES.npz")
 
 
 def _add_simulate(commands: Any) -> None:

@@ -20,6 +20,7 @@ from handtrack.session.clouds import stereo_settings
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracker.hand_distance import hand_distance
 from handtrack_app import messages as m
+from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.cloud_pictures import (
     NARROW_PX,
     WIDE_PX,
@@ -93,7 +94,7 @@ class CloudMaker:
             dropped.astype(np.float32),
             len(measured),
             len(kept),
-            tuple(m.FilterCount(r.name, r.text, r.before, r.after) for r in reports),
+            tuple(FilterCount(r.name, r.text, r.before, r.after) for r in reports),
             words,
         )
 

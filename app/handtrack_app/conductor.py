@@ -12,6 +12,8 @@ from handtrack_app import messages as m
 from handtrack_app.background_job import (
     BackgroundJob,
     Ended,
+    FindingJob,
+    Found,
     Report,
     Sized,
     SizingJob,
@@ -21,6 +23,7 @@ from handtrack_app.background_job import (
 )
 from handtrack_app.compile_watch import CompileWatch
 from handtrack_app.document import Document
+from handtrack_app.guesses import Guesses
 from handtrack_app.keeping import Keeper
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -30,7 +33,14 @@ _WORDS = {
     "tracking": "Tracking",
     "preparing": "Preparing the first frame …",
     "sizing": "Fitting the hand's size (once a session) …",
+    "finding": "Looking for the hand …",
 }
+
+
+_NOT_FOUND = (
+    "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
+    "hand is open and wholly in view, or pose it by hand."
+)
 
 
 def one_frame(result: FrameResult) -> m.Notice:
@@ -68,6 +78,8 @@ class Conductor:
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
         self._ticked = self._compiled_before = 0
+        self._shared = -1.0
+        self.guesses = Guesses(document)
 
     @property
     def busy(self) -> bool:
@@ -97,7 +109,7 @@ class Conductor:
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
         job = self._job
-        if job is not None and job.kind == "sizing":
+        if job is not None and job.kind in ("sizing", "finding"):
             self._ended(job, Ended(job.number, cancelled=True))
 
     # ---- starting
@@ -136,6 +148,11 @@ class Conductor:
         self._then = then
         self._begin(SizingJob(self._next(), self._document.run, self._post))
 
+    def find(self, frame: int | None) -> None:
+        """Begin to look for the hand, in a frame or in the surest of several."""
+        self._refuse_if_busy()
+        self._begin(FindingJob(self._next(), self._document.run, frame, self._post))
+
     def _refuse_if_busy(self) -> None:
         if self._job is not None:
             raise HandtrackError("Tracking is already running. Cancel it first.")
@@ -166,6 +183,8 @@ class Conductor:
                 self._keeper.note("scale", scale)
                 self._publish(self._document.session_snapshot())
                 self._publish(self._document.pose_snapshot())
+            case Found():
+                self._found(report)
             case Ended():
                 self._ended(job, report)
 
@@ -181,6 +200,23 @@ class Conductor:
             self._stripped = now
             self._publish(document.strip_snapshot())
         self.show_progress()
+
+    def _found(self, found: Found) -> None:
+        if not found.candidates:
+            self._publish(m.Notice("warning", "No hand found", _NOT_FOUND))
+            return
+        self.guesses.keep(found.candidates)
+        best = found.candidates[0]
+        self._document.show(best.frame)
+        snapshot = self.guesses.snapshot(is_new=True)
+        self._publish(self._document.pose_snapshot())
+        if snapshot is not None:
+            self._publish(snapshot)
+        more = len(found.candidates) - 1
+        text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
+        if more:
+            text += f" {more} other poses are below and in the scene; a click takes one."
+        self._publish(m.Notice("done", "The hand is found", text))
 
     def _ended(self, job: BackgroundJob, end: Ended) -> None:
         self._job = None
@@ -204,6 +240,9 @@ class Conductor:
             self._publish(m.Notice("error", "Internal error while tracking", text))
         elif end.error:
             self._publish(m.Notice("error", "Tracking stopped", end.error))
+        elif job.kind == "finding":
+            if end.cancelled:
+                self._publish(m.Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
             size = self._document.model.scale.overall
             text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
@@ -222,7 +261,10 @@ class Conductor:
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
         job, count = self._job, self._compiles.count
-        if job is not None and not job.done and count != self._ticked:
+        if isinstance(job, FindingJob) and job.share != self._shared:
+            self._shared = job.share
+            self.show_progress()
+        elif job is not None and not job.done and count != self._ticked:
             self._ticked = count
             self.show_progress()
 
@@ -233,7 +275,11 @@ class Conductor:
             self._publish(m.ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        words = _WORDS["sizing" if job.kind == "sizing" and not job.paused else state]
+        quiet = job.kind in ("sizing", "finding") and not job.paused
+        words, done, total = _WORDS[job.kind if quiet else state], job.done, len(job.frames)
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words
-        self._publish(m.ProgressSnapshot(state, words, job.done, len(job.frames), job.eta_s()))
+        if isinstance(job, FindingJob):
+            words = f"{words} {job.words}".strip()
+            done, total = round(100 * job.share), 100
+        self._publish(m.ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))

@@ -9,6 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from handtrack.arrays import Bytes, Floats, Ints
+from handtrack_app.cloud_messages import (
+    CloudCard,
+    CloudPicture,
+    CloudSnapshot,
+    RestoreClouds,
+    SampleSkin,
+    SaveClouds,
+    SetClouds,
+    SurfaceSnapshot,
+    WantCloud,
+    WantSurface,
+)
+from handtrack_app.guess_messages import FindHand, GuessesSnapshot, TakeGuess
 from handtrack_app.model_card import HAND_REACH_M, PartCard
 
 # ---- commands: page → worker ----------------------------------------------------------------------
@@ -131,55 +144,6 @@ class WantPictures:
 
 
 @dataclass(frozen=True)
-class WantSurface:
-    """Whether the page shows the solver's surface."""
-
-    on: bool
-
-
-@dataclass(frozen=True)
-class WantCloud:
-    """What the page shows of point clouds; nothing else is computed."""
-
-    points: bool = False
-    dropped: bool = False
-    """also the points that a filter dropped"""
-    picture: str = "none"
-    """`images`, `stereo` or `none`"""
-    wide: bool = False
-    pair: tuple[str, str] | None = None
-    """cameras of the stereo preview; None: the session's first pair"""
-    box: tuple[str, tuple[int, int, int, int]] | None = None
-    """camera and x, y, w, h [px] of the marked patch of skin"""
-
-
-@dataclass(frozen=True)
-class SetClouds:
-    """Change settings of [clouds] by name; None: as it is usual, False: off."""
-
-    values: tuple[tuple[str, object], ...]
-
-
-@dataclass(frozen=True)
-class SampleSkin:
-    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of the frame shown."""
-
-    camera: str
-    box: tuple[int, int, int, int]
-    size: float
-
-
-@dataclass(frozen=True)
-class SaveClouds:
-    """Write the settings of [clouds] into session.toml."""
-
-
-@dataclass(frozen=True)
-class RestoreClouds:
-    """Go back to the settings of [clouds] as session.toml has them."""
-
-
-@dataclass(frozen=True)
 class Export:
     """Send a file to one client: `csv`, `npz` or `init`."""
 
@@ -195,7 +159,7 @@ class SaveTrack:
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
     | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack
+    | SaveTrack | FindHand | TakeGuess
 )  # fmt: skip
 
 # ---- snapshots: worker → page ---------------------------------------------------------------------
@@ -308,77 +272,6 @@ class StripSnapshot:
 
 
 @dataclass(frozen=True)
-class SurfaceSnapshot:
-    """The solver's surface at one pose."""
-
-    frame: int
-    version: int
-    vertices: Floats
-    """(V, 3) world [m]"""
-    faces: Ints
-
-
-@dataclass(frozen=True)
-class FilterCount:
-    """What one filter did to a cloud."""
-
-    name: str
-    text: str
-    before: int
-    after: int
-
-
-@dataclass(frozen=True)
-class CloudSnapshot:
-    """The cloud of one frame, as the tracker gets it, against the hand shown."""
-
-    frame: int
-    points: Floats
-    """(N, 3) world [m]; of very many, a random part"""
-    colors: Bytes | None
-    """(N, 3) RGB"""
-    residual_mm: Floats
-    """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
-    dropped: Floats
-    """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
-    measured: int
-    left: int
-    counts: tuple[FilterCount, ...] = ()
-    words: str = ""
-    """what is to be said of it"""
-
-
-@dataclass(frozen=True)
-class CloudPicture:
-    """The picture of the cloud panel."""
-
-    frame: int
-    image: Bytes
-    """(H, W, 3) RGB"""
-    wide: bool
-    words: str
-
-
-@dataclass(frozen=True)
-class CloudCard:
-    """Where clouds come from and the settings in force."""
-
-    source: str
-    """`stereo`, `depth`, `files`, or empty: this session has no clouds"""
-    values: dict[str, object]
-    """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
-    image_cameras: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...]
-    """pairs of cameras that can be matched"""
-    pair: tuple[str, str] | None
-    """the first pair in use"""
-    sizes: dict[str, tuple[int, int]]
-    """width and height of the cameras' images [px]"""
-    unsaved: tuple[str, ...]
-    """settings that differ from session.toml"""
-
-
-@dataclass(frozen=True)
 class ProgressSnapshot:
     """What the worker is doing."""
 
@@ -388,6 +281,8 @@ class ProgressSnapshot:
     done: int = 0
     total: int = 0
     eta_s: float = 0.0
+    job: str = ""
+    """`tracking`, `sizing` or `finding`, while one runs"""
 
 
 @dataclass(frozen=True)
@@ -419,4 +314,5 @@ class RerunPage:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | StripSnapshot | ProgressSnapshot | Notice | Download
     | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
+    | GuessesSnapshot
 )  # fmt: skip

@@ -65,7 +65,9 @@ class WatchedTracker(Tracker):
     ) -> FrameResult:
         """Return the pose of one frame, as Tracker does."""
         if observation.frame != self.closely:
-            return super().step(observation, previous, start, should_stop, on_iteration, before, given)
+            return super().step(
+                observation, previous, start, should_stop, on_iteration, before, given
+            )
 
         def note(count: int, params: Floats, cost: float) -> None:
             self.steps.append(Step(params.copy(), cost))

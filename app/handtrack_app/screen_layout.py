@@ -6,6 +6,7 @@ from handtrack_app.messages import Notice, PoseSnapshot, ProgressSnapshot, Sessi
 from handtrack_app.panels.cloud import CloudPanel
 from handtrack_app.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.panels.export import ExportPanel
+from handtrack_app.panels.guesses import GuessesPanel
 from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page
 from handtrack_app.panels.pose import PosePanel, certainty_table, travel
@@ -44,9 +45,10 @@ class PageLayout:
         gui.main_panel.set_width(342)
 
         left = gui.add_panel()
-        self.pose = PosePanel(
-            page, left.add_tab("Pose"), NudgePanel(page, stage.hand_middle, stage.axes_looked_along)
-        )
+        self.guesses = GuessesPanel(page)
+        stage.take_guess = self.guesses.take
+        nudges = NudgePanel(page, stage.hand_middle, stage.axes_looked_along)
+        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses)
         self.limits = LimitsPanel(page, left.add_tab("Limits"))
         certainty = left.add_tab("Certainty")
         with certainty:
@@ -96,6 +98,7 @@ class PageLayout:
         """Show what the worker is doing."""
         self.progress = progress
         self.tracking.show(progress)
+        self.guesses.show_progress(progress)
         self.head.content = head(self.snapshot, progress)
 
     def show_notice(self, notice: Notice) -> None:

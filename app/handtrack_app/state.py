@@ -31,6 +31,8 @@ class Display:
     """the camera that the view looks through"""
     screen: str | None = None
     """the camera whose picture stands behind the hand"""
+    ghosts: bool = True
+    """poses that the frame may have, besides the one shown"""
     cloud: bool = True
     cloud_colour: str = "residual"
     """`residual` (distance to the model), `own` or `plain`"""

@@ -181,6 +181,9 @@ class Workbench:
                 self.layout.cloud.show_picture(snapshot)
             case m.CloudCard():
                 self.layout.cloud.fit(snapshot)
+            case m.GuessesSnapshot():
+                self.stage.show_guesses(snapshot, self.state.display)
+                self.layout.guesses.show(snapshot)
             case m.StripSnapshot():
                 self.layout.timeline.show_strip(snapshot)
                 if self._demo is not None:

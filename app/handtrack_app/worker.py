@@ -13,7 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack_app import exporting
 from handtrack_app import messages as m
 from handtrack_app.aside import Aside
-from handtrack_app.background_job import Ended, Report, Sized, Tracked, Watch
+from handtrack_app.background_job import Ended, Found, Report, Sized, Tracked, Watch
 from handtrack_app.cloud_desk import CloudDesk
 from handtrack_app.compile_watch import CompileWatch
 from handtrack_app.conductor import Conductor
@@ -105,7 +105,7 @@ class Worker:
                     conductor.pause(command.on)
                 case m.Follow():
                     conductor.follow = command.on
-                case m.SetPose() | m.TakePose() | m.PullTip() | m.ShowFrame():
+                case m.SetPose() | m.TakePose() | m.PullTip() | m.ShowFrame() | m.TakeGuess():
                     conductor.follow = False  # the user looks elsewhere: tracking goes on behind
         self._mail.put(command)
 
@@ -252,7 +252,15 @@ class Worker:
             case m.Export():
                 name, data = exporting.export(document, request.kind)
                 self._publish(m.Download(name, data, request.client_id))
-            case Tracked() | Sized() | Ended():
+            case m.FindHand():
+                self._accept_edit()
+                conductor.find(request.frame)
+            case m.TakeGuess():
+                document.version = max(document.version, request.version)
+                if conductor.guesses.take(request.frame, request.index):
+                    self._publish(document.session_snapshot())
+                self._edit(document)
+            case Tracked() | Sized() | Found() | Ended():
                 conductor.take(request)
 
     # ---- posing and showing
@@ -279,6 +287,9 @@ class Worker:
         self._publish(snapshot)
         if isinstance(snapshot, m.PoseSnapshot):
             self._stale_pictures = True
+            guesses = None if self._conductor is None else self._conductor.guesses.snapshot()
+            if guesses is not None:
+                self._publish(guesses)
             if self._desk is not None:
                 busy = self._conductor is not None and self._conductor.busy
                 self._desk.show(hurried=busy)

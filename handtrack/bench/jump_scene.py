@@ -30,6 +30,8 @@ SEEN = ("neck", "head", "head_top", *(f"{side}_{j}" for side in ("left", "right"
 """centres of joints; hand and toes are ends of bones that cannot flip by themselves"""
 NOISE_PX = 1.0
 STEEP, FLAT = 0.9, 0.5
+FULL_SEED = 277
+"""the first seed whose scene has full trees; tests/benchmarks/test_jumps.py looks whether it has"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +88,8 @@ def front_camera() -> Camera:
 def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats:
     """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
 
-    Each link of arms and legs leaves the image plane by 30° to 64° (sine between `flat` and `steep`): a link in the
-    plane has no flip, one along the line of sight no direction. Trunk, head and shoulders are near rest. No part passes
+    Each link of arms and legs is 30° to 64° off the plane across its line of sight (sine between `flat` and `steep`): a
+    link in that plane has no flip, one along the line of sight no direction. Trunk, head and shoulders are near rest. No part passes
     through another.
     """
     model = body()
@@ -122,13 +124,14 @@ def _hold(
     own = [model.transform.names.index(name) for name in chain.chain.parameters]
     joints = [model.joint_names.index(name) for name in chain.chain.joints]
     low, high = model.bounds(params)[own].T
-    trial = model.rest_params()
+    centre = front_camera().centre
     while True:
-        trial[own] = low + (high - low) * rng.uniform(0.1, 0.9, size=len(own))
-        link = np.diff(model.joint_positions(model.bones(trial))[joints], axis=0)
-        leaves = np.abs(link[:, 2]) / np.linalg.norm(link, axis=1)
+        params[own] = low + (high - low) * rng.uniform(0.1, 0.9, size=len(own))
+        points = model.joint_positions(model.bones(params))[joints]
+        link, sight = np.diff(points, axis=0), points[:-1] - centre
+        along = np.abs((link * sight).sum(axis=1))
+        leaves = along / (np.linalg.norm(link, axis=1) * np.linalg.norm(sight, axis=1))
         if leaves.min() > flat and leaves.max() < steep:
-            params[own] = trial[own]
             return
 
 
@@ -158,11 +161,6 @@ def jump_scene(
     )
 
 
-def full_scene(collision: bool = True, most: int = 1000) -> JumpScene:
+def full_scene(collision: bool = True) -> JumpScene:
     """Return the first scene in which both arms have four leaves and both legs two: what limits allow at most."""
-    for seed in range(most):
-        scene = jump_scene(seed, collision)
-        leaves = [len(scene.tree([limb])) for limb in LIMBS]
-        if leaves == [4, 4, 2, 2]:
-            return scene
-    raise AssertionError(f"none of {most} poses has full trees")
+    return jump_scene(FULL_SEED, collision)

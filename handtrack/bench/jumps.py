@@ -50,7 +50,7 @@ class Row:
     converged: float
     """share of samples that reach a minimum: gradient below tolerance, Hessian positive on the free directions"""
     seconds: float
-    """drawing and polishing"""
+    """drawing and polishing, processor time of one thread"""
 
     @property
     def minima_per_second(self) -> float:
@@ -72,10 +72,10 @@ def sampled(
     scene: JumpScene, name: str, scale: str, draw: Callable[[], Floats], equal: int
 ) -> Sampled:
     """Return the row of a sampler: drawn, polished, near-equal minima merged."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     raw = draw()
     ends = scene.polished(raw)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     good = ends.is_minimum
     assert np.allclose(ends.params, projected(scene.model, ends.params)), "a minimum beyond limits"
     found = ends.params[good][distinct(ends.params[good], ends.cost[good])]
@@ -142,6 +142,7 @@ class Share:
     """Over many poses: how many of the leaves of a tree are, once polished, different minima."""
 
     poses: int
+    """with at least one leaf; where the start is at a limit, noise can leave none"""
     leaves: int
     minima: int
     distinct: int
@@ -158,6 +159,8 @@ def share_of_leaves(limbs: Sequence[str], seeds: Sequence[int], **scene: Any) ->
     for seed in seeds:
         here = jump_scene(seed, **scene)
         leaves = here.tree(limbs).params
+        if not len(leaves):
+            continue
         ends = here.polished(leaves)
         good = ends.is_minimum
         counts.append((len(leaves), good.sum(), len(distinct(ends.params[good], ends.cost[good]))))
@@ -186,6 +189,7 @@ def measure(samples: int = SAMPLES, poses: int = POSES) -> dict[str, Any]:
     for name, limbs in (("kjs1", KJS1), ("kjs2", KJS2)):
         over = share_of_leaves(limbs, range(poses))
         figures[f"{name}_leaves"] = over.leaves
+        figures[f"{name}_minima_share"] = over.minima / over.leaves
         figures[f"{name}_distinct_share"] = over.share
         figures[f"{name}_poses_all_distinct"] = f"{over.poses_all_distinct} of {over.poses}"
         flat = share_of_leaves(limbs, range(poses), flat=0.35)

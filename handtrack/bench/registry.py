@@ -24,6 +24,9 @@ BENCHMARKS = {
     "cloud_iteration_vs_blas": Benchmark("handtrack.bench.clouds", "cloud_iteration_vs_blas"),
     "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds", "cloud_solve_vs_scipy"),
     "jump_tree_1024": Benchmark("handtrack.bench.jump_tree", "jump_tree_1024"),
+    "jump_polish_1024": Benchmark("handtrack.bench.jump_polish", "jump_polish_1024"),
+    "jumps": Benchmark("handtrack.bench.jumps", "jumps", quick=False),
     "sr305": Benchmark("handtrack.bench.sr305", "sr305", quick=False),
+    "body_retarget": Benchmark("handtrack.bench.body_retarget", "body_retarget", quick=False),
     "hand_size": Benchmark("handtrack.bench.hand_size", "hand_size", quick=False),
 }

@@ -58,6 +58,8 @@ def load_model(
             "and 5. If this is a length, divide it by that one."
         )
     side = "right" if kind == "body" else side
+    if not narrowing:
+        table = {key: value for key, value in table.items() if key != "narrowing"}
     return _build(table, side, size, coupling, forearm, spread or {})
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.part_mesh import PartMesh, vertex_normals
@@ -131,7 +131,7 @@ def _size(rows: Sequence[dict[str, Any]], factor: dict[str, float]) -> Floats:
 
 def _check(parts: Superquadrics, where: str) -> None:
     wide = np.hypot(parts.radii[:, 0], parts.radii[:, 1]) * (1 + np.abs(parts.taper).max(axis=1))
-    rules: tuple[tuple[Array, str], ...] = (
+    rules = (
         ((parts.radii > 0).all(axis=1), "radii above 0"),
         (
             ((parts.exponents > 0) & (parts.exponents <= 2)).all(axis=1),
@@ -144,7 +144,7 @@ def _check(parts: Superquadrics, where: str) -> None:
         ),
     )
     for kept, expected in rules:
-        if not kept.all():
+        if not np.all(kept):
             name = parts.name[int(np.argmin(kept))]
             raise HandtrackError(f"{where}, superquadric '{name}': expected {expected}.")
 

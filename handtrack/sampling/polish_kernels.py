@@ -22,7 +22,8 @@ from handtrack.sampling.limited_step_kernels import (
 
 _REJECTIONS = 20  # trials at one linearisation before giving up
 _STEP = 1e-6  # [m, rad] of central differences
-_SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian
+_SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian …
+_NEAR = 0.3  # … where the gradient is no longer than this, in standard deviations
 _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
 
 
@@ -78,7 +79,7 @@ def polish_all(
             if norm[n] < tolerance or used == iterations:
                 break
             used += 1
-            if used > _SLOW and space.collided.sum() > 0:
+            if used > _SLOW and norm[n] < _NEAR and space.collided.sum() > 0:
                 _difference(problem, x, space, normal, curvature, right, goal, damped, compact)
             moved, newton, refused, tighten = False, True, False, 4.0
             for _ in range(_REJECTIONS):

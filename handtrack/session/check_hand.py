@@ -13,6 +13,7 @@ from handtrack.session.finding import Finding, listed
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
+    from handtrack.session.first_pose import FirstPose
     from handtrack.session.session import Session
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
@@ -28,8 +29,11 @@ def check_init(session: Session) -> Iterator[Finding]:
     if pose is None:
         yield Finding(
             "note",
-            "no init.json: tracking needs a first pose (`--init`, or set it in the workbench).",
+            "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench).",
         )
+        return
+    if pose.pixels:
+        yield from _check_pixels(session, pose)
         return
     if pose.xyz is None:
         yield Finding("ok", f"init.json: {len(pose.parameters)} parameters at frame {pose.frame}.")
@@ -43,6 +47,16 @@ def check_init(session: Session) -> Iterator[Finding]:
         yield Finding(
             "ok", f"init.json: {known} keypoints at frame {pose.frame}; they fit the cameras."
         )
+
+
+def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
+    strange = [name for name in pose.pixels if name not in session.camera_names]
+    if strange:
+        known = ", ".join(session.camera_names)
+        yield Finding("error", f"init.json: no camera '{strange[0]}' in this session; known: {known}.")
+        return
+    views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
+    yield Finding("ok", f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
 
 
 def check_truth(session: Session) -> Iterator[Finding]:

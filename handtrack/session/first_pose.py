@@ -19,16 +19,18 @@ _FORMS = (
     'expected {"frame": 0, "parameters": {"root_tx": 0.1, ...}} or {"frame": 0, '
     '"convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
 )
+_FLAT_FORM = '{"frame": 0, "convention": "openpose21", "unit": "px", "cameras": {"cam0": [[u, v], ... 21 rows]}}'
 _IN_IMAGE = ("uv", "xy", "pixels", "px", "image", "camera", "views")
 _LARGEST_HAND_M = 0.6
 _SMALLEST_HAND_M = 0.02
 _LARGEST_ANGLE = 2 * math.pi
 _FARTHEST_ROOT_M = 50.0
+_FEWEST_IN_IMAGE = 4
 
 
 @dataclass(frozen=True, eq=False)
 class FirstPose:
-    """A pose at one frame: either parameters or keypoints, the other is empty or None."""
+    """A pose at one frame: parameters, keypoints in space, or keypoints in images; the others are empty or None."""
 
     frame: int
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -37,6 +39,8 @@ class FirstPose:
     """(21, 3) world [m], NaN rows where unknown."""
     convention: str | None = None
     """order of the keypoints: openpose21."""
+    pixels: Mapping[str, Floats] = field(default_factory=dict)
+    """(21, 2) by camera, in the image as it was taken [px], NaN rows where unknown."""
 
 
 def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:
@@ -62,12 +66,15 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
             f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, from "
             "0."
         )
-    if "parameters" in data and "xyz" in data:
-        raise HandtrackError(f"{path}: both parameters and xyz; expected one of them.")
+    forms = [form for form in ("parameters", "xyz", "cameras") if form in data]
+    if len(forms) > 1:
+        raise HandtrackError(f"{path}: both {' and '.join(forms)}; expected one of them.")
     if "parameters" in data:
         return FirstPose(frame, _parameters(data["parameters"], parameter_names, path))
     if "xyz" in data:
         return _keypoints(data, frame, path)
+    if "cameras" in data:
+        return _in_images(data, frame, path)
     flat = [key for key in _IN_IMAGE if key in data]
     if flat:
         raise _two_dimensional(path, f"the key '{flat[0]}'")
@@ -77,12 +84,19 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
 def write_first_pose(path: Path, pose: FirstPose) -> None:
     """Write an init.json that reads back as the same pose."""
     data: dict[str, Any] = {"frame": pose.frame}
-    if pose.xyz is None:
+    if pose.pixels:
+        rows_of = {name: _written(pixels) for name, pixels in pose.pixels.items()}
+        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "px", "cameras": rows_of}
+    elif pose.xyz is None:
         data["parameters"] = dict(pose.parameters)
     else:
-        rows = [row.tolist() if np.isfinite(row).all() else None for row in pose.xyz]
+        rows = _written(pose.xyz)
         data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
     Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _written(points: Floats) -> list[list[float] | None]:
+    return [row.tolist() if np.isfinite(row).all() else None for row in points]
 
 
 def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str, float]:
@@ -106,11 +120,7 @@ def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str
 
 
 def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
-    convention, unit = data.get("convention"), data.get("unit")
-    if convention not in CONVENTIONS:
-        raise HandtrackError(
-            f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}."
-        )
+    convention, unit = _convention(data, path), data.get("unit")
     if unit != "m":
         hint = '; divide the coordinates by 1000 and write "m"' if unit == "mm" else ""
         raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
@@ -140,6 +150,55 @@ def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     return FirstPose(frame, {}, xyz, convention)
 
 
+def _convention(data: dict[str, Any], path: Path) -> str:
+    convention = data.get("convention")
+    if convention not in CONVENTIONS:
+        raise HandtrackError(
+            f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}."
+        )
+    return str(convention)
+
+
+def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
+    """Return keypoints of one or more cameras' images."""
+    convention, cameras = _convention(data, path), data["cameras"]
+    if data.get("unit") != "px":
+        raise HandtrackError(
+            f'{path}: unit = {json.dumps(data.get("unit"))}; points in images are in pixels: expected "px".'
+        )
+    if not isinstance(cameras, dict) or not cameras:
+        raise HandtrackError(
+            f"{path}: cameras = {cameras}; expected keypoints by camera: {_FLAT_FORM}."
+        )
+    pixels = {}
+    for name, rows in cameras.items():
+        if not isinstance(rows, list) or len(rows) != 21:
+            found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
+            raise HandtrackError(
+                f"{path}: camera '{name}' has {found}; expected 21 rows [u, v], null where unknown."
+            )
+        pixels[str(name)] = np.array([_pixel(row, i, name, path) for i, row in enumerate(rows)])
+    known = max(int(np.isfinite(p).all(axis=1).sum()) for p in pixels.values())
+    if known < _FEWEST_IN_IMAGE:
+        raise HandtrackError(
+            f"{path}: no camera has more than {known} of 21 keypoints; expected at least {_FEWEST_IN_IMAGE} in one."
+        )
+    return FirstPose(frame, {}, None, convention, pixels)
+
+
+def _pixel(row: Any, index: int, camera: str, path: Path) -> list[float]:
+    if row is None or row == [None] * 2:
+        return [math.nan] * 2
+    numbers = isinstance(row, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
+    )
+    if not numbers or len(row) != 2:
+        raise HandtrackError(
+            f"{path}: row {index} of camera '{camera}' is {row}; expected [u, v] in pixels, or null."
+        )
+    return [float(v) for v in row]
+
+
 def _row(row: Any, index: int, path: Path) -> list[float]:
     if row is None or row == [None] * 3:
         return [math.nan] * 3
@@ -155,8 +214,8 @@ def _row(row: Any, index: int, path: Path) -> list[float]:
 
 def _two_dimensional(path: Path, what: str) -> HandtrackError:
     return HandtrackError(
-        f"{path}: {what} looks like points in an image; a first pose needs points in space. "
-        f"Triangulate them from two cameras: {_FORMS}."
+        f"{path}: {what} looks like points in an image; say of which cameras: {_FLAT_FORM}. Or triangulate them: "
+        f"{_FORMS}."
     )
 
 

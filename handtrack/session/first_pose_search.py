@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import numpy as np
-
-from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
-from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.run import TrackingRun
 from handtrack.tracker.auto_start import Progress, StartCandidate, auto_start
-from handtrack.tracker.orientation_grid import turned_by
 from handtrack.tracker.result import Status
 
 SURE = 0.7
@@ -23,30 +18,6 @@ SURE = 0.7
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
 _SEEN_PX = 200  # mask pixels, or points, that may be a hand
-
-
-@dataclass(frozen=True, eq=False)
-class FirstPoseCandidate:
-    """A pose that tracking may start from."""
-
-    frame: int
-    params: Floats
-    """(P,) solver parameters of `model`"""
-    confidence: float
-    """0 to 1; those of one frame add up to 1 at most"""
-    note: str
-    """in words: how it fits, or how it differs from the surest"""
-    model: ArticulatedModel
-    """a whole hand of the size in use, with a forearm where one is seen"""
-    cost: float
-    """comparable among the candidates of one frame"""
-
-    @property
-    def first_pose(self) -> FirstPose:
-        """The pose as init.json holds it."""
-        joint = self.model.joint_params(self.params)
-        names = self.model.parameter_names
-        return FirstPose(self.frame, dict(zip(names, joint.tolist(), strict=True)))
 
 
 def find_first_poses(
@@ -128,25 +99,13 @@ def _found(
     rows = [
         FirstPoseCandidate(seen.frame, c.params, c.confidence, "", c.model, c.cost) for c in found
     ]
-    notes = [_fits(found[0]), *(_differs(found[0], other) for other in found[1:])]
+    notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
     return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
 
 
 def _fits(best: StartCandidate) -> str:
     arm = "with a forearm" if best.model.has_forearm else "no forearm in view"
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
-
-
-def _differs(best: StartCandidate, other: StartCandidate) -> str:
-    """Return in words how far a pose is from the best, and how much worse it fits."""
-    here, there = (c.result.keypoints21 for c in (best, other))
-    assert here is not None and there is not None
-    away = 1e3 * float(np.linalg.norm(here - there, axis=1).mean())
-    a, b = (rotation_matrix(c.result.parameters[3:6]) for c in (best, other))
-    turned = np.rad2deg(float(turned_by(a, b)))
-    way = f"turned by {turned:.0f}°" if turned > 30.0 else "fingers bent otherwise"
-    worse = other.cost / max(best.cost, 1e-12)
-    return f"{way}, joints {away:.0f} mm away on average; fits {worse:.1f} times worse"
 
 
 def _may_show_a_hand(seen: Observation) -> bool:

@@ -19,6 +19,8 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.image_first_pose import poses_from_images
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.session.session_file import dotted
@@ -26,6 +28,7 @@ from handtrack.tracker.hand_distance import hand_distance
 from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale, forearm_in_view
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
+from handtrack.tracker.sequence_path import chosen_sequence
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.size import refine_scale
 from handtrack.tracker.tracker import Tracker
@@ -58,12 +61,15 @@ class TrackingRun:
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
-        use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first pose's keypoints, then to the silhouettes of the frames
-        after it (`fit_size`); a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
+        use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first
+        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`); a forearm is modelled where
+        silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = TrackerSettings().with_values(dotted(session.file.tracking))
         settings = settings.with_values(overrides or {})
         first = first or (session.init if use_init else None)
+        if first is not None and first.pixels:
+            first = given_in_images(session, settings, first)[0].first_pose
         scale = _hand_scale(session, settings, first)
         forearm = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, forearm)
@@ -197,7 +203,7 @@ class TrackingRun:
 
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return the frames as one result, sorted, with where they came from."""
-        ordered = sorted(frames, key=lambda result: result.frame)
+        ordered = chosen_sequence(self.model, self.settings, list(frames))
         return TrackResult.from_frames(
             ordered,
             parameter_names=self.model.parameter_names,
@@ -210,6 +216,16 @@ class TrackingRun:
             settings=json.dumps(self.settings.flat(), sort_keys=True),
             version=_version(),
         )
+
+
+def given_in_images(
+    session: Session, settings: TrackerSettings, first: FirstPose
+) -> list[FirstPoseCandidate]:
+    """Return the poses in space that a first pose with joints in images may mean, the surest first."""
+    scale = _hand_scale(session, settings, None)
+    whole = _whole(_model(session, settings, scale, forearm=False))
+    seen = _seen(session, settings, first.frame)
+    return poses_from_images(session, settings, whole, first, seen)
 
 
 def _version() -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -199,16 +200,14 @@ def _saved(path: Path, image: Array) -> None:
 
 def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
     bones = [model.bones(model.transform.solver_params(params)) for params in joint]
-    keypoints = {}
+    arrays: dict[str, Any] = {
+        "joint_names": np.array(model.joint_names),
+        "joint_positions": np.stack([model.joint_positions(b) for b in bones]),
+        "time_s": np.arange(len(joint)) / what.fps,
+    }
     if model.has_keypoints21:
-        keypoints = {"keypoints21": np.stack([model.keypoints21(b) for b in bones])}
-    np.savez_compressed(
-        folder / layout.TRUTH_FILE,
-        **keypoints,
-        joint_names=np.array(model.joint_names),
-        joint_positions=np.stack([model.joint_positions(b) for b in bones]),
-        time_s=np.arange(len(joint)) / what.fps,
-    )
+        arrays = {"keypoints21": np.stack([model.keypoints21(b) for b in bones])} | arrays
+    np.savez_compressed(folder / layout.TRUTH_FILE, **arrays)
 
 
 def _write_init(

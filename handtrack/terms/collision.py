@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,13 +48,17 @@ class CollisionTerm:
         sigma_m: float = 0.01,
         slack_m: float = 0.01,
         weight: float = 1.0,
+        firm: float = 0.9,
     ) -> CollisionTerm:
-        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`."""
+        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`.
+
+        firm: the share of each radius that does not give way; thighs are pressed flatter than wrists.
+        """
         if flesh not in model.flesh:
             raise unknown_name(
                 "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
             )
-        chosen = model.flesh[flesh]
+        chosen = replace(model.flesh[flesh], radii=firm * model.flesh[flesh].radii)
         pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 

@@ -10,26 +10,22 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.solver.problem import Problem
-from handtrack.terms.priors import GaussianPrior
-from handtrack.terms.term import ParameterTerm
-from handtrack.tracker.cloud_start import cloud_start
 from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
-from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.settings import TrackerSettings
-from handtrack.tracker.silhouette_start import silhouette_start
 from handtrack.tracker.start_confidence import fit_quality, shares
+from handtrack.tracker.start_search import (
+    descended_in_rounds,
+    distinct,
+    narrowly_measured,
+    start_sources,
+)
 from handtrack.tracker.start_shapes import start_shapes
 from handtrack.tracker.tracker import Tracker
 
 _ROUNDS = ((48, 10), (16, 12))
 """how many starts enter each round of descent, and its iterations"""
 _FINALISTS = 5  # that descend as the tracker does
-_WIDE_M, _NARROW_M = 0.012, 0.004
-_SAME_M = 0.012  # mean distance between joints of poses that count as one
-_REST_SIGMA = np.deg2rad(50.0)
 
 Progress = Callable[[float, str], None]
 """called with the share that is done and what is being done"""
@@ -73,46 +69,10 @@ def auto_start(
         return []
     shapes = [shape for model in models for shape in start_shapes(model)]
     found = laid_everywhere(sources, shapes, _ROUNDS[0][0], stop)
-    for number, (most, iterations) in enumerate(_ROUNDS):
-        tell(0.4 + 0.2 * number, f"{min(most, len(found))} poses are tried")
-        found = [descended(sources, h, iterations) for h in _distinct(found, most) if not stop()]
+    tell(0.4, f"{len(found)} poses are tried")
+    found = descended_in_rounds(sources, found, _ROUNDS, stop)
     tell(0.8, "the best are fitted")
-    return _finished(sources, _distinct(found, _FINALISTS), settings, seen, stop)
-
-
-def start_sources(seen: Observation, settings: TrackerSettings) -> list[StartSource]:
-    """Return what a frame's cloud and silhouettes say about where a hand may be."""
-    sources: list[StartSource] = []
-    if seen.cloud is not None and settings.cloud.weight > 0:
-        cloud = cloud_start(seen.cloud.points, seen.cloud_views)
-        if cloud is not None:
-            sources.append(cloud)
-    if seen.silhouettes and settings.silhouettes.weight > 0:
-        outlines = silhouette_start(seen.silhouettes)
-        if outlines is not None:
-            sources.append(outlines)
-    return sources
-
-
-def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
-    """Return a pose let go of, with wide arms, and its cost there."""
-    summary = solve(
-        _problem(sources, laid, _WIDE_M), laid.params, SolverSettings(iterations=iterations)
-    )
-    there = replace(laid, params=summary.params)
-    return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
-
-
-def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
-    model = laid.shape.model
-    terms = [t for source in sources for t in source.terms(laid.shape, laid.params, band_m)]
-    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
-    sigma[:6] = np.inf
-    priors: list[ParameterTerm] = [GaussianPrior(model.rest, sigma, "rest")]
-    together = posture_prior(model, 1.0)
-    if together is not None:
-        priors.append(together)
-    return Problem(model, terms, priors)
+    return _finished(sources, distinct(found, _FINALISTS), settings, seen, stop)
 
 
 def _finished(
@@ -127,11 +87,11 @@ def _finished(
     done = [_fitted(sources, laid, plain, seen, stop) for laid in found if not stop()]
     if not done:
         return []
-    best, result = min(done, key=lambda pair: pair[0].cost)
+    best, _ = min(done, key=lambda pair: pair[0].cost)
     if settings.tracker.escape and not stop():
         done.append(_fitted(sources, best, settings, seen, stop))
     results = {id(laid): result for laid, result in done}
-    kept = _distinct([laid for laid, _ in done], _FINALISTS)
+    kept = distinct([laid for laid, _ in done], _FINALISTS)
     quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)
     share = shares(np.array([laid.cost for laid in kept]))
     return [
@@ -150,16 +110,4 @@ def _fitted(
     model = laid.shape.model
     result = Tracker(model, settings).step(seen, (), laid.params, stop)
     there = replace(laid, params=model.transform.solver_params(result.parameters))
-    return replace(there, cost=_problem(sources, there, _NARROW_M).cost(there.params)), result
-
-
-def _distinct(found: Sequence[Laid], most: int) -> list[Laid]:
-    """Return the best, each pose once."""
-    kept: list[tuple[Laid, Floats]] = []
-    for laid in sorted(found, key=lambda laid: laid.cost):
-        joints = laid.joints
-        if all(np.linalg.norm(joints - other, axis=1).mean() > _SAME_M for _, other in kept):
-            kept.append((laid, joints))
-        if len(kept) == most:
-            break
-    return [laid for laid, _ in kept]
+    return narrowly_measured(sources, there), result

@@ -50,8 +50,12 @@ class CloudStart:
         start = np.cumsum([0, *map(len, ways)]).astype(np.int64)
         return np.concatenate([*ways, np.zeros((0, 3))]), start
 
-    @cached_property
+    @property
     def places(self) -> Floats:
+        return self._places
+
+    @cached_property
+    def _places(self) -> Floats:
         """Return (M, 3) where a palm's middle may be: all over the cloud, the nearest to the cameras first."""
         sights = self._sights[0]
         away = -sights.mean(axis=0) if len(sights) else np.zeros(3)

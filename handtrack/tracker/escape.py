@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -27,23 +27,22 @@ def escape(
 ) -> Floats:
     """Return params (P,), or a pose with fingers elsewhere whose cost in `near` is clearly lower.
 
-    Each round tries the most promising single fingers, then all fingers shifted by one either way. far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
-    near: decides. descend: solves the frame from a start. Never returns a pose that costs more in `near`.
+    Each round tries all fingers shifted by one either way and the most promising single fingers, and keeps the best.
+    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to. near: decides. descend: solves the frame from a start. Never returns a pose that costs more in `near`.
     """
     cost = near.cost(params)
     for _ in range(_ROUNDS):
-        found = None
-        for start in (*_candidates(far, params), *_shifted(far.model, params)):
+        best, least = params, cost - _GAIN
+        for start in (*_shifted(far.model, params), *_candidates(far, params)):
             if should_stop is not None and should_stop():
                 return params
             trial = descend(start)
             trial_cost = near.cost(trial)
-            if trial_cost < cost - _GAIN:
-                found, cost = trial, trial_cost
-                break
-        if found is None:
+            if trial_cost < least:
+                best, least = trial, trial_cost
+        if best is params:
             return params
-        params = found
+        params, cost = best, least
     return params
 
 
@@ -60,9 +59,10 @@ def _candidates(far: Problem, params: Floats) -> list[Floats]:
 
 
 def _shifted(model: ArticulatedModel, params: Floats) -> list[Floats]:
-    """Return params with the palm moved sideways by a finger's breadth, either way (2004 paper, section 5.3).
+    """Return params with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
 
-    Every finger then stands where its neighbour was: the way out when all are one finger off.
+    The palm moves sideways by the distance of two knuckles, so that every finger stands where its neighbour was; once with
+    the fingers bent as they are, once each as that neighbour is: what was seen there then still has its finger.
     """
     if not {"index_mcp", "middle_mcp"} <= set(model.joint_names):
         return []
@@ -73,9 +73,21 @@ def _shifted(model: ArticulatedModel, params: Floats) -> list[Floats]:
     starts = []
     for side in (-1.0, 1.0):
         joint = model.joint_params(params)
-        joint[:3] += side * sideways
-        starts.append(model.clipped(model.transform.solver_params(joint)))
+        joint[:3] += side * sideways * (1.0 if model.side == "right" else -1.0)
+        for posture in (_handed_on(model, joint, side), joint):
+            starts.append(model.clipped(model.transform.solver_params(posture)))
     return starts
+
+
+def _handed_on(model: ArticulatedModel, joint: Floats, side: float) -> Floats:
+    """Return joint parameters (S,) in which each finger is bent as its neighbour was; side 1: on the little's side."""
+    four = FINGERS[1:] if side > 0 else FINGERS[:0:-1]
+    moved = joint.copy()
+    for finger, other in pairwise(four):
+        for bend in ("mcp_flex", "pip_flex", "dip_flex"):
+            at, there = (model.skeleton.parameter(f"{f}_{bend}") for f in (finger, other))
+            moved[at] = joint[there]
+    return moved
 
 
 def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterator[Floats]:

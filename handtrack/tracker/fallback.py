@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
 from handtrack.model.transform import ParameterTransform
 from handtrack.solver.covariance import joint_position_jacobian
-from handtrack.tracker.cloud_terms import SeenCloud, explained_share
+from handtrack.tracker.cloud_terms import SeenCloud
 from handtrack.tracker.initialize import carried_over
 from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.settings import TrackerSettings
@@ -47,6 +48,10 @@ class Agreement:
         """Return whether all joints would be too many; once it is so, the cloud must be clearly better to end it."""
         return self.share < (GOOD if before and is_simplified(before[-1]) else POOR)
 
+    def is_still_poor(self, before: Sequence[FrameResult]) -> bool:
+        """Return whether it was poor and has not become better: fingers are not worth looking for."""
+        return bool(before) and is_simplified(before[-1]) and self.share < POOR
+
     @property
     def note(self) -> str:
         return (
@@ -72,7 +77,11 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     surface = bones.to_world(term.bone[hand], term.local[hand])
     points = seen.prepared.points[:, : seen.prepared.count].T
     near = cKDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
-    return Agreement(explained_share(seen, model, bones, NEAR_M), float(near.mean()))
+    off = np.abs(MetaballSurface.of(model).distance(bones, np.ascontiguousarray(points)))
+    return Agreement(
+        explained=float(np.mean(off < NEAR_M)),
+        measured=float(near.mean()),
+    )
 
 
 def is_simplified(result: FrameResult) -> bool:
@@ -111,7 +120,9 @@ def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
         return held
 
     start = carried_over(model, model.transform.solver_params(joint), few)
-    return Simplified(few, start, whole, f"the palm alone is estimated ({kind}), the fingers are held")
+    return Simplified(
+        few, start, whole, f"the palm alone is estimated ({kind}), the fingers are held"
+    )
 
 
 def steadier(settings: TrackerSettings) -> TrackerSettings:

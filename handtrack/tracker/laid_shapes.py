@@ -66,14 +66,18 @@ def laid_everywhere(
     shapes: Sequence[StartShape],
     most: int,
     should_stop: Callable[[], bool],
+    within: tuple[Floats, float] | None = None,
 ) -> list[Laid]:
     """Return the shapes laid everywhere, the best first, at most `most`, none like a better one.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
-    of the sources is asked here: a cloud says more than silhouettes.
+    of the sources is asked here: a cloud says more than silhouettes. within: a point (3,) and a distance [m] from it beyond
+    which no palm is looked for.
     """
     source = sources[0]
     places, few = source.places, spread_rotations(_FEW_ROTATIONS)
+    if within is not None:
+        places = places[np.linalg.norm(places - within[0], axis=1) < within[1]]
     if not len(places):
         return []
     typical = [shape for shape in shapes if shape.is_typical]

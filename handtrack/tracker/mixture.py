@@ -9,7 +9,12 @@ import numpy as np
 
 from handtrack.arrays import Floats, Ints
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import (
+    left_jacobian,
+    rotation_matrix,
+    rotation_vector,
+    wrapped,
+)
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.sampling.chain_vote import chain_votes
@@ -18,9 +23,10 @@ from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.solver.covariance import covariance
+from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
-from handtrack.tracker.descent import Minima, minima
+from handtrack.tracker.descent import Minima, by_keypoints_alone, minima, stage_problem
 from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.motion_belief import MotionBelief
 from handtrack.tracker.settings import TrackerSettings
@@ -38,6 +44,8 @@ class MovingHypothesis(Hypothesis):
     """A hypothesis that knows how it moves."""
 
     belief: MotionBelief
+    seen: JointSystem
+    """what the frame alone costs here, to second order: observations, and its share of the static priors"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,8 @@ class _Proposals:
     """Minima found from one component in one way."""
 
     found: Minima
+    terms: FrameTerms
+    """without the pull to the expected pose"""
     parent: int
     origin: str
     belief: MotionBelief
@@ -85,7 +95,8 @@ class MixtureStep:
     ) -> Mixture:  # fmt: skip
         """Return the hypotheses of a first frame: the minimum near start (P,), and what its interpretation tree holds."""
         rng = self._rng(observation)
-        near = self._minima(terms, self._turned(start), should_stop)
+        descents = self.settings.mixture.descents
+        near = self._minima(terms, self._turned(start), 4, should_stop)
         best = near.params[int(np.argmin(near.cost))]
         found, eye = [near], _eye(observation)
         if eye is not None and self.chains:
@@ -99,11 +110,12 @@ class MixtureStep:
             spread = covariance(near.hessian[int(np.argmin(near.cost))])[0]
             around = covariance_scaled(best, spread, scale, draws, rng)
             starts = np.concatenate([starts, projected(self.model, around)])
-            found.append(self._minima(terms, starts, should_stop))
+            found.append(self._minima(terms, starts, descents, should_stop))
         still = MotionBelief.at_rest(best, np.eye(len(best)), self._speed())
         origins = ("start", "first tree")
         return self._weighed(
-            [_Proposals(f, -1, o, still, 0.0) for f, o in zip(found, origins, strict=False)], True
+            [_Proposals(f, terms, -1, o, still, 0.0) for f, o in zip(found, origins, strict=False)],
+            True,
         )
 
     def next(
@@ -121,27 +133,31 @@ class MixtureStep:
         rng = self._rng(observation)
         eye = _eye(observation)
         share = self.settings.mixture.jump_share if self.chains and eye is not None else 0.0
+        votes = [self._votes(component) for component in components]
+        leaves = self._leaves(components, votes, eye, rng) if share and eye is not None else {}
         proposals = []
         for i, component in enumerate(components):
             terms = _pulled(self.model, component.terms, component.belief, ())
-            found = self._minima(terms, component.belief.mean[None], should_stop)
+            # where a limb passes through the image plane, its flips are near enough to need no jump
+            nearby = [starts for (at, _), starts in leaves.items() if at == i]
+            starts = np.concatenate([component.belief.mean[None], *nearby])
+            most = max(self.settings.mixture.descents // len(components), 2)
+            found = self._minima(terms, starts, most, should_stop)
             log = np.log1p(-share) + np.log(max(component.weight, _WEIGHTLESS))
             log += _log_normal(component.belief.place_covariance)
-            proposals.append(_Proposals(found, i, "followed", component.belief, float(log)))
-        if share:
-            assert eye is not None
-            votes = [
-                chain_votes(
-                    self.model, c.belief.mean, c.belief.place_covariance, [r.chain for r in self.chains]
-                )
-                for c in components
-            ]
-            for (i, c), starts in self._leaves(components, votes, eye, rng).items():
-                log = np.log(share * max(votes[i][c], _WEIGHTLESS))
-                proposals.append(
-                    self._jumped(components[i], i, self.chains[c], starts, float(log), should_stop)
-                )
+            proposals.append(
+                _Proposals(found, component.terms, i, "followed", component.belief, float(log))
+            )
+        for (i, c), starts in leaves.items():
+            log = float(np.log(share * max(votes[i][c], _WEIGHTLESS)))
+            proposals.append(
+                self._jumped(components[i], i, self.chains[c], starts, log, should_stop)
+            )
         return self._weighed(proposals, False)
+
+    def _votes(self, component: Component) -> Floats:
+        belief, chains = component.belief, [ready.chain for ready in self.chains]
+        return chain_votes(self.model, belief.mean, belief.place_covariance, chains)
 
     def _turned(self, start: Floats) -> Floats:
         """Return (4, P) the start, and turned by quarters about the root's own y axis: who stands may face anywhere."""
@@ -171,11 +187,13 @@ class MixtureStep:
         targets = _of(self.model, seen)
         weights = np.array([component.weight for component in components])
         leaves: dict[tuple[int, int], list[Floats]] = {}
-        for i in _drawn(weights / weights.sum(), self.settings.mixture.draws, rng):
+        mixture = self.settings.mixture
+        quick = by_keypoints_alone(components[0].terms)
+        draws = mixture.draws if quick else min(mixture.draws, mixture.descents)
+        for i in _drawn(weights / weights.sum(), draws, rng):
             belief = components[i].belief
             c = int(rng.choice(len(self.chains), p=votes[i]))
-            scale = self.settings.mixture.scale
-            sample = covariance_scaled(belief.mean, belief.place_covariance, scale, 1, rng)
+            sample = covariance_scaled(belief.mean, belief.place_covariance, mixture.scale, 1, rng)
             sample = projected(self.model, sample)[0]
             tree = interpretation_tree(
                 self.model, sample, [self.chains[c]], camera, targets, _TREE, rng
@@ -198,7 +216,7 @@ class MixtureStep:
         low, high = self.model.bounds(component.belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
         terms = _pulled(self.model, component.terms, component.belief, columns)
-        found = self._minima(terms, starts, should_stop)
+        found = self._minima(terms, starts, 1, should_stop)
         others = np.setdiff1d(np.arange(self._size), columns)
         known = component.belief.place_covariance[np.ix_(others, others)]
         log = log_share + np.log(max(component.weight, _WEIGHTLESS)) + _log_normal(known)
@@ -206,12 +224,12 @@ class MixtureStep:
         spread = np.zeros(self._size)
         spread[columns] = ranges / np.sqrt(12.0)
         belief = component.belief.released(columns, spread, self._speed())
-        return _Proposals(found, parent, f"{ready.chain.name} jumped", belief, float(log))
+        origin = f"{ready.chain.name} jumped"
+        return _Proposals(found, component.terms, parent, origin, belief, float(log))
 
     def _minima(
-        self, terms: FrameTerms, starts: Floats, should_stop: Callable[[], bool] | None
+        self, terms: FrameTerms, starts: Floats, most: int, should_stop: Callable[[], bool] | None
     ) -> Minima:
-        most = self.settings.mixture.descents
         return minima(self.model, self.settings.solver, terms, starts, most, should_stop)
 
     def _weighed(self, proposals: Sequence[_Proposals], is_first: bool) -> Mixture:
@@ -228,10 +246,14 @@ class MixtureStep:
         log = prior[source] - cost
         if not is_first:
             log -= 0.5 * np.linalg.slogdet(hessian)[1] - 0.5 * self._size * np.log(2.0 * np.pi)
-        known: Ints = np.flatnonzero(np.isfinite(log))
+        known = np.asarray(np.flatnonzero(np.isfinite(log)), dtype=int)
         assert len(known), "every start led behind the camera"
-        kept = known[distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))]
-        kept = kept[self._apart(params[kept])]
+        kept = known[
+            distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))
+        ]
+        quick = by_keypoints_alone(proposals[0].terms)
+        most = self.settings.mixture.carried if quick else 0
+        kept = [int(row) for row in kept[self._apart(params[kept], most)]]
         weights = np.exp(log[kept] - log[kept].max())
         weights /= weights.sum()
         hypotheses = []
@@ -243,30 +265,36 @@ class MixtureStep:
                 if is_first
                 else via.belief.updated(params[row], spread)
             )
-            hypotheses.append(
-                MovingHypothesis(
-                    params[row], float(cost[row]), spread, float(weight), via.origin, belief
-                )
-            )
+            terms = _without_memory(via.terms)
+            seen = stage_problem(self.model, terms, terms.stages - 1, params[row])
+            found = MovingHypothesis(
+                params[row], float(cost[row]), spread, float(weight), via.origin, belief,
+                seen.linearize(params[row]),
+            )  # fmt: skip
+            hypotheses.append(_unwound(found))
         return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
 
-    def _apart(self, params: Floats) -> Ints:
-        """Return the first rows of params (N, P) whose shapes differ: what nearly looks like a heavier one is no alternative.
+    def _apart(self, params: Floats, carried: int) -> Ints:
+        """Return the rows of params (N, P), heaviest first, that are carried on.
 
-        The difference is the mean over the joints' distances, the root's place apart.
+        First come those to be shown, which differ in shape (the mean over the joints' distances, the root's place apart):
+        what nearly looks like a heavier one is no alternative yet. Then the heaviest of the others: where a limb passes
+        through the image plane, alternatives begin as small differences.
         """
         limit = 1e-3 * self.settings.mixture.apart_mm
+        shown = self.settings.tracker.hypotheses
         kept: list[int] = []
         shapes: list[Floats] = []
         for row, pose in enumerate(params):
-            if len(kept) == self.settings.tracker.hypotheses:
+            if len(kept) == shown:
                 break
             bones = self.model.bones(pose)
             shape = self.model.joint_positions(bones) - bones.reference
             if all(np.linalg.norm(shape - s, axis=1).mean() >= limit for s in shapes):
                 kept.append(row)
                 shapes.append(shape)
-        return np.array(kept, dtype=int)
+        others = np.setdiff1d(np.arange(len(params)), kept)
+        return np.array([*kept, *others[: max(carried - len(kept), 0)]], dtype=int)
 
     @property
     def _size(self) -> int:
@@ -281,6 +309,26 @@ class MixtureStep:
         return np.random.default_rng([self.settings.mixture.seed, observation.frame])
 
 
+def _unwound(hypothesis: MovingHypothesis) -> MovingHypothesis:
+    """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
+    turn = hypothesis.params[3:6]
+    if float(np.linalg.norm(turn)) <= np.pi:
+        return hypothesis
+    params = hypothesis.params.copy()
+    params[3:6] = wrapped(turn)
+    change = np.eye(len(params))
+    change[3:6, 3:6] = np.linalg.solve(left_jacobian(params[3:6]), left_jacobian(turn))
+    back = np.linalg.inv(change)
+    seen = hypothesis.seen
+    return replace(
+        hypothesis,
+        params=params,
+        covariance=change @ hypothesis.covariance @ change.T,
+        belief=hypothesis.belief.recharted(params, change),
+        seen=JointSystem(seen.cost, back.T @ seen.gradient, back.T @ seen.hessian @ back),
+    )
+
+
 def _pulled(
     model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints
 ) -> FrameTerms:
@@ -292,7 +340,12 @@ def _pulled(
     back = np.linalg.pinv(model.transform.matrix)
     information = back.T @ (0.5 * (information + information.T)) @ back
     prior = BellPrior(model.joint_params(belief.mean), information)
-    return replace(terms, priors=(*map(_shared_out, terms.priors), prior))
+    return replace(terms, priors=(*_without_memory(terms).priors, prior))
+
+
+def _without_memory(terms: FrameTerms) -> FrameTerms:
+    """Return the terms with the static priors as one frame of many counts them."""
+    return replace(terms, priors=tuple(map(_shared_out, terms.priors)))
 
 
 def _shared_out(prior: ParameterTerm) -> ParameterTerm:

@@ -16,12 +16,16 @@ class MixtureSettings:
     jump_share: float = 0.1
     """how probable it is that a hypothesis jumps between two frames"""
     descents: int = 12
-    """of the samples of one frame, those that are optimised, best first; keypoints alone: all of them are"""
-    merge_deg: float = 5.7
+    """samples a frame that are optimised, where it is not by keypoints alone: then all are"""
+    carried: int = 20
+    """hypotheses carried in all: `tracker.hypotheses` that differ, and the heaviest of those that do not yet; keypoints
+    alone: anything else takes too long"""
+    merge_deg: float = 2.0
     """two minima closer than this, root mean square over all angles, are one"""
-    apart_mm: float = 0.0
-    """hypotheses that are carried differ by at least this, mean over the joints relative to the root"""
+    apart_mm: float = 40.0
+    """`tracker.hypotheses` differ from each other by at least this, mean over the joints relative to the root"""
     seed: int = 0
     """another one gives other samples; the same gives the same result"""
     sequence: str = "best"
-    """`best`: of each frame the best hypothesis; `path`: the best path through all frames; `smooth`: that path smoothed"""
+    """`best`: of each frame the best hypothesis; `path`: those that the last frame's best descends from; `smooth`: that
+    path smoothed"""

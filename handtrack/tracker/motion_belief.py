@@ -70,6 +70,13 @@ class MotionBelief:
         velocity = self.velocity + gain @ (mean - self.mean)
         return MotionBelief(mean, velocity, 0.5 * (whole + whole.T))
 
+    def recharted(self, mean: Floats, change: Floats) -> MotionBelief:
+        """Return the same belief in other coordinates, in which the place is mean (P,) and d new = change (P, P) d old."""
+        count = len(mean)
+        both = np.zeros_like(self.covariance)
+        both[:count, :count] = both[count:, count:] = change
+        return MotionBelief(mean, change @ self.velocity, both @ self.covariance @ both.T)
+
     def released(self, columns: Ints, spread: Floats, speed: Floats) -> MotionBelief:
         """Return the belief in which some parameters may be anywhere: spread and speed (P,), standard deviations."""
         count = len(self.mean)

@@ -40,8 +40,12 @@ class SilhouetteStart:
     """at about 3.5 mm a pixel at the hand's distance"""
     hull: VisualHull
 
-    @cached_property
+    @property
     def places(self) -> Floats:
+        return self._places
+
+    @cached_property
+    def _places(self) -> Floats:
         """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
         deep = self.hull.depth > min(_PALM_DEEP_M, 0.5 * float(self.hull.depth.max(initial=0.0)))
         order = np.argsort(-self.hull.depth[deep], kind="stable")

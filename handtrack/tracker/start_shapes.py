@@ -72,7 +72,14 @@ class StartShape:
 def start_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[StartShape]:
     """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
     bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
-    return [_shape(model, posture, np.deg2rad(bend)) for posture in postures for bend in bends]
+    shapes = []
+    for posture in postures:
+        joint = named_pose(model, posture)
+        for bend in bends:
+            if model.has_forearm:
+                joint[model.parameter_names.index("wrist_flex")] = np.deg2rad(bend)
+            shapes.append(shape_of(model, joint, posture))
+    return shapes
 
 
 def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
@@ -82,10 +89,10 @@ def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
     return wrist + _MIDDLE * (knuckle - wrist)
 
 
-def _shape(model: ArticulatedModel, posture: str, bend: float) -> StartShape:
-    joint = named_pose(model, posture)
-    if model.has_forearm:
-        joint[model.parameter_names.index("wrist_flex")] = bend
+def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape:
+    """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
+    joint = joint.copy()
+    joint[:6] = 0.0
     params = model.clipped(model.transform.solver_params(joint))
     bones = model.bones(params)
     middle = palm_middle(model, params)

@@ -20,11 +20,19 @@ from handtrack.solver.problem import Problem
 from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
-from handtrack.tracker.fallback import Agreement, agreement, in_whole, is_simplified, simplified, steadier
+from handtrack.tracker.fallback import (
+    Agreement,
+    agreement,
+    in_whole,
+    is_simplified,
+    simplified,
+    steadier,
+)
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
 from handtrack.tracker.mixture import Component, MixtureStep, MovingHypothesis
 from handtrack.tracker.prediction import predict
+from handtrack.tracker.restart import recovered
 from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.settings import TrackerSettings
 
@@ -56,6 +64,34 @@ class Tracker:
         before: what was seen of one of those frames, the latest that was not lost; the model's texture is carried
         from it, and from `given`, the frame with which tracking started.
         """
+        result = self._solved_step(
+            observation, previous, start, should_stop, on_iteration, before, given
+        )
+        chosen = self.settings.tracker
+        if not chosen.jumps or chosen.hypotheses > 1 or not previous:
+            return result
+        plain = replace(self.settings, tracker=replace(chosen, jumps=False))
+        return recovered(
+            self.model,
+            plain,
+            observation,
+            result,
+            previous,
+            lambda x: Tracker(self.model, plain).step(observation, (), x, should_stop),
+            should_stop,
+        )
+
+    def _solved_step(
+        self,
+        observation: Observation,
+        previous: Sequence[FrameResult],
+        start: Floats | None,
+        should_stop: Callable[[], bool] | None,
+        on_iteration: Watch | None,
+        before: Observation | None,
+        given: Before | None,
+    ) -> FrameResult:
+        """Return the pose that descent reaches from where the hand is expected, or from `start`."""
         expected = self._expected(observation.frame, previous)
         first = start is not None
         if start is None:
@@ -81,7 +117,9 @@ class Tracker:
         if self.settings.tracker.hypotheses > 1:
             return self._mixed(observation, terms, params, previous, solved, should_stop)
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
-        if self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
+        poor = self._poor(terms, summary.params, previous)
+        worth = poor is None or not poor.is_still_poor(previous)
+        if worth and self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
             free = terms.without_motion()
             found = escape(
                 self._problem(free, 0, summary.params),
@@ -93,7 +131,7 @@ class Tracker:
             if found is not summary.params:
                 summary, problem, more = self._descend(free, found, should_stop, on_iteration)
                 count += more
-        poor = self._poor(terms, summary.params, previous)
+                poor = self._poor(terms, summary.params, previous)
         if poor is not None:
             held = self.model.joint_params(params)
             return self._simplified(observation, poor, held, previous, should_stop, on_iteration)

@@ -38,7 +38,7 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     if not seen:
         return VisualHull(np.zeros((0, 3)), np.zeros(0), _FINE_M)
-    outside = [distance_transform_edt(s.mask <= 0.5) for s in seen]
+    outside: list[Floats] = [np.asarray(distance_transform_edt(s.mask <= 0.5)) for s in seen]
     cameras = [s.camera for s in seen]
     middle = _meeting_point(seen)
     axis = np.arange(-_REACH_M, _REACH_M + 0.5 * _COARSE_M, _COARSE_M)

@@ -50,7 +50,10 @@ LINES: dict[str, Words] = {
     "no frames": Words("track {s} --frames 3:3", ["--frames 3:3", "expected A < B"]),
     "frames as text": Words("track {s} --frames all", ["--frames all", "expected A:B"]),
     "negative frames": Words("track {s} --frames=-2:3", ["--frames -2:3", "expected A:B"]),
-    "not yet": Words("track {s} --use silhouettes,edges", ["--use edges", "this version", "keypoints"]),
+    "edges without images": Words(
+        "track {s} --use silhouettes,edges", ["--use silhouettes,edges", "session.toml", "no camera has images"]
+    ),
+    "intensity without images": Words("track {s} --use intensity", ["no intensity", "no camera has images"]),
     "use": Words("track {s} --use shadows", ["--use shadows", "known: silhouettes, cloud"]),
     "use what is not there": Words("track {s} --use cloud", ["--use cloud", "session.toml", "no table [clouds]"]),
     "use nothing": Words("track {s} --use ,", ["--use ','", "expected names"]),

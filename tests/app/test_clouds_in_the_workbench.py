@@ -19,6 +19,7 @@ from handtrack.model.model_file import load_model
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app import messages as m
 from handtrack_app.cloud_desk import changed_clouds
+from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.opening import open_document
 from handtrack_app.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.scene.palette import residual_colours
@@ -44,7 +45,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     worker.stop()
 
 
-def count(cloud: m.CloudSnapshot, name: str) -> m.FilterCount:
+def count(cloud: m.CloudSnapshot, name: str) -> FilterCount:
     return next(c for c in cloud.counts if c.name == name)
 
 
@@ -187,7 +188,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
     listener.wait(m.Notice, lambda n: n.title == "Tracking finished", 60.0)
     strip = [s for s in listener.seen if isinstance(s, m.StripSnapshot)][-1]
     assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
-    total = sum(np.nan_to_num(part) for part in strip.terms.values())
+    total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
     worker.stop()
     again = Listener()
@@ -266,6 +267,7 @@ def test_another_model_takes_the_hands_place(page: Workbench) -> None:
         eventually(
             lambda: set(page.layout.pose.sliders) == set(page.state.names), "and its sliders"
         )
+        eventually(lambda: len(page.state.values) == len(page.state.names), "and its pose")
         version = page.state.version
         with WireClient(page.port) as client:
             client.set_value(page.layout.pose.sliders["root_tx"], 5.0 + place)

@@ -84,7 +84,10 @@ def test_millimetres_are_noticed(cloud, tmp_path):
     write_cloud(tmp_path / "0.ply", PointCloud(cloud.points * 60))
     (text,) = read_cloud(tmp_path / "0.ply").warnings
     assert "are spread over" in text
-    assert "Are they millimetres? Then set world_unit_m = 0.001 in [session], if calibration.toml" in text
+    assert (
+        "Are they millimetres? Then set world_unit_m = 0.001 in [session], if calibration.toml"
+        in text
+    )
     assert read_cloud(tmp_path / "0.ply", 0.001).warnings == ()
 
 

@@ -122,6 +122,20 @@ def test_the_chain_reports_every_step(rng):
     assert np.array_equal(left.points, again.points)
 
 
+def test_each_points_fate_is_the_filter_that_dropped_it(rng):
+    near, far = patch(rng, (0, 0, 0.5), 3_000), patch(rng, (0, 0, 3.0))
+    cloud = PointCloud(np.vstack([near, far]))
+    chain = CloudFilters(max_points=None)
+    fate, reports = chain.fates(cloud, eyes=EYE)
+    assert (fate[len(near) :] == 0).all()
+    assert (fate[: len(near)] > 0).all()
+    assert [int((fate == k).sum()) for k in range(len(reports))] == [
+        r.before - r.after for r in reports
+    ]
+    left, _ = chain.apply(cloud, eyes=EYE)
+    assert np.array_equal(left.points, cloud.points[fate == len(reports)])
+
+
 def test_without_hand_and_cameras_their_filters_are_left_out():
     _, reports = CloudFilters(component="nearest").apply(EMPTY)
     assert [r.name for r in reports] == ["voxel", "outliers", "most"]

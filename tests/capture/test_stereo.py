@@ -8,7 +8,14 @@ import pytest
 
 from handtrack.capture.calibration import read_rig
 from handtrack.capture.correlation import correlate
-from handtrack.capture.disparity import StereoSettings, consistent, disparity, without_speckles
+from handtrack.capture.disparity import (
+    REJECTED,
+    StereoSettings,
+    consistent,
+    disparity,
+    matches,
+    without_speckles,
+)
 from handtrack.capture.rectification import rectified
 from handtrack.capture.stereo import StereoMatcher
 from handtrack.capture.stereo_check import check_pair
@@ -139,6 +146,22 @@ def test_negative_disparities_can_be_searched(method, texture):
     found = disparity(left, right, -12, 4, StereoSettings(method))
     assert np.isfinite(found).mean() > 0.8
     assert np.nanmedian(found) == pytest.approx(-5, abs=0.05)
+
+
+def test_what_is_thrown_away_has_its_reason(texture):
+    left = texture[:120, 100:400].copy()
+    right = texture[:120, 109:409].copy()  # left x is right x - 9
+    left[:40, 100:200] = right[:40, 91:191] = 90  # nothing to match
+    right[80:, 150:230] = texture[300:340, 500:580]  # seen by the right camera alone
+    found = matches(left, right, 0, 31, StereoSettings())
+    assert np.array_equal(
+        found.disparity, disparity(left, right, 0, 31, StereoSettings()), equal_nan=True
+    )
+    assert not (np.isfinite(found.disparity) & (found.rejected > 0)).any()
+    blank, unseen = found.rejected[10:30, 115:185], found.rejected[90:110, 170:220]
+    assert (blank == REJECTED.index("no contrast")).all()
+    assert (unseen == REJECTED.index("left and right disagree")).mean() > 0.3
+    assert (found.rejected[50:70, 40:260] == 0).mean() > 0.95
 
 
 def test_left_right_check_and_speckles():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.articulated import FINGERS, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale, write_scale
 
 NAMES = (
@@ -132,6 +132,16 @@ def test_spread_shrinks_as_the_knuckle_bends():
     straight, bent = np.zeros(26), np.zeros(26)
     bent[flex] = np.deg2rad(90)
     assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])
+
+
+def test_narrowing_can_be_switched_off():
+    """A person's fingers may spread when bent as well."""
+    model = load_model(narrowing=False)
+    for bend in (0.0, 1.5):
+        params = model.rest_params()
+        for finger in FINGERS[1:]:
+            params[model.parameter_names.index(f"{finger}_mcp_flex")] = bend
+        np.testing.assert_array_equal(model.bounds(params), model.limits.interval)
 
 
 def test_errors_name_what_exists():

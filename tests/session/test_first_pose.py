@@ -66,7 +66,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "all unknown": ({"xyz": [None] * 21}, "only 0 of 21 keypoints are known; expected at least 3"),
     "two coordinates": (
         {"xyz": [row[:2] for row in XYZ]},
-        "row 0 of xyz looks like points in an im.*Trian",
+        "row 0 of xyz looks like points in an im.*riang",
     ),
     "image keypoints": (
         {"xyz": None, "uv": [[1, 2]]},

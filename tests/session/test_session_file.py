@@ -40,7 +40,13 @@ def test_what_is_written_reads_back(file: SessionFile, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "clouds", [CloudSettings(files="c/*.npz"), CloudSettings(depth=("kinect",))]
+    "clouds",
+    [
+        CloudSettings(files="c/*.npz"),
+        CloudSettings(depth=("kinect",)),
+        CloudSettings(files="c/*", crop_m=False, outlier_neighbours=False, near_m=False, far_m=2.0),
+        CloudSettings(stereo=(("cam0", "cam1"),), stereo_window_px=9, stereo_left_right_px=0.5),
+    ],
 )
 def test_every_source_of_clouds(clouds: CloudSettings, tmp_path: Path) -> None:
     file = SessionFile(FULL.session, FULL.hand, FULL.cameras, clouds)

@@ -16,7 +16,7 @@ from handtrack.session.tables import EXPORTS, read_npz, write_npz, write_result
 from handtrack.session.truth import read_truth
 from handtrack.session.versions import versions
 from handtrack.tracker.result import TrackResult
-from tests.sample_track import PARAMETERS, sample_track
+from tests.sample_track import PARAMETERS, sample_track, stacked
 
 
 def assert_same(one: TrackResult, other: TrackResult) -> None:
@@ -46,6 +46,19 @@ def test_a_result_without_keypoints_comes_back(rng, tmp_path):
     track = replace(sample_track(rng), keypoints21=None)
     write_npz(tmp_path / "poses.npz", track)
     assert read_npz(tmp_path / "poses.npz").keypoints21 is None
+
+
+def test_the_energys_parts_come_back(rng, tmp_path):
+    first, second = sample_track(rng).frames()[:2]
+    track = stacked(
+        [replace(first, energies={"rest": 1.5}), replace(second, energies={"cloud": 2})]
+    )
+    write_npz(tmp_path / "poses.npz", track)
+    back = read_npz(tmp_path / "poses.npz")
+    assert back.energy_names == ("rest", "cloud")
+    np.testing.assert_array_equal(back.energies, [[1.5, np.nan], [np.nan, 2.0]])
+    assert [frame.energies for frame in back.frames()] == [{"rest": 1.5}, {"cloud": 2.0}]
+    assert back.between(range(second.frame, second.frame + 1)).energies.shape == (1, 2)
 
 
 def test_the_file_holds_exactly_the_contracts_keys(rng, tmp_path):

@@ -29,9 +29,9 @@ def texture_image(rng, camera: Camera, smooth_px: float = 3.0):
     return np.clip(128 + 60 * spots / spots.std(), 0, 255).astype(np.uint8)
 
 
-def scene(rng, cameras=2, size=(200, 160), focal=330.0):
+def scene(rng, cameras=2, size=(200, 160), focal=330.0, parts=10):
     """Return bones, flesh, mesh, cameras with an image each."""
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, parts)
     views = [camera_of(rng, size, focal=focal, name=f"cam{i}") for i in range(cameras)]
     return bones, flesh, ellipsoid_mesh(flesh), [(view, texture_image(rng, view)) for view in views]
 

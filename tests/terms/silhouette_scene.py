@@ -72,7 +72,7 @@ def silhouettes_of(rng, count=3, full=False, **camera):
 
 def assert_same_system(ours, other, tolerance=1e-9):
     """Fail unless cost, gradient and Hessian agree, relative to their largest numbers."""
-    assert abs(ours.cost - other.cost) <= tolerance * max(other.cost, 1e-12)
+    assert abs(ours.cost - other.cost) <= tolerance * max(abs(other.cost), 1e-12)
     for a, b in ((ours.gradient, other.gradient), (ours.hessian, other.hessian)):
         assert np.isfinite(a).all()
         np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(np.abs(b).max(), 1e-12))

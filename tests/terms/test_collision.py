@@ -99,13 +99,23 @@ def test_neighbours_and_what_touches_at_rest_do_not_collide():
 def test_an_arm_through_the_chest_is_pushed_out():
     body = load_model("body34")
     start = body.rest_params()
-    for name, degrees in (("left_shoulder_abd", 20), ("left_shoulder_flex", 70)):
-        start[body.skeleton.parameter(name)] = np.deg2rad(degrees)
+    turned = {"shoulder_abd": 20, "shoulder_flex": 70, "shoulder_twist": -130, "elbow_flex": 100}
+    for name, degrees in turned.items():
+        start[body.skeleton.parameter(f"left_{name}")] = np.deg2rad(degrees)
     term = CollisionTerm.of(body)
     assert term.depths(body.bones(start)).max() > 0.03
     priors = body_priors(body)
     solved = solve(Problem(body, priors.bones, priors.joints), start)
     assert term.depths(body.bones(solved.params)).max() < 0.02
+
+
+def test_flesh_gives_way_by_a_share_of_its_thickness():
+    body = load_model("body34")
+    hard, soft = CollisionTerm.of(body, firm=1.0), CollisionTerm.of(body, firm=0.8)
+    np.testing.assert_allclose(soft.flesh.radii, 0.8 * hard.flesh.radii)
+    np.testing.assert_array_equal(hard.flesh.radii, body.flesh["metaballs"].radii)
+    crossed = body.params_from({"left_hip_abd": -0.4, "right_hip_abd": -0.1})
+    assert soft.cost(body.bones(crossed)) < hard.cost(body.bones(crossed))
 
 
 def test_a_hand_may_have_the_term_too():

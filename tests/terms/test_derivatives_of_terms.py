@@ -10,7 +10,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.solver.problem import Problem
 from handtrack.terms.carried_texture import CarriedTextureTerm
-from handtrack.terms.collision import CollisionTerm
+from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
@@ -103,7 +103,8 @@ def test_collision(rng):
         bent |= {f"{side}_shoulder_flex": 70, f"{side}_elbow_flex": 60, f"{side}_hip_flex": 110}
     joint = body.params_from({name: np.deg2rad(angle) for name, angle in bent.items()})
     joint[6:] += rng.normal(scale=0.05, size=len(joint) - 6)
-    term = CollisionTerm.of(body, slack_m=0.003)
+    flesh = body.flesh["metaballs"]
+    term = CollisionTerm(flesh, colliding_pairs(body, flesh), slack_m=0.003)
     bones = body.bones(joint)
     assert (term.depths(bones) > term.slack_m).sum() >= 3
     check_observation_term(term, bones, body.skeleton.bone_names)

@@ -1,4 +1,4 @@
-"""`--init auto`: the first pose is looked for, and how sure it is gets told."""
+"""First poses that leave something open: looked for by `--init auto`, or joints in images; how sure they are gets told."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from handtrack.session.first_pose import FirstPose
-from handtrack.session.first_pose_search import (
-    SURE,
-    FirstPoseCandidate,
-    find_first_poses,
-    no_hand_found,
-)
-from handtrack.session.run import TrackingRun
+from handtrack.session.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose_search import SURE, find_first_poses, no_hand_found
+from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
+from handtrack.tracker.settings import TrackerSettings
 from handtrack_app.commands.progress import Stop, say
 
 
@@ -28,6 +25,16 @@ def found_first_pose(
         return None
     if not found:
         raise no_hand_found(run)
+    for line in told(found):
+        say(line)
+    return found[0].first_pose
+
+
+def first_pose_of_images(
+    session: Session, settings: TrackerSettings, first: FirstPose
+) -> FirstPose:
+    """Return the likeliest pose that joints in images mean, and tell the others."""
+    found = given_in_images(session, settings, first)
     for line in told(found):
         say(line)
     return found[0].first_pose

@@ -21,7 +21,7 @@ from handtrack.session.tables import write_result
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.settings import TrackerSettings
-from handtrack_app.commands.auto_init import found_first_pose
+from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
 from handtrack_app.commands.compiling import compiling_told
 from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
 from handtrack_app.commands.track_options import (
@@ -54,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     with stoppable() as stop, compiling_told():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
+        elif (given := first or session.init) is not None and given.pixels:
+            first = first_pose_of_images(session, settings, given)
         run_ = None if stop() else _opened(session, overrides, first, fits, stop)
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")

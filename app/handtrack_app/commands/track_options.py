@@ -74,7 +74,8 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
         raise HandtrackError(
             f"{session.folder}: nothing to track by: no camera has masks, and there are no [clouds]. Give at least one "
             f'[[camera]] in {SESSION_FILE} `masks`: files such as "masks/cam0/*.png", or a method such as '
-            '{ method = "skin_ycrcb" } where there are images; or a table [clouds] where there is depth or stereo.'
+            '{ method = "skin_ycrcb" } where there are images; or a table [clouds] where there is depth or stereo; '
+            "or track by the images themselves, with --use edges,intensity."
         )
     weights = (settings.silhouettes.weight * masks, settings.cloud.weight * clouds)
     if not any(weights) and not by_images and settings.keypoints.weight == 0:

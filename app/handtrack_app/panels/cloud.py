@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack_app.messages import (
+from handtrack_app.cloud_messages import (
     CloudCard,
     CloudPicture,
     CloudSnapshot,

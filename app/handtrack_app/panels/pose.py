@@ -19,6 +19,7 @@ from handtrack_app.messages import (
     TakePose,
     Track,
 )
+from handtrack_app.panels.guesses import GuessesPanel
 from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page, number
 from handtrack_app.scene.palette import FINGER_COLOURS, LIMB_COLOURS, STATUS, limb_of
@@ -73,6 +74,7 @@ class PosePanel:
     page: Page
     tab: viser.GuiTabHandle
     nudges: NudgePanel
+    guesses: GuessesPanel
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
@@ -97,6 +99,7 @@ class PosePanel:
                 "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
+            self.guesses.build()
             self.nudges.build()
         fit.on_click(page.from_user(lambda _: self._fit()))
         self.edit_buttons.on_click(

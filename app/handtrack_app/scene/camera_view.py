@@ -99,17 +99,19 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:
             view.frusta[name].image = image
 
 
-def place_screen(view: CameraRigView, camera: str | None, hand: Floats) -> None:
-    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it."""
+def place_screen(
+    view: CameraRigView, camera: str | None, hand: Floats, larger: float = 1.0
+) -> None:
+    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it. larger: than a hand."""
     view.screen_camera = camera
     if camera is None or camera not in view.cards:
         view.screen.visible = False
         return
     card = view.cards[camera]
     away = float((hand - card.centre) @ card.rotation[:, 2])
-    depth = max(away, 0.1) + _SCREEN_BEHIND
+    depth = max(away, 0.1) + larger * _SCREEN_BEHIND
     kept = view.screen_depth.get(camera)
-    if kept is not None and kept - 0.10 > away > kept - 0.24:
+    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
         depth = kept  # stands still while the hand stays in front of it
     view.screen_depth[camera] = depth
     (width, height), matrix = card.size, card.matrix

@@ -28,14 +28,14 @@ class CloudView:
 def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
     """Add the two clouds, empty and hidden."""
     none = np.zeros((0, 3), np.float32)
-    nodes = [
+    points, dropped = (
         server.scene.add_point_cloud(
             f"{name}/{part}", none, none.astype(np.uint8), point_size=0.0016, point_shape="circle",
             precision="float32", point_shading="flat", visible=False,
         )
         for part in ("points", "dropped")
-    ]  # fmt: skip
-    return CloudView(*nodes)
+    )  # fmt: skip
+    return CloudView(points, dropped)
 
 
 def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
@@ -44,7 +44,7 @@ def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> Non
     view.points.points = cloud.points
     view.points.colors = cloud_colours(cloud, display.cloud_colour)
     view.dropped.points = cloud.dropped
-    view.dropped.colors = np.tile(np.uint8(_DROPPED), (len(cloud.dropped), 1))
+    view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
 
 
 def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:
@@ -66,4 +66,4 @@ def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes:
         return cloud.colors
     if how == "residual" and np.isfinite(cloud.residual_mm).any():
         return residual_colours(cloud.residual_mm)
-    return np.tile(np.uint8(_PLAIN), (len(cloud.points), 1))
+    return np.tile(np.array(_PLAIN, np.uint8), (len(cloud.points), 1))

@@ -92,6 +92,11 @@ FILTERS: dict[str, tuple[int, int, int]] = {
 """of the points that a filter dropped; thinned ones look like those that stay, only darker"""
 REJECTS = ((0, 0, 0), (213, 94, 0), (86, 180, 233), (240, 228, 66), (204, 121, 167))
 """of matches that were thrown away, in the order of disparity.REJECTED"""
+GHOSTS = (
+    (235, 235, 235), (86, 180, 233), (230, 159, 0), (204, 121, 167), (0, 158, 115), (240, 228, 66), (213, 94, 0),
+    (0, 114, 178),
+)  # fmt: skip
+"""of poses that a frame may have, by rank"""
 TERMS = {
     "silhouettes": "#009e73",
     "cloud→model": "#e69f00",

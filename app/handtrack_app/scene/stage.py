@@ -14,6 +14,7 @@ from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.messages import (
     CameraCard,
     CloudSnapshot,
+    GuessesSnapshot,
     PictureSnapshot,
     PoseSnapshot,
     PullTip,
@@ -37,6 +38,7 @@ from handtrack_app.scene.camera_view import (
     update_thumbnails,
 )
 from handtrack_app.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
+from handtrack_app.scene.ghosts import GhostView, add_ghosts, show_ghosts, update_ghosts
 from handtrack_app.scene.handles import RootHandle, TipHandles, add_root_handle, add_tip_handles
 from handtrack_app.scene.model_view import (
     HandView,
@@ -76,6 +78,8 @@ class Stage:
         self.cloud: CloudView = add_cloud(page.server, "/cloud")
         self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
         self._surface_at: tuple[int, str] | None = None
+        self.take_guess: Callable[[int], None] = lambda rank: None
+        self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
         scene = page.server.scene
         scene.world_axes.visible = False
         scene.configure_default_lights(enabled=False)
@@ -87,14 +91,13 @@ class Stage:
         self.session = session
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session, looked_at(session))
-            larger = session.reach_m / HAND_REACH_M
-            self.root = add_root_handle(self.page.server, "/root", self._root_moved, larger)
+            self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
                 self.tips.remove()
             self.tips = add_tip_handles(
                 self.page.server, "/tips", session.tip_names, self._tip_moved,
-                session.reach_m / HAND_REACH_M,
+                self._larger,
             )  # fmt: skip
         if (
             before is None
@@ -104,6 +107,9 @@ class Stage:
             if self.hand is not None:
                 remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
+
+    def _guess_clicked(self, rank: int) -> None:
+        self.take_guess(rank)
 
     def _root_moved(self, edit: dict[str, float]) -> None:
         step = self.page.state.edit(edit, "root handle")
@@ -127,12 +133,16 @@ class Stage:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
             self._show_flesh(display)
             show_cameras(self.cameras, display)
+            if self.pose is not None:
+                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             if self.surroundings is not None:
                 self.surroundings.ground.visible = display.through is None
             self.root.control.visible = display.handle and self.pose is not None
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
-                place_screen(self.cameras, self.screen_camera(display), middle_of(self.pose))
+                place_screen(
+                    self.cameras, self.screen_camera(display), middle_of(self.pose), self._larger
+                )
 
     def _show_flesh(self, display: Display) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
@@ -148,6 +158,11 @@ class Stage:
         opacity = flesh_opacity(display, points)
         if self.surface.opacity != opacity:
             self.surface.opacity = opacity
+
+    @property
+    def _larger(self) -> float:
+        """How many times larger than a hand the model is: what is drawn around it grows alike."""
+        return 1.0 if self.session is None else self.session.reach_m / HAND_REACH_M
 
     @property
     def _model(self) -> str:
@@ -203,6 +218,7 @@ class Stage:
             update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
             show_cloud(self.cloud, display, pose.frame)
+            show_ghosts(self.ghosts, display.ghosts, pose.frame)
             self._show_flesh(display)
             if move_handle:
                 self.root.show_at(pose.values[:6])
@@ -211,7 +227,7 @@ class Stage:
             self._set_first_view(self.session, pose)
             self.apply(display)
         else:
-            place_screen(self.cameras, self.screen_camera(display), middle_of(pose))
+            place_screen(self.cameras, self.screen_camera(display), middle_of(pose), self._larger)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""
@@ -229,6 +245,23 @@ class Stage:
             update_surface(self.surface, surface)
             self._surface_at = (surface.frame, self._model)
             self._show_flesh(display)
+
+    def show_guesses(self, guesses: GuessesSnapshot, display: Display) -> None:
+        """Draw the poses that a frame may have."""
+        with self.page.server.atomic():
+            update_ghosts(self.ghosts, guesses)
+            if self.pose is not None:
+                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
+        if guesses.is_new and display.through is None:
+            self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
+
+    def _turn_to(self, hand: Floats) -> None:
+        """Look at a hand that was found somewhere (3,) [m]."""
+        if self.session is None or self.cameras is None:
+            return
+        size_cameras(self.cameras, hand)
+        for client in self.page.server.get_clients().values():
+            look_from(client, hand_view(self.session, hand))
 
     def show_cloud(self, cloud: CloudSnapshot, display: Display) -> None:
         """Show a frame's cloud."""

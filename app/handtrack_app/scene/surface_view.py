@@ -21,4 +21,4 @@ def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
 def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
     """Take the surface of another pose."""
     mesh.vertices = surface.vertices
-    mesh.faces = surface.faces
+    mesh.faces = surface.faces.astype(np.uint32)

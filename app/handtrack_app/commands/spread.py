@@ -1,0 +1,28 @@
+"""`handtrack spread`: a person's constants of linked abduction, to be put into session.toml."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from handtrack.errors import HandtrackError
+from handtrack.session.tables import read_npz
+from handtrack.tracker.spread import spread_of_track
+from handtrack_app.commands.progress import say
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the four settings as lines of [tracking], and how well they explain what was seen."""
+    try:
+        found = spread_of_track(read_npz(args.poses))
+    except HandtrackError as error:
+        raise HandtrackError(f"{args.poses}: {error}") from None
+    for name, value in found.settings().items():
+        print(f"{name} = {value:g}")
+    frames = "1 frame" if found.frames == 1 else f"{found.frames} frames"
+    say(
+        f"from {frames}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
+        f"({100 * found.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+    )
+    return 0

@@ -1,0 +1,30 @@
+"""Fingers that look the same from a camera but bend the other way: the 2003 paper's jumps, on a hand's chains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.sampling.chains import chains_of
+from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+
+_MOST_CAMERAS = 2
+_DIFFERENT_RAD = 0.2
+
+
+def finger_flips(model: ArticulatedModel, seen: Observation, params: Floats) -> list[Floats]:
+    """Return solver parameters (P,) with one finger's links flipped along the lines of sight of a camera.
+
+    Only flips that limits allow, and that move the finger at all.
+    """
+    cameras = [silhouette.camera for silhouette in seen.silhouettes][:_MOST_CAMERAS]
+    flipped: list[Floats] = []
+    settings = TreeSettings(failing="nearest")
+    for camera in cameras:
+        for chain in chains_of(model):
+            leaves = interpretation_tree(model, params, [chain], camera, settings=settings).params
+            moved = np.abs(leaves - params).max(axis=1) > _DIFFERENT_RAD
+            flipped += [model.clipped(leaf) for leaf in leaves[moved]]
+    return flipped

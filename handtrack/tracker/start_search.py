@@ -1,0 +1,90 @@
+"""Poses let go of in what was seen of one frame, with arms that get shorter, and what they cost beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.observation.observation import Observation
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.term import ParameterTerm
+from handtrack.tracker.cloud_start import cloud_start
+from handtrack.tracker.laid_shapes import Laid, StartSource
+from handtrack.tracker.posture import posture_prior
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.silhouette_start import silhouette_start
+
+_WIDE_M, _NARROW_M = 0.012, 0.004
+_SAME_M = 0.012  # mean distance between joints of poses that count as one
+_REST_SIGMA = np.deg2rad(50.0)
+
+
+def start_sources(seen: Observation, settings: TrackerSettings) -> list[StartSource]:
+    """Return what a frame's cloud and silhouettes say about where a hand may be."""
+    sources: list[StartSource] = []
+    if seen.cloud is not None and settings.cloud.weight > 0:
+        cloud = cloud_start(seen.cloud.points, seen.cloud_views)
+        if cloud is not None:
+            sources.append(cloud)
+    if seen.silhouettes and settings.silhouettes.weight > 0:
+        outlines = silhouette_start(seen.silhouettes)
+        if outlines is not None:
+            sources.append(outlines)
+    return sources
+
+
+def descended_in_rounds(
+    sources: Sequence[StartSource],
+    found: Sequence[Laid],
+    rounds: Sequence[tuple[int, int]],
+    should_stop: Callable[[], bool],
+) -> list[Laid]:
+    """Return the poses after rounds of descent, each with how many of the best enter it, and its iterations."""
+    for most, iterations in rounds:
+        found = [
+            descended(sources, h, iterations) for h in distinct(found, most) if not should_stop()
+        ]
+    return list(found)
+
+
+def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
+    """Return a pose let go of, with wide arms, and its cost there."""
+    summary = solve(
+        _problem(sources, laid, _WIDE_M), laid.params, SolverSettings(iterations=iterations)
+    )
+    there = replace(laid, params=summary.params)
+    return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
+
+
+def narrowly_measured(sources: Sequence[StartSource], laid: Laid) -> Laid:
+    """Return a pose with the cost by which finished ones are told apart: short arms, the same for all."""
+    return replace(laid, cost=_problem(sources, laid, _NARROW_M).cost(laid.params))
+
+
+def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
+    model = laid.shape.model
+    terms = [t for source in sources for t in source.terms(laid.shape, laid.params, band_m)]
+    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
+    sigma[:6] = np.inf
+    priors: list[ParameterTerm] = [GaussianPrior(model.rest, sigma, "rest")]
+    together = posture_prior(model, 1.0)
+    if together is not None:
+        priors.append(together)
+    return Problem(model, terms, priors)
+
+
+def distinct(found: Sequence[Laid], most: int) -> list[Laid]:
+    """Return the best, each pose once."""
+    kept: list[tuple[Laid, Floats]] = []
+    for laid in sorted(found, key=lambda laid: laid.cost):
+        joints = laid.joints
+        if all(np.linalg.norm(joints - other, axis=1).mean() > _SAME_M for _, other in kept):
+            kept.append((laid, joints))
+        if len(kept) == most:
+            break
+    return [laid for laid, _ in kept]

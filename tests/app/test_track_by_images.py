@@ -1,0 +1,63 @@
+"""`handtrack track --use edges,intensity`: no masks needed, only images."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.session.bundled import bundled_session
+from handtrack.session.tables import read_npz
+from handtrack.tracker.result import Status
+
+
+@pytest.fixture
+def session(recorded, tmp_path):
+    """A recording that may be changed."""
+    return Path(shutil.copytree(recorded, tmp_path / "small"))
+
+
+@pytest.fixture
+def filmed(session):
+    """The small recording with its videos and without its masks."""
+    source = bundled_session()
+    text = (session / "session.toml").read_text()
+    for video in sorted(source.glob("*.mp4")):
+        shutil.copyfile(video, session / video.name)
+        text = text.replace(f'masks = "masks/{video.stem}/*.png"', f'images = "{video.name}"')
+    assert "masks" not in text
+    (session / "session.toml").write_text(text)
+    return session
+
+
+def test_a_recording_without_masks_is_tracked(handtrack, filmed):
+    ended = handtrack(
+        "track", filmed, "--use", "edges,intensity", "--frames", "0:3", "--set", "tracker.escape=false",
+        "--set", "intensity.weight=0.5",
+    )  # fmt: skip
+    assert ended.code == 0
+    track = read_npz(filmed / "tracks/poses.npz")
+    settings = json.loads(track.settings)
+    named = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
+    assert [settings[f"{name}.weight"] for name in named] == [0, 0, 0, 1, 0.5]
+    assert set(track.energy_names or ()) >= {"edges", "intensity"}
+    assert (track.status != Status.LOST).all()
+    with np.load(filmed / "truth.npz") as truth:
+        off = np.linalg.norm(track.keypoints21 - truth["keypoints21"][:3], axis=2)
+    assert off.mean() < 0.012
+
+
+def test_without_being_asked_for_images_are_not_enough(handtrack, filmed):
+    ended = handtrack("track", filmed, "--frames", "0:1")
+    assert ended.code == 2
+    assert "nothing to track by: no camera has masks" in ended.err
+    assert "--use edges,intensity" in ended.err
+
+
+def test_usually_neither_edges_nor_intensity_count(handtrack, session):
+    assert handtrack("track", session, "--frames", "0:1").code == 0
+    settings = json.loads(read_npz(session / "tracks/poses.npz").settings)
+    assert settings["edges.weight"] == settings["intensity.weight"] == 0

@@ -1,0 +1,81 @@
+"""OpenPose files: whose joints are taken, what is missing, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from handtrack.capture.openpose import LAYOUTS, read_openpose
+from handtrack.errors import HandtrackError
+
+BODY = LAYOUTS["body_25"]
+
+
+def _person(height, key="pose_keypoints_2d", count=25):
+    points = np.column_stack([np.arange(count), np.linspace(0, height, count), np.full(count, 0.9)])
+    return {key: points.ravel().tolist()}
+
+
+def _write(path, people):
+    path.write_text(json.dumps({"version": 1.3, "people": people}))
+    return path
+
+
+def test_the_tallest_person_is_taken(tmp_path):
+    file = _write(tmp_path / "a_0.json", [_person(100), _person(700), _person(300)])
+    found = read_openpose(file, BODY)
+    assert found is not None
+    assert found.shape == (25, 3)
+    assert found[-1].tolist() == [24.0, 700.0, 0.9]
+
+
+def test_points_that_were_not_found_are_missing(tmp_path):
+    person = _person(500)
+    person["pose_keypoints_2d"][3:6] = [0.0, 0.0, 0.0]
+    found = read_openpose(_write(tmp_path / "a_0.json", [person]), BODY)
+    assert found is not None
+    assert np.isnan(found[1, :2]).all()
+    assert found[1, 2] == 0.0
+    assert np.isfinite(found[[0, *range(2, 25)]]).all()
+
+
+def test_nobody_is_nobody(tmp_path):
+    assert read_openpose(_write(tmp_path / "a_0.json", []), BODY) is None
+    empty = {"pose_keypoints_2d": [0.0] * 75}
+    assert read_openpose(_write(tmp_path / "a_1.json", [empty]), BODY) is None
+
+
+def test_layouts_name_each_point_once():
+    for name, layout in LAYOUTS.items():
+        rows = list(layout.points.values())
+        assert len(set(rows)) == len(rows), name
+        assert max(rows) < layout.count, name
+    assert LAYOUTS["body_25"].points["left_shoulder"] == 5
+    assert LAYOUTS["body_25b"].points["left_shoulder"] == 5
+    assert LAYOUTS["body_25b"].points["right_toe"] == 22
+    assert LAYOUTS["hand_right"].points["index_tip"] == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "cannot be read as JSON"),
+        ('{"version": 1.3}', "no list 'people'; expected a file as OpenPose writes it."),
+        (
+            '{"people": [{"hand_left_keypoints_2d": []}]}',
+            "person 0 has no 'pose_keypoints_2d'. Another keypoint_layout may fit: "
+            "body_25, body_25b, hand_left, hand_right.",
+        ),
+        (
+            '{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}',
+            "'pose_keypoints_2d' of person 0 has 3 values; expected 25 times x, y, confidence.",
+        ),
+    ],
+)
+def test_other_files_are_refused(tmp_path, text, message):
+    file = tmp_path / "odd_0.json"
+    file.write_text(text)
+    with pytest.raises(HandtrackError) as error:
+        read_openpose(file, BODY)
+    assert message in str(error.value)
+    assert str(file) in str(error.value)

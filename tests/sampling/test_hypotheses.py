@@ -1,0 +1,100 @@
+"""Hypotheses: what counts as the same minimum, ranking, pruning."""
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.sampling.hypotheses import (
+    Hypothesis,
+    angle_distance,
+    distinct,
+    merged,
+    pruned,
+    ranked,
+)
+
+
+def hypothesis(params, cost=0.0, weight=1.0, origin="test"):
+    params = np.asarray(params, dtype=float)
+    return Hypothesis(params, cost, np.eye(len(params)), weight, origin)
+
+
+def test_distance_is_the_root_mean_square_of_angles(rng):
+    start = rng.normal(size=10)
+    moved = start.copy()
+    moved[:3] += 5.0  # metres do not count
+    moved[6:] += [0.3, -0.4, 0.0, 0.0]
+    np.testing.assert_allclose(angle_distance(start, moved[None]), [0.5 / np.sqrt(7)])
+
+
+def test_the_same_attitude_is_at_no_distance(rng):
+    """Rotation vectors 2π apart; and a turn counts by its angle, wherever it starts from."""
+    start = np.r_[np.zeros(3), rng.normal(size=3), np.zeros(4)]
+    axis = start[3:6] / np.linalg.norm(start[3:6])
+    again = start.copy()
+    again[3:6] -= 2 * np.pi * axis
+    np.testing.assert_allclose(angle_distance(start, again[None]), [0.0], atol=1e-12)
+    turned = start.copy()
+    turn = rotation_matrix(np.array([0.0, 0.02, 0.0]))
+    turned[3:6] = rotation_vector(turn @ rotation_matrix(start[3:6]))
+    np.testing.assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
+
+
+def test_distinct_keeps_the_best_of_each_group():
+    at = np.zeros((5, 7))
+    at[:, 6] = [0.0, 0.15, 0.30, 1.0, 1.05]  # threshold 0.1 · √4 = 0.2
+    costs = np.array([2.0, 1.0, 3.0, 5.0, 4.0])
+    np.testing.assert_array_equal(distinct(at, costs, 0.1), [1, 4])
+    # 0 and 2 are each near 1, but not near one another: without 1 both stay
+    np.testing.assert_array_equal(distinct(at[[0, 2]], costs[[0, 2]], 0.1), [0, 1])
+    assert len(distinct(at[:0], costs[:0], 0.1)) == 0
+
+
+@pytest.mark.parametrize("threshold", [0.05, 0.1, 0.3])
+def test_distinct_ones_are_apart_and_stand_for_all(rng, threshold):
+    params, costs = rng.normal(scale=0.2, size=(80, 12)), rng.normal(size=80)
+    kept = distinct(params, costs, threshold)
+    for k in kept:
+        others = params[kept[kept != k]]
+        assert (angle_distance(params[k], others) > threshold).all()
+    for n in set(range(80)) - set(kept.tolist()):
+        near = kept[angle_distance(params[n], params[kept]) <= threshold]
+        assert len(near) and costs[near].min() <= costs[n]
+
+
+def test_merged_ones_keep_cost_and_largest_weight():
+    near = np.zeros(8)
+    far = near.copy()
+    far[7] = 2.0
+    given = [
+        hypothesis(near, cost=2.0, weight=0.5, origin="diffusion"),
+        hypothesis(near + 0.01, cost=1.0, weight=0.2, origin="left_arm"),
+        hypothesis(far, cost=3.0, weight=0.3),
+    ]
+    kept = merged(given, 0.1)
+    assert [(h.cost, h.weight, h.origin) for h in kept] == [
+        (1.0, 0.5, "left_arm"),
+        (3.0, 0.3, "test"),
+    ]
+    assert merged([]) == ()
+
+
+def test_ranked_by_weight_then_cost():
+    given = [
+        hypothesis(np.zeros(8), c, w) for c, w in ((3.0, 0.2), (1.0, 0.4), (0.0, 0.4), (9.0, 0.9))
+    ]
+    assert [h.cost for h in ranked(given)] == [9.0, 0.0, 1.0, 3.0]
+
+
+def test_pruned_ones_are_the_heaviest_and_sum_to_one():
+    given = [hypothesis(np.zeros(8), n, w) for n, w in enumerate((0.1, 0.6, 0.01, 0.3))]
+    kept = pruned(given, most=3, least_weight=0.05)
+    assert [h.cost for h in kept] == [1, 3, 0]
+    np.testing.assert_allclose([h.weight for h in kept], [0.6, 0.3, 0.1])
+    assert len(pruned(given, most=3)) == 3
+    assert [h.weight for h in pruned(given, most=4, least_weight=2.0)] == [
+        1.0
+    ]  # the heaviest stays
+    weightless = [hypothesis(np.zeros(8), n, 0.0) for n in range(3)]
+    np.testing.assert_allclose([h.weight for h in pruned(weightless, 2)], [0.5, 0.5])
+    assert pruned([], 3) == ()

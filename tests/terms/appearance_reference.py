@@ -1,0 +1,80 @@
+"""Edges and texture in plain NumPy: what the compiled loops must agree with."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from handtrack.terms.rows import Rows, point_row
+
+
+def edges_system(term, bones):
+    """Return the system of an OutlineEdgesTerm: rows along the normals, weighed by how likely each edge is."""
+    total = None
+    for seen in term.seen:
+        outline = seen.outline
+        points = bones.to_world(outline.bone, outline.local)
+        x = ((outline.camera.project(points) - outline.pixel) * outline.normal).sum(axis=1)
+        off = (x[:, None] - seen.place) / term.sigma_px
+        likely = seen.strength * np.exp(-0.5 * off**2)
+        here = term.clutter + likely.sum(axis=1)
+        none = term.clutter + (0 if term.from_unexplained else seen.strength.sum(axis=1))
+        size = term.weight * outline.length_px / term.stretch_px
+        across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
+        twist = point_row(points, across, bones.reference)
+        count, most = likely.shape
+        rows = Rows(
+            off.ravel(),
+            np.arange(count * most),
+            np.repeat(outline.bone, most),
+            np.repeat(twist, most, axis=0) / term.sigma_px,
+            float(-(size * np.log(here / none)).sum()),
+            (size[:, None] * likely / here[:, None]).ravel(),
+        )
+        system = rows.bone_system(len(bones.position))
+        total = system if total is None else total + system
+    return total
+
+
+def bilinear(image, pixels):
+    """Return values (N, 3) and slopes (N, 3, 2) of an image (H, W, 3), the border going on beyond it."""
+    at = pixels[:, ::-1].T
+    stack = [
+        map_coordinates(image[..., c].astype(float), at, order=1, mode="nearest") for c in range(3)
+    ]
+    height, width = image.shape[:2]
+    low = np.clip(np.floor(pixels), 0, [width - 2, height - 2])
+    inside = (pixels >= 0) & (pixels <= [width - 1, height - 1])
+    share = np.clip(pixels - low, 0, 1)
+    x, y = low.astype(int).T
+    f00, f01, f10, f11 = (
+        image[y + i, x + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))
+    )
+    across = (1 - share[:, 1:]) * (f01 - f00) + share[:, 1:] * (f11 - f10)
+    down = (1 - share[:, :1]) * (f10 - f00) + share[:, :1] * (f11 - f01)
+    return np.stack(stack, axis=1), np.stack([across, down], axis=2) * inside[:, None]
+
+
+def texture_system(term, bones):
+    """Return the system of a CarriedTextureTerm: three rows a point, robust together."""
+    total = None
+    for texture, image in term.seen:
+        camera = texture.camera
+        points = bones.to_world(texture.bone, texture.local)
+        values, slopes = bilinear(image.values, camera.project(points) - image.corner)
+        residual = (values - texture.color) / term.sigma
+        squared = (residual**2).sum(axis=1)
+        worst = term.loss.scale**2 if term.from_unexplained else 0.0
+        across = np.einsum("nci,nij->ncj", slopes, camera.project_jacobian(points)) / term.sigma
+        twist = point_row(np.repeat(points, 3, axis=0), across.reshape(-1, 3), bones.reference)
+        rows = Rows(
+            residual.ravel(),
+            np.arange(residual.size),
+            np.repeat(texture.bone, 3),
+            twist,
+            0.5 * term.weight * float((term.loss.value(squared) - worst).sum()),
+            term.weight * np.repeat(term.loss.weight(squared), 3),
+        )
+        system = rows.bone_system(len(bones.position))
+        total = system if total is None else total + system
+    return total
