@@ -100,6 +100,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_workbench(commands)
     _add_new(commands)
     _add_track(commands)
+    _add_size(commands)
     _add_results(commands)
     _add_simulate(commands)
     _add_stereo(commands)
@@ -205,6 +206,27 @@ def _add_track(commands: Any) -> None:
     )
     track.add_argument(
         "--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"
+    )
+
+
+def _add_size(commands: Any) -> None:
+    size = _command(
+        commands, "size", "size", "Fit a person's hand size to a recording and save it for others."
+    )
+    size.add_argument("session", type=Path, help="session folder")
+    size.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
+    size.add_argument(
+        "--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"
+    )
+    size.add_argument(
+        "--init", metavar="FILE", help="first-frame pose (default: the session's init.json)"
+    )
+    size.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated")
+    size.add_argument(
+        "--set", action="append", default=[], metavar="section.key=value", help="a setting"
+    )
+    size.add_argument(
+        "--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"
     )
 
 

@@ -47,9 +47,9 @@ def one_frame(result: FrameResult) -> m.Notice:
     """Return how fitting one frame went."""
     if result.status == Status.TRACKED:
         return m.Notice(
-            "done", f"Frame {result.frame} is fitted", "The silhouettes are explained well."
+            "done", f"Frame {result.frame} is fitted", "What was seen is explained well."
         )
-    text = result.note or "The silhouettes are not explained well."
+    text = result.note or "What was seen is not explained well."
     return m.Notice(
         "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
     )

@@ -292,7 +292,7 @@ class Document:
         result = self.results.get(frame)
         by_hand = frame in self.by_hand
         truth = self.truth_at(frame)
-        found = model.keypoints21(bones) if truth is not None and len(truth) == 21 else None
+        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
         return PoseSnapshot(
             frame=frame,
             version=self.version,
@@ -320,7 +320,8 @@ class Document:
             i = frame - self.frames.start
             if 0 <= i < count:
                 status[i], energy[i] = int(result.status), result.energy
-                error[i] = mean_error_mm(result.keypoints21, self.truth_at(frame))
+                found = result.joint_positions if result.keypoints21 is None else result.keypoints21
+                error[i] = mean_error_mm(found, self.truth_at(frame))
         hand = tuple(sorted(self.by_hand))
         return StripSnapshot(self.frames.start, status, energy, error, hand, self._terms())
 
@@ -339,12 +340,15 @@ class Document:
         return terms
 
     def truth_at(self, frame: int) -> Floats | None:
-        """Return the true keypoints (21, 3) of a frame, world [m]."""
+        """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
         truth = self.run.session.truth
-        if truth is None or truth.keypoints21 is None:
+        points = None if truth is None else truth.keypoints21
+        if truth is not None and points is None and truth.joint_names == self.model.joint_names:
+            points = truth.joint_positions
+        if truth is None or points is None:
             return None
         row = np.flatnonzero(truth.frame == frame)
-        return truth.keypoints21[row[0]] if len(row) else None
+        return points[row[0]] if len(row) else None
 
 
 def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:

@@ -13,8 +13,8 @@ from handtrack.arrays import Bytes, Floats
 from handtrack.bench.binary_fist import FIST, MODES, RIGS, FistTrack, scene, track
 from handtrack.bench.field_recovery import Recovery, follow, recover
 from handtrack.bench.model_pictures import SKIN, model_pictures, rendered
+from handtrack.bench.plotting import pyplot, saved, tight
 from handtrack.diagnostics.residual_image import field_picture
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -43,16 +43,16 @@ def main(folder: Path) -> None:
     """Write every figure."""
     folder.mkdir(parents=True, exist_ok=True)
     model = load_model()
-    _saved(draw_model(model), folder / "model.png")
-    _saved(draw_recovery(model), folder / "field_recovery.png")
+    saved(draw_model(model), folder / "model.png")
+    saved(draw_recovery(model), folder / "field_recovery.png")
     rigs = {cameras: scene(cameras) for cameras in RIGS}
     tracks = {n: {mode: track(rigs[n], MODES[mode]) for mode in MODES} for n in RIGS}
     gesture = rigs[2].joint_params
     field = follow(model, simulated_rig(2).cameras, gesture)
     binary = np.stack([r.parameters for r in tracks[6]["coverage"].results])
-    _saved(draw_gesture(model, gesture, field, binary), folder / "gesture.png")
-    _saved(draw_errors(tracks), folder / "binary_fist.png")
-    _saved(draw_uncertainty(tracks), folder / "uncertainty.png")
+    saved(draw_gesture(model, gesture, field, binary), folder / "gesture.png")
+    saved(draw_errors(tracks), folder / "binary_fist.png")
+    saved(draw_uncertainty(tracks), folder / "uncertainty.png")
 
 
 def draw_model(model: ArticulatedModel) -> Any:
@@ -60,10 +60,10 @@ def draw_model(model: ArticulatedModel) -> Any:
     params = model.rest_params()
     params[1] -= 0.09
     pictures = model_pictures(model, params)
-    figure, axes = _pyplot().subplots(1, 4, figsize=(9, 2.0))
+    figure, axes = pyplot().subplots(1, 4, figsize=(9, 2.0))
     for axis, (title, picture) in zip(axes, pictures.items(), strict=True):
         _shown(axis, picture[_CROP], title)
-    return _tight(figure)
+    return tight(figure)
 
 
 def draw_gesture(
@@ -72,20 +72,20 @@ def draw_gesture(
     """Return the paper's Fig. 2. truth, field, binary: (F, S), the latter two what each experiment found."""
     camera = simulated_rig(2).cameras[0]
     around = simulated_rig(6).cameras[0]
-    figure, axes = _pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.5))
+    figure, axes = pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.5))
     for i, frame in enumerate(shown):
         _shown(axes[0, 2 * i], _field_of(model, truth[frame], camera), f"frame {frame}: seen")
         _shown(axes[0, 2 * i + 1], _skin_of(model, field[frame], camera), "found")
         mask = _field_of(model, truth[frame], around).max(axis=2, keepdims=True) > 24
         _shown(axes[1, 2 * i], np.repeat(255 * mask.astype(np.uint8), 3, axis=2))
         _shown(axes[1, 2 * i + 1], _skin_of(model, binary[frame], around))
-    return _tight(figure)
+    return tight(figure)
 
 
 def draw_recovery(model: ArticulatedModel, seeds: int = 200) -> Any:
     """Return errors of start and end of each seed, both scales of the field."""
     cameras = simulated_rig(2).cameras
-    figure, axis = _pyplot().subplots(figsize=(5, 3))
+    figure, axis = pyplot().subplots(figsize=(5, 3))
     for scale, color, mark in (("normalised", "#0072B2", "o"), ("paper's", "#D55E00", "x")):
         rows: list[Recovery] = [
             recover(model, cameras, seed, scale != "normalised") for seed in range(seeds)
@@ -96,19 +96,19 @@ def draw_recovery(model: ArticulatedModel, seeds: int = 200) -> Any:
     axis.set(yscale="log", xlabel="mean joint error of the start [mm]", ylabel="of the end [mm]")
     axis.axhline(0.05, color="0.6", lw=0.8)
     axis.legend(frameon=False)
-    return _tight(figure)
+    return tight(figure)
 
 
 def draw_errors(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
     """Return mean joint errors by frame, a panel a rig."""
-    figure, axes = _pyplot().subplots(1, len(tracks), figsize=(9, 2.8), sharey=True)
+    figure, axes = pyplot().subplots(1, len(tracks), figsize=(9, 2.8), sharey=True)
     for axis, (cameras, by_mode) in zip(axes, tracks.items(), strict=True):
         for mode, tracked in by_mode.items():
             axis.plot(tracked.error_mm, color=_COLORS[mode], label=_LABELS[mode], lw=1.2)
         axis.axvspan(FIST.start, FIST.stop - 1, color="0.92")
         axis.set(title=f"{cameras} cameras", xlabel="frame", yscale="log", ylim=(0.03, 30))
     axes[0].set_ylabel("mean joint error [mm]")
-    _tight(figure)
+    tight(figure)
     lines, names = axes[0].get_legend_handles_labels()
     figure.subplots_adjust(bottom=0.25)
     figure.legend(lines, names, loc="lower center", ncol=len(names), frameon=False, fontsize=7)
@@ -123,7 +123,7 @@ def draw_uncertainty(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
         (2, "coverage_weak_rest"),
         (6, "coverage"),
     )
-    figure, axes = _pyplot().subplots(1, len(chosen), figsize=(9, 2.8), sharey=True)
+    figure, axes = pyplot().subplots(1, len(chosen), figsize=(9, 2.8), sharey=True)
     for axis, (cameras, mode) in zip(axes, chosen, strict=True):
         tracked = tracks[cameras][mode]
         axis.plot(tracked.error_mm, color="black", lw=1.2, label="error")
@@ -133,7 +133,7 @@ def draw_uncertainty(tracks: Mapping[int, Mapping[str, FistTrack]]) -> Any:
         axis.set(xlabel="frame", yscale="log", ylim=(0.03, 100))
     axes[0].set_ylabel("joints [mm]")
     axes[-1].legend(frameon=False)
-    return _tight(figure)
+    return tight(figure)
 
 
 def _field_of(model: ArticulatedModel, joint: Floats, camera: Camera) -> Bytes:
@@ -152,29 +152,6 @@ def _shown(axis: Any, picture: Bytes, title: str = "") -> None:
     axis.set_axis_off()
     if title:
         axis.set_title(title, fontsize=8)
-
-
-def _pyplot() -> Any:
-    try:
-        import matplotlib  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise HandtrackError(
-            "figures are drawn with matplotlib, which is not installed: pip install 'handtrack[docs]'."
-        ) from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # pyright: ignore[reportMissingImports]
-
-    return pyplot
-
-
-def _tight(figure: Any) -> Any:
-    figure.tight_layout(pad=0.4)
-    return figure
-
-
-def _saved(figure: Any, path: Path) -> None:
-    figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
-    _pyplot().close(figure)
 
 
 if __name__ == "__main__":

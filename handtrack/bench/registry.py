@@ -23,10 +23,17 @@ BENCHMARKS = {
     "binary_fist": Benchmark("handtrack.bench.binary_fist", "binary_fist", quick=False),
     "cloud_iteration_vs_blas": Benchmark("handtrack.bench.clouds", "cloud_iteration_vs_blas"),
     "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds", "cloud_solve_vs_scipy"),
+    "finger_shift": Benchmark("handtrack.bench.finger_shift", "finger_shift", quick=False),
+    "poor_clouds": Benchmark("handtrack.bench.poor_clouds", "poor_clouds", quick=False),
+    "freedoms": Benchmark("handtrack.bench.freedoms", "freedoms", quick=False),
+    "combined": Benchmark("handtrack.bench.combined", "combined", quick=False),
     "jump_tree_1024": Benchmark("handtrack.bench.jump_tree", "jump_tree_1024"),
     "jump_polish_1024": Benchmark("handtrack.bench.jump_polish", "jump_polish_1024"),
     "jumps": Benchmark("handtrack.bench.jumps", "jumps", quick=False),
     "sr305": Benchmark("handtrack.bench.sr305", "sr305", quick=False),
     "body_retarget": Benchmark("handtrack.bench.body_retarget", "body_retarget", quick=False),
     "hand_size": Benchmark("handtrack.bench.hand_size", "hand_size", quick=False),
+    "dance_appearance": Benchmark(
+        "handtrack.bench.dance_appearance", "dance_appearance", quick=False
+    ),
 }

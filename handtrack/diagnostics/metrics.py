@@ -51,7 +51,7 @@ class _Compared:
 
 
 def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | None]:
-    """Return the measures of contracts §3, in mm; None where there is nothing to measure.
+    """Return the measures of contracts §3, in mm; None where there is nothing to measure. `finger_swaps` comes on top.
 
     Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
     frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
@@ -77,6 +77,7 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
         "jitter_mm": _jitter(points),
         "lost_frames": int((~points.seen).sum()),
         "coverage90": _coverage(points),
+        "finger_swaps": _swaps(points, tips),
     }
 
 
@@ -181,6 +182,18 @@ def _jitter(points: _Compared) -> float | None:
         return None
     bend = points.found[middle + 1] - 2 * points.found[middle] + points.found[middle - 1]
     return float(np.median(np.linalg.norm(bend, axis=2)))
+
+
+def _swaps(points: _Compared, tips: Array) -> int | None:
+    """Return how many fingertips, over all frames, are nearer to another finger's true tip than to their own."""
+    found, true = points.found[:, tips], points.truth[:, tips]
+    if true.shape[1] < 2:
+        return None
+    apart = np.linalg.norm(found[:, :, None] - true[:, None, :], axis=3)
+    own = np.diagonal(apart, axis1=1, axis2=2)
+    other = np.where(np.isfinite(apart), apart, np.inf)
+    other[:, np.arange(len(own[0])), np.arange(len(own[0]))] = np.inf
+    return int((other.min(axis=2) < own).sum())
 
 
 def _coverage(points: _Compared) -> float | None:

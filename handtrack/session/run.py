@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,7 +35,7 @@ from handtrack.tracker.tracker import Tracker
 
 _SIZE_STRETCH = 40  # frames tracked to fit the hand's size
 _SIZE_ANGLE = np.deg2rad(20.0)  # between two lines of sight
-_SIZE_STEP = 5  # every so many of them are used: neighbours show the same
+_SIZE_FRAMES = 8  # of them are used: neighbours show the same
 
 
 @dataclass(frozen=True)
@@ -78,32 +78,38 @@ class TrackingRun:
             return run.fit_size(should_stop)
         return run
 
-    def fit_size(self, should_stop: Callable[[], bool] | None = None) -> TrackingRun:
-        """Return the run for the hand size that explains the frames near the first pose best.
+    def fit_size(
+        self,
+        should_stop: Callable[[], bool] | None = None,
+        frames: range | None = None,
+        most: int = _SIZE_FRAMES,
+    ) -> TrackingRun:
+        """Return the run for the hand size that explains some frames best; the same run where none can tell it.
 
-        Tracks a short stretch with the size at hand, then fits size and poses of every few frames together.
+        Tracks `frames` (a stretch after the first pose unless given) with the size at hand, then fits size and poses of
+        at most `most` of them, evenly spread, together. Seen from around, every finger has a size of its own; clouds
+        are one-sided and tell the whole hand's only.
         """
         start, params = self.initial()
-        count = self.session.frame_count
-        after = range(start, min(start + _SIZE_STRETCH, count))
-        stretch = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
-        tracked = [
-            result
-            for result in self.track(stretch, start, params, should_stop)
-            if result.status == Status.TRACKED and result.frame % _SIZE_STEP == start % _SIZE_STEP
-        ]
-        seen = [self._seen_at(result) for result in tracked]
-        keep = [i for i, known in enumerate(seen) if _seen_around(known, tracked[i])]
-        if not keep:
+        if frames is None:
+            count = self.session.frame_count
+            after = range(start, min(start + _SIZE_STRETCH, count))
+            frames = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
+        results = self.track(frames, start, params, should_stop)
+        tracked = sorted((r for r in results if r.status == Status.TRACKED), key=lambda r: r.frame)
+        seen = [(result, self._seen_at(result)) for result in _spread(tracked, most)]
+        around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
+        used = around or [pair for pair in seen if pair[1].cloud is not None]
+        if not used:
             return self
-        poses = [self.model.transform.solver_params(tracked[i].parameters) for i in keep]
         scale = refine_scale(
             lambda size: _model(self.session, self.settings, size, self.forearm),
             self.settings,
             self.scale,
-            [seen[i] for i in keep],
-            poses,
+            [known for _, known in used],
+            [self.model.transform.solver_params(result.parameters) for result, _ in used],
             should_stop,
+            parts=bool(around),
         )
         return self.with_scale(scale)
 
@@ -233,6 +239,13 @@ def _version() -> str:
         return version("handtrack")
     except PackageNotFoundError:
         return "unknown"
+
+
+def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
+    """Return at most so many, evenly spread."""
+    if len(results) <= most:
+        return list(results)
+    return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
 
 
 def _seen_around(seen: Observation, result: FrameResult) -> bool:

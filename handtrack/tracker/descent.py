@@ -17,6 +17,7 @@ from handtrack.tracker.frame_terms import FrameTerms
 Watch = Callable[[int, Floats, float], None]
 """called after each accepted solver step with its count, parameters (P,) and cost"""
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
+_LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +79,23 @@ def minima(
     starts: Sequence[Floats] | Floats,
     most: int,
     should_stop: Callable[[], bool] | None = None,
+    is_far: bool = False,
 ) -> Minima:
-    """Return the minima that starts (N, P) lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest."""
+    """Return the minima that starts (N, P) lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
+
+    is_far: the starts may need many iterations, as in a first frame.
+    """
     starts = np.asarray(starts)
     if by_keypoints_alone(terms):
         seen = [term.observed for term in terms.keypoints]
-        found = polish(model, starts, seen, terms.priors, terms.keypoints[0].loss, settings=_POLISH)
+        found = polish(
+            model,
+            starts,
+            seen,
+            terms.priors,
+            terms.keypoints[0].loss,
+            settings=_LONG if is_far else _POLISH,
+        )
         return Minima(found.params, found.cost, found.normal)
     if len(starts) > most:
         costs = [stage_problem(model, terms, 0, x).cost(x) for x in starts]

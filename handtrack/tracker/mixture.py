@@ -3,49 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from handtrack.arrays import Floats, Ints
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import (
-    left_jacobian,
-    rotation_matrix,
-    rotation_vector,
-    wrapped,
-)
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.sampling.chain_vote import chain_votes
 from handtrack.sampling.chains import PreparedChain
 from handtrack.sampling.diffusion import covariance_scaled, projected
-from handtrack.sampling.hypotheses import Hypothesis, distinct
+from handtrack.sampling.hypotheses import distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.solver.covariance import covariance
-from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
-from handtrack.terms.term import ParameterTerm
 from handtrack.tracker.descent import Minima, by_keypoints_alone, minima, stage_problem
 from handtrack.tracker.frame_terms import FrameTerms
+from handtrack.tracker.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracker.motion_belief import MotionBelief
+from handtrack.tracker.moving_hypothesis import MovingHypothesis, unwound
 from handtrack.tracker.settings import TrackerSettings
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
-_MOST_FIRST = 512  # leaves of a first frame's tree that are looked at
-_MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
+_FIRST_TREES, _FIRST_LEAVES = 6, 96  # of a first frame, and of each of its trees
+_FIRST_ROUNDS, _COARSE = (
+    3,
+    10.0,
+)  # trees of better and better minima; times sigma where a start is far off
 _WEIGHTLESS = 1e-300
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
-
-
-@dataclass(frozen=True, eq=False)
-class MovingHypothesis(Hypothesis):
-    """A hypothesis that knows how it moves."""
-
-    belief: MotionBelief
-    seen: JointSystem
-    """what the frame alone costs here, to second order: observations, and its share of the static priors"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,30 +81,46 @@ class MixtureStep:
         self, observation: Observation, terms: FrameTerms, start: Floats,
         should_stop: Callable[[], bool] | None = None,
     ) -> Mixture:  # fmt: skip
-        """Return the hypotheses of a first frame: the minimum near start (P,), and what its interpretation tree holds."""
+        """Return the hypotheses of a first frame: minima near start (P,) in any heading, and what their trees hold.
+
+        From a start that is far off, first as if joints were seen coarsely. Then the best minimum's interpretation tree, and a
+        better one's again, until none is better.
+        """
         rng = self._rng(observation)
-        descents = self.settings.mixture.descents
-        near = self._minima(terms, self._turned(start), 4, should_stop)
-        best = near.params[int(np.argmin(near.cost))]
-        found, eye = [near], _eye(observation)
-        if eye is not None and self.chains:
-            camera, seen = eye
-            targets = _of(self.model, seen)
-            leaves = interpretation_tree(self.model, best, self.chains, camera, targets, _TREE, rng)
-            starts = leaves.params
-            if len(starts) > _MOST_FIRST:
-                starts = starts[rng.choice(len(starts), _MOST_FIRST, replace=False)]
-            scale, draws = self.settings.mixture.scale, self.settings.mixture.draws
-            spread = covariance(near.hessian[int(np.argmin(near.cost))])[0]
-            around = covariance_scaled(best, spread, scale, draws, rng)
-            starts = np.concatenate([starts, projected(self.model, around)])
-            found.append(self._minima(terms, starts, descents, should_stop))
-        still = MotionBelief.at_rest(best, np.eye(len(best)), self._speed())
-        origins = ("start", "first tree")
-        return self._weighed(
-            [_Proposals(f, terms, -1, o, still, 0.0) for f, o in zip(found, origins, strict=False)],
-            True,
-        )
+        rough = self._minima(coarse(terms), self._turned(start), 4, should_stop, True)
+        starts = np.concatenate([start[None], rough.params])
+        near = self._minima(terms, starts, 4, should_stop, True)
+        found, eye, descents = [near], _eye(observation), self.settings.mixture.descents
+        for _ in range(_FIRST_ROUNDS):
+            if eye is None or not self.chains:
+                break
+            starts = self._trees_of_best(found[-1], eye, rng)
+            least = found[-1].cost.min()
+            found.append(self._minima(terms, starts, descents, should_stop, True))
+            if not found[-1].cost.min() < least - 1.0:
+                break
+        still = MotionBelief.at_rest(start, np.eye(len(start)), self._speed())
+        proposals = [_Proposals(near, terms, -1, "start", still, 0.0)]
+        proposals += [_Proposals(f, terms, -1, "first tree", still, 0.0) for f in found[1:]]
+        return self._weighed(proposals, True)
+
+    def _trees_of_best(
+        self, near: Minima, eye: tuple[Camera, ImageKeypoints | None], rng: np.random.Generator
+    ) -> Floats:
+        """Return starts (N, P): leaves of the whole body's tree at a few of the best minima, and samples around them."""
+        camera, seen = eye
+        targets, mixture = _of(self.model, seen), self.settings.mixture
+        starts = []
+        for row in distinct(near.params, near.cost)[:_FIRST_TREES]:
+            params = near.params[row]
+            tree = interpretation_tree(self.model, params, self.chains, camera, targets, _TREE, rng)
+            leaves = tree.params
+            if len(leaves) > _FIRST_LEAVES:
+                leaves = leaves[rng.choice(len(leaves), _FIRST_LEAVES, replace=False)]
+            spread = covariance(near.hessian[row])[0]
+            around = covariance_scaled(params, spread, mixture.scale, mixture.draws // 2, rng)
+            starts += [params[None], leaves, projected(self.model, around)]
+        return np.concatenate(starts)
 
     def next(
         self,
@@ -137,14 +141,14 @@ class MixtureStep:
         leaves = self._leaves(components, votes, eye, rng) if share and eye is not None else {}
         proposals = []
         for i, component in enumerate(components):
-            terms = _pulled(self.model, component.terms, component.belief, ())
+            terms = pulled(self.model, component.terms, component.belief, ())
             # where a limb passes through the image plane, its flips are near enough to need no jump
             nearby = [starts for (at, _), starts in leaves.items() if at == i]
             starts = np.concatenate([component.belief.mean[None], *nearby])
             most = max(self.settings.mixture.descents // len(components), 2)
             found = self._minima(terms, starts, most, should_stop)
             log = np.log1p(-share) + np.log(max(component.weight, _WEIGHTLESS))
-            log += _log_normal(component.belief.place_covariance)
+            log += log_normal(component.belief.place_covariance)
             proposals.append(
                 _Proposals(found, component.terms, i, "followed", component.belief, float(log))
             )
@@ -215,11 +219,11 @@ class MixtureStep:
         columns = np.array([names.index(name) for name in ready.chain.parameters])
         low, high = self.model.bounds(component.belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
-        terms = _pulled(self.model, component.terms, component.belief, columns)
+        terms = pulled(self.model, component.terms, component.belief, columns)
         found = self._minima(terms, starts, 1, should_stop)
         others = np.setdiff1d(np.arange(self._size), columns)
         known = component.belief.place_covariance[np.ix_(others, others)]
-        log = log_share + np.log(max(component.weight, _WEIGHTLESS)) + _log_normal(known)
+        log = log_share + np.log(max(component.weight, _WEIGHTLESS)) + log_normal(known)
         log -= float(np.log(ranges).sum())
         spread = np.zeros(self._size)
         spread[columns] = ranges / np.sqrt(12.0)
@@ -228,9 +232,10 @@ class MixtureStep:
         return _Proposals(found, component.terms, parent, origin, belief, float(log))
 
     def _minima(
-        self, terms: FrameTerms, starts: Floats, most: int, should_stop: Callable[[], bool] | None
-    ) -> Minima:
-        return minima(self.model, self.settings.solver, terms, starts, most, should_stop)
+        self, terms: FrameTerms, starts: Floats, most: int,
+        should_stop: Callable[[], bool] | None, is_far: bool = False,
+    ) -> Minima:  # fmt: skip
+        return minima(self.model, self.settings.solver, terms, starts, most, should_stop, is_far)
 
     def _weighed(self, proposals: Sequence[_Proposals], is_first: bool) -> Mixture:
         """Return the distinct minima of largest posterior mass.
@@ -265,13 +270,13 @@ class MixtureStep:
                 if is_first
                 else via.belief.updated(params[row], spread)
             )
-            terms = _without_memory(via.terms)
+            terms = without_memory(via.terms)
             seen = stage_problem(self.model, terms, terms.stages - 1, params[row])
             found = MovingHypothesis(
                 params[row], float(cost[row]), spread, float(weight), via.origin, belief,
                 seen.linearize(params[row]),
             )  # fmt: skip
-            hypotheses.append(_unwound(found))
+            hypotheses.append(unwound(found))
         return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
 
     def _apart(self, params: Floats, carried: int) -> Ints:
@@ -307,59 +312,6 @@ class MixtureStep:
 
     def _rng(self, observation: Observation) -> np.random.Generator:
         return np.random.default_rng([self.settings.mixture.seed, observation.frame])
-
-
-def _unwound(hypothesis: MovingHypothesis) -> MovingHypothesis:
-    """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
-    turn = hypothesis.params[3:6]
-    if float(np.linalg.norm(turn)) <= np.pi:
-        return hypothesis
-    params = hypothesis.params.copy()
-    params[3:6] = wrapped(turn)
-    change = np.eye(len(params))
-    change[3:6, 3:6] = np.linalg.solve(left_jacobian(params[3:6]), left_jacobian(turn))
-    back = np.linalg.inv(change)
-    seen = hypothesis.seen
-    return replace(
-        hypothesis,
-        params=params,
-        covariance=change @ hypothesis.covariance @ change.T,
-        belief=hypothesis.belief.recharted(params, change),
-        seen=JointSystem(seen.cost, back.T @ seen.gradient, back.T @ seen.hessian @ back),
-    )
-
-
-def _pulled(
-    model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints
-) -> FrameTerms:
-    """Return the terms with the pull to where a belief expects the pose, but for the columns that are free."""
-    others = np.setdiff1d(np.arange(len(belief.mean)), np.asarray(free, dtype=int))
-    information = np.zeros((len(belief.mean), len(belief.mean)))
-    inner = belief.place_covariance[np.ix_(others, others)]
-    information[np.ix_(others, others)] = np.linalg.inv(inner)
-    back = np.linalg.pinv(model.transform.matrix)
-    information = back.T @ (0.5 * (information + information.T)) @ back
-    prior = BellPrior(model.joint_params(belief.mean), information)
-    return replace(terms, priors=(*_without_memory(terms).priors, prior))
-
-
-def _without_memory(terms: FrameTerms) -> FrameTerms:
-    """Return the terms with the static priors as one frame of many counts them."""
-    return replace(terms, priors=tuple(map(_shared_out, terms.priors)))
-
-
-def _shared_out(prior: ParameterTerm) -> ParameterTerm:
-    """Return what is known of poses as one frame of many counts it: the belief already holds it from those before."""
-    if isinstance(prior, GaussianPrior):
-        return replace(prior, sigma=prior.sigma * np.sqrt(_MEMORY_FRAMES))
-    if isinstance(prior, LinearPrior):
-        return replace(prior, rows=prior.rows / np.sqrt(_MEMORY_FRAMES))
-    return prior
-
-
-def _log_normal(spread: Floats) -> float:
-    """Return the log of a bell's height at its middle, −½ log det(2π C)."""
-    return -0.5 * float(np.linalg.slogdet(spread)[1] + len(spread) * np.log(2.0 * np.pi))
 
 
 def _drawn(weights: Floats, draws: int, rng: np.random.Generator) -> Ints:

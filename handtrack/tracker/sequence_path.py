@@ -16,7 +16,8 @@ from handtrack.geometry.rotation import (
     wrapped,
 )
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.tracker.mixture import MixtureStep, MovingHypothesis
+from handtrack.tracker.mixture import MixtureStep
+from handtrack.tracker.moving_hypothesis import MovingHypothesis
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.settings import TrackerSettings
 

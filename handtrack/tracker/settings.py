@@ -146,6 +146,8 @@ class FollowSettings:
     """strength of the pull towards the prediction; 0 switches it off"""
     escape: bool = True
     """look for lost fingers over their whole range when a frame fits worse than usual"""
+    escape_every: int = 8
+    """and in every so many frames however well it fits, since a finger hidden in a fist may settle wrongly; 0: never"""
     jumps: bool = False
     """restart a doubtful frame from kinematic jumps; without effect in this version"""
     hypotheses: int = 1

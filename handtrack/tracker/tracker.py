@@ -30,7 +30,8 @@ from handtrack.tracker.fallback import (
 )
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.initialize import aimed_forearm
-from handtrack.tracker.mixture import Component, MixtureStep, MovingHypothesis
+from handtrack.tracker.mixture import Component, MixtureStep
+from handtrack.tracker.moving_hypothesis import MovingHypothesis
 from handtrack.tracker.prediction import predict
 from handtrack.tracker.restart import recovered
 from handtrack.tracker.result import FrameResult, Status
@@ -119,7 +120,8 @@ class Tracker:
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
         poor = self._poor(terms, summary.params, previous)
         worth = poor is None or not poor.is_still_poor(previous)
-        if worth and self.settings.tracker.escape and is_suspicious(summary.cost, terms.views, previous):
+        due = self._is_due(observation.frame) or is_suspicious(summary.cost, terms.views, previous)
+        if worth and due and self.settings.tracker.escape:
             free = terms.without_motion()
             found = escape(
                 self._problem(free, 0, summary.params),
@@ -178,6 +180,11 @@ class Tracker:
         if expected is None or previous[-1].status == Status.LOST:
             return None
         return self.model.bones(self.model.transform.solver_params(expected))
+
+    def _is_due(self, frame: int) -> bool:
+        """Return whether lost fingers are looked for in this frame anyway."""
+        every = self.settings.tracker.escape_every
+        return every > 0 and frame % every == every - 1
 
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
         if not previous:

@@ -67,6 +67,18 @@ def test_a_slider_moves_the_limb(opened):
         )
 
 
+def test_the_error_against_true_joints_is_told(opened):
+    document = opened.worker._document
+    assert document.truth_at(0).shape == (len(BODY.joint_names), 3)
+    document.set_pose(0, tuple(document.start))
+    assert document.pose_snapshot().error_mm < 1.0  # it started from the exact pose
+    moved = document.start.copy()
+    moved[0] += 0.05
+    document.set_pose(0, tuple(moved))
+    assert document.pose_snapshot().error_mm == pytest.approx(50.0, abs=1.0)
+    document.forget_pose(0)
+
+
 def test_names_are_grouped_and_worded_by_limb():
     assert group_of("left_shoulder_abd") == "Left arm"
     assert label_of("left_shoulder_abd") == "shoulder aside\u00a0°"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 import re
@@ -74,13 +75,12 @@ class PageUnderTest:
         mouse.up()
 
 
-@pytest.fixture
-def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
+@contextlib.contextmanager
+def browsing(bench: Workbench) -> Iterator[PageUnderTest]:
+    """Show a workbench in a real browser; it is stopped afterwards."""
     if not Path(CHROMIUM).exists():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
-    bench = Workbench(
-        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15)
-    ).start()
+    bench.start()
     assert bench.wait_ready(60.0)
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
     with playwright.sync_playwright() as driver:
@@ -100,10 +100,17 @@ def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
         )
         page.goto(f"{bench.url}/?fixedDpr=0.5")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
-        yield bench, PageUnderTest(page)
+        yield PageUnderTest(page)
         browser.close()
         assert not errors, f"script errors in the page: {errors}"
     bench.stop()
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15))
+    with browsing(bench) as page:
+        yield bench, page
 
 
 @pytest.mark.browser

@@ -23,7 +23,7 @@ from tests.session.small_session import edit
 COMMANDS = ("open", "demo", "new", "track", "export", "evaluate", "simulate", "doctor", "bench")
 METRICS = [
     "mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm", "pa_mpjpe_mm", "fingertip_mm",
-    "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90",
+    "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90", "finger_swaps",
 ]  # fmt: skip
 HEAVY = ("numpy", "cv2", "numba", "scipy", "viser", "rerun", "tqdm")
 

@@ -43,12 +43,27 @@ def test_a_perfect_track(rng):
     assert found["lost_frames"] == 0
 
 
-def test_the_names_are_the_contracts(rng):
+def test_the_names_are_the_contracts_and_swaps(rng):
     track = sample_track(rng)
     assert list(evaluate(track, truth_of(track))) == [
         *("mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm", "pa_mpjpe_mm"),
         *("fingertip_mm", "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90"),
+        "finger_swaps",
     ]
+
+
+def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):
+    track = sample_track(rng)
+    assert evaluate(track, truth_of(track))["finger_swaps"] == 0
+    names = keypoint_names()
+    points = track.keypoints21.copy()
+    index, middle = names.index("index_tip"), names.index("middle_tip")
+    points[2, [index, middle]] = points[2, [middle, index]]
+    points[3, index] = 0.6 * points[3, middle] + 0.4 * points[3, index]
+    assert evaluate(moved(track, points), truth_of(track))["finger_swaps"] == 3
+    truth = truth_of(track)
+    truth.keypoints21[:, middle] = np.nan  # nobody can say
+    assert evaluate(moved(track, points), truth)["finger_swaps"] <= 1
 
 
 def test_a_constant_offset(rng):

@@ -120,10 +120,10 @@ def test_the_flips_of_an_arm_are_its_minima(rng):
     """All leaves of an arm's tree are minima of their own, each with its joints where they are seen."""
     model = load_model("body34")
     held = {
-        "shoulder_abd": 31.0,
-        "shoulder_flex": 37.0,
-        "shoulder_twist": -54.0,
-        "elbow_flex": 69.0,
+        "shoulder_abd": 65.0,
+        "shoulder_flex": 6.0,
+        "shoulder_twist": -97.0,
+        "elbow_flex": 26.0,
     }
     truth = model.params_from({f"left_{name}": np.deg2rad(value) for name, value in held.items()})
     camera = front_camera(4.0, 1100.0)
@@ -133,12 +133,12 @@ def test_the_flips_of_an_arm_are_its_minima(rng):
     priors = body_priors(model).joints
     arm = [chain for chain in chains_of(model) if chain.name == "left_arm"]
     leaves = interpretation_tree(model, truth, arm, camera).params
-    assert len(leaves) == 4
+    assert len(leaves) == 3  # the fourth is beyond a limit
     ends = polish(model, leaves, seen, priors)
     assert ends.is_minimum.all()
     for n, params in enumerate(ends.params):
         others = np.delete(ends.params, n, axis=0)
-        assert np.linalg.norm(others - params, axis=1).min() > 0.5
+        assert np.linalg.norm(others - params, axis=1).min() > 1.0
         found = model.joint_positions(model.bones(params))
         off = camera.project(found[[model.joint_names.index(n) for n in names]]) - seen[0].pixels
         assert np.abs(off).max() < 1.0

@@ -6,7 +6,7 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.tracker.mixture import MovingHypothesis
+from handtrack.tracker.moving_hypothesis import MovingHypothesis
 from handtrack.tracker.result import Status
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.tracker import Tracker

@@ -77,9 +77,15 @@ KNOBS: dict[str, tuple[Knob, ...]] = {
              span=(1.0, 60.0, 0.5)),
         Knob("prior.rest_sigma_deg", "Towards relaxed °", "Width of the pull to the relaxed hand; 0 is off.",
              span=(0.0, 90.0, 1.0)),
+    ),
+    "Other poses": (
         Knob("tracker.jumps", "Jumps", "Restart a doubtful frame from kinematic jumps."),
         Knob("tracker.hypotheses", "Hypotheses", "How many poses are carried along; 1: only the best.",
              span=(1, 16, 1)),
+        Knob("mixture.scale", "Scatter ×", "How far samples scatter, in standard deviations.", span=(1.0, 16.0, 0.5)),
+        Knob("mixture.apart_mm", "Apart mm", "Poses carried along differ by at least this.", span=(1.0, 100.0, 1.0)),
+        Knob("mixture.sequence", "Of a sequence", "What becomes of the hypotheses when the last frame is done.",
+             {"best of each frame": "best", "best path": "path", "path, smoothed": "smooth"}),
     ),
     "Solver": (
         Knob("solver.iterations", "Iterations", "Steps a frame at most.", span=(1, 100, 1)),

@@ -165,14 +165,14 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
 
 
 def show_hand(
-    view: HandView, display: Display, instead: bool = False, points: bool = False
+    view: HandView, display: Display, instead: bool = False, inside: bool = False
 ) -> None:
-    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would. points: there is
-    a cloud.
+    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would. inside:
+    something that is to be seen is in it.
     """
     shown, opacity = (
         display.flesh or (display.surface and not instead),
-        flesh_opacity(display, points),
+        flesh_opacity(display, inside),
     )
     view.flesh.visible = shown and not view.parts
     view.flesh.opacity = opacity
@@ -184,12 +184,12 @@ def show_hand(
     view.bones.visible = view.joints.visible = display.skeleton
 
 
-def flesh_opacity(display: Display, points: bool) -> float | None:
-    """Return how opaque flesh is: over a camera's image, around bones, and with points in it, it lets them be seen."""
+def flesh_opacity(display: Display, inside: bool) -> float | None:
+    """Return how opaque flesh is: over a camera's image, and around what is inside it, it lets it be seen."""
     most = _OVER_IMAGE if display.through is not None else 1.0
     if display.skeleton:
         most = min(most, _AROUND_BONES)
-    if points and display.cloud_colour == "residual":
+    if inside:
         most = min(most, _AMONG_POINTS)
     opacity = min(display.opacity, most)
     return None if opacity > 0.99 else opacity

@@ -131,10 +131,9 @@ class Stage:
             self.tips.show(display.tips and self.pose is not None)
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
+                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             self._show_flesh(display)
             show_cameras(self.cameras, display)
-            if self.pose is not None:
-                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             if self.surroundings is not None:
                 self.surroundings.ground.visible = display.through is None
             self.root.control.visible = display.handle and self.pose is not None
@@ -151,11 +150,12 @@ class Stage:
         still = not (state.playing or state.tracking)
         ready = still and self._surface_at is not None and display.surface
         ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
-        points = self.cloud.points.visible
-        show_hand(self.hand, display, ready, points)
+        points = self.cloud.points.visible and display.cloud_colour == "residual"
+        inside = points or self.ghosts.bones.visible
+        show_hand(self.hand, display, ready, inside)
         if self.surface.visible != ready:
             self.surface.visible = ready
-        opacity = flesh_opacity(display, points)
+        opacity = flesh_opacity(display, inside)
         if self.surface.opacity != opacity:
             self.surface.opacity = opacity
 
@@ -252,6 +252,7 @@ class Stage:
             update_ghosts(self.ghosts, guesses)
             if self.pose is not None:
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
+                self._show_flesh(display)
         if guesses.is_new and display.through is None:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 

@@ -1,0 +1,92 @@
+"""`handtrack size`: a person's hand size from a recording, saved for every other one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import write_scale
+from handtrack.session.layout import SESSION_FILE
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.session_file import dotted
+from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.commands.compiling import compiling_told
+from handtrack_app.commands.progress import say, stoppable
+from handtrack_app.commands.track_options import (
+    check_seen,
+    first_pose,
+    parse_frames,
+    parse_settings,
+    parse_sources,
+)
+
+_FILE = "hand.json"
+_INTERRUPTED = 130
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track the frames asked for, fit one size of hand to some of them, and save it; return the exit code."""
+    session = Session.open(args.session)
+    overrides: dict[str, Any] = dict(parse_settings(args.set))
+    settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
+    overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
+    settings = settings.with_values(overrides)
+    check_seen(session, settings, args.use)
+    if args.init == "auto":
+        raise HandtrackError(
+            "--init auto: sizing starts from a known first pose; track once with --init auto, or give a file."
+        )
+    first = first_pose(args.init, session, settings)
+    frames = parse_frames(args.frames, session)
+    if args.count < 1:
+        raise HandtrackError(
+            f"--count {args.count}: expected at least one frame to fit the size to."
+        )
+    out = _new_file(args.out or session.folder / _FILE)
+    with stoppable() as stop, compiling_told():
+        say(f"tracking {len(frames)} frames, and fitting the hand's size to {args.count} of them …")
+        before = TrackingRun.open(session, overrides, first, stop)
+        after = before if stop() else before.fit_size(stop, frames, args.count)
+        if stop():
+            say("handtrack size: interrupted; nothing was saved.")
+            return _INTERRUPTED
+    if after is before:
+        raise HandtrackError(
+            f"{session.folder}: in none of the frames {frames.start} to {frames.stop - 1} the hand was tracked and seen "
+            "well enough to tell its size: by cameras whose lines of sight differ by 20 degrees at least, or by a "
+            "cloud. Nothing was saved. Name other frames with --frames."
+        )
+    write_scale(out, after.scale)
+    print(f"{_words(after.scale)} Saved to {out}")
+    if out.resolve().parent == session.folder.resolve():
+        print(f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".')
+    else:
+        print(
+            f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
+        )
+    return 0
+
+
+def _words(scale: HandScale) -> str:
+    parts = ", ".join(f"{name} {scale.factor(name):.3f}" for name in scale.parts)
+    return (
+        f"palm {scale.overall:.3f} of a mean adult's, {parts}."
+        if parts
+        else f"{scale.overall:.3f}."
+    )
+
+
+def _new_file(out: Path) -> Path:
+    if out.suffix != ".json":
+        raise HandtrackError(f"--out {out}: a person's hand is a .json file; expected such a name.")
+    if out.exists():
+        raise HandtrackError(
+            f"{out} exists, and a person's hand is not written over. Name another file with --out, or move it away."
+        )
+    if not out.parent.is_dir():
+        raise HandtrackError(f"--out {out}: there is no folder {out.parent}.")
+    return out
