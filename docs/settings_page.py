@@ -43,6 +43,7 @@ _TITLES = {
     "prior": "What is assumed where nothing is seen",
     "solver": "How hard to try on a frame",
     "tracker": "From frame to frame",
+    "mixture": "How other poses are looked for, where `tracker.hypotheses` is above 1 ([mixture](mixture.md))",
 }
 _UNITS = {"mm": "mm", "m": "m", "deg": "°", "rad": "rad", "px": "px"}
 _PLAIN = {

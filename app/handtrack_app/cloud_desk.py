@@ -20,7 +20,7 @@ from handtrack_app.aside import Aside
 from handtrack_app.cloud_making import CloudMaker, Moment
 from handtrack_app.document import Document, params_of
 
-_HURRIED_S = 0.3  # while tracking runs, clouds are shown at most this often
+_HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
 _OFF = ("near_m", "far_m", "crop_m", "voxel_m", "outlier_neighbours", "max_points", "front_m")
 

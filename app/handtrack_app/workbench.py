@@ -181,6 +181,8 @@ class Workbench:
                 self.layout.cloud.show_picture(snapshot)
             case m.CloudCard():
                 self.layout.cloud.fit(snapshot)
+                if not snapshot.source:
+                    self.stage.forget_cloud()
             case m.GuessesSnapshot():
                 self.stage.show_guesses(snapshot, self.state.display)
                 self.layout.guesses.show(snapshot)

@@ -30,10 +30,14 @@ BENCHMARKS = {
     "jump_tree_1024": Benchmark("handtrack.bench.jump_tree", "jump_tree_1024"),
     "jump_polish_1024": Benchmark("handtrack.bench.jump_polish", "jump_polish_1024"),
     "jumps": Benchmark("handtrack.bench.jumps", "jumps", quick=False),
+    "auto_start": Benchmark("handtrack.bench.auto_start", "auto_start", quick=False),
+    "recovery": Benchmark("handtrack.bench.recovery", "recovery", quick=False),
     "sr305": Benchmark("handtrack.bench.sr305", "sr305", quick=False),
     "body_retarget": Benchmark("handtrack.bench.body_retarget", "body_retarget", quick=False),
     "hand_size": Benchmark("handtrack.bench.hand_size", "hand_size", quick=False),
     "dance_appearance": Benchmark(
         "handtrack.bench.dance_appearance", "dance_appearance", quick=False
     ),
+    "monocular_dance": Benchmark("handtrack.bench.monocular_dance", "monocular_dance", quick=False),
+    "balancing": Benchmark("handtrack.bench.balancing", "balancing", quick=False),
 }

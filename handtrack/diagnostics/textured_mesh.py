@@ -97,6 +97,7 @@ def _finer(camera: Camera) -> Camera:
     """Return the camera with _FINER² as many pixels."""
     matrix = camera.matrix.copy()
     matrix[:2] *= _FINER
-    matrix[:2, 2] += (_FINER - 1) / 2.0  # the first fine pixel's centre lies outwards of the first coarse one's
+    # the first fine pixel's centre lies outwards of the first coarse one's
+    matrix[:2, 2] += (_FINER - 1) / 2.0
     width, height = camera.size
     return replace(camera, matrix=matrix, size=(_FINER * width, _FINER * height))

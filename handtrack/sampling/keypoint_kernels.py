@@ -211,50 +211,31 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
             value, weight, second = _loss(problem.loss_kind, problem.loss_scale, squared)
             weight *= info
             uz, vz = -fu * a / (d * d), -fv * b / (d * d)
-            f0 = (
-                u * fu / d * turn[c, 0, 0]
-                + v * fv / d * turn[c, 1, 0]
-                + (u * uz + v * vz) * turn[c, 2, 0]
+            nu = (
+                fu / d * turn[c, 0, 0] + uz * turn[c, 2, 0],
+                fu / d * turn[c, 0, 1] + uz * turn[c, 2, 1],
+                fu / d * turn[c, 0, 2] + uz * turn[c, 2, 2],
             )
-            f1 = (
-                u * fu / d * turn[c, 0, 1]
-                + v * fv / d * turn[c, 1, 1]
-                + (u * uz + v * vz) * turn[c, 2, 1]
+            nv = (
+                fv / d * turn[c, 1, 0] + vz * turn[c, 2, 0],
+                fv / d * turn[c, 1, 1] + vz * turn[c, 2, 1],
+                fv / d * turn[c, 1, 2] + vz * turn[c, 2, 2],
             )
-            f2 = (
-                u * fu / d * turn[c, 0, 2]
-                + v * fv / d * turn[c, 1, 2]
-                + (u * uz + v * vz) * turn[c, 2, 2]
-            )
-            # second derivatives of the pixel by the point in the camera's frame: only with depth
-            uzz = -weight * u * fu / (d * d)
-            vzz = -weight * v * fv / (d * d)
-            zzz = -2.0 * weight * (u * uz + v * vz) / d
+            f0, f1, f2 = u * nu[0] + v * nv[0], u * nu[1] + v * nv[1], u * nu[2] + v * nv[2]
+            pull = (f0, f1, f2)
             for i in range(3):
-                nui = fu / d * turn[c, 0, i] + uz * turn[c, 2, i]
-                nvi = fv / d * turn[c, 1, i] + vz * turn[c, 2, i]
                 for j in range(3):
-                    nuj = fu / d * turn[c, 0, j] + uz * turn[c, 2, j]
-                    nvj = fv / d * turn[c, 1, j] + vz * turn[c, 2, j]
-                    stiffness[i, j] += weight * (nui * nuj + nvi * nvj)
-                    bend[i, j] += (
-                        uzz * (turn[c, 0, i] * turn[c, 2, j] + turn[c, 2, i] * turn[c, 0, j])
-                        + vzz * (turn[c, 1, i] * turn[c, 2, j] + turn[c, 2, i] * turn[c, 1, j])
-                        + zzz * turn[c, 2, i] * turn[c, 2, j]
-                    )
+                    stiffness[i, j] += weight * (nu[i] * nu[j] + nv[i] * nv[j])
+                    # a pixel's second derivatives all go with depth: u ∇²u + v ∇²v = −(f zᵀ + z fᵀ)/depth
+                    bend[i, j] -= weight / d * (pull[i] * turn[c, 2, j] + turn[c, 2, i] * pull[j])
         cost += 0.5 * value
         force[0] += weight * f0
         force[1] += weight * f1
         force[2] += weight * f2
         if second != 0.0:
             robust = 2.0 * second * info * info
-            bend[0, 0] += robust * f0 * f0
-            bend[1, 1] += robust * f1 * f1
-            bend[2, 2] += robust * f2 * f2
-            bend[0, 1] += robust * f0 * f1
-            bend[1, 0] += robust * f0 * f1
-            bend[0, 2] += robust * f0 * f2
-            bend[2, 0] += robust * f0 * f2
-            bend[1, 2] += robust * f1 * f2
-            bend[2, 1] += robust * f1 * f2
+            along = (f0, f1, f2)
+            for i in range(3):
+                for j in range(3):
+                    bend[i, j] += robust * along[i] * along[j]
     return cost

@@ -28,6 +28,7 @@ class PolishSettings:
     damping: float = 1e-3
     """first λ, as a share of the Gauss-Newton diagonal"""
     least_damping: float = 1e-12
+    """λ never falls below this"""
     step_limit_m: float = 0.3
     """longest move of a translation in one step"""
     step_limit_rad: float = 0.5

@@ -29,6 +29,7 @@ from handtrack.terms.model_outline import outline_points
 from handtrack.terms.outline_edges import OutlineEdgesTerm
 from handtrack.terms.smooth_image import smooth_image
 from handtrack.terms.term import ObservationTerm
+from handtrack.terms.texture_agreement import contradicts
 from handtrack.tracker.settings import TrackerSettings
 
 _MM = 1e-3
@@ -41,6 +42,7 @@ _ROBUST = (
 )  # sigmas; another colour is another thing, or, at first, still the wrong place
 _SPACING_PX = 3  # between points of texture
 _BORDER_PX = 2  # of the model, where the colour may be the background's
+_SAME, _SAME_PX = 4.0, 2.0  # sigmas within which a colour is the same, images smoothed by that much
 _LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
 
 
@@ -69,6 +71,13 @@ class _Carried:
     bone: Ints
     local: Floats
     pixel: Floats
+    spacing_m: float
+    """about how far the points are from each other"""
+
+    def texture(self, smoothing_px: float) -> Texture:
+        """Return the points with the colours that the smoothed image has there."""
+        image = smooth_image(self.pixels, smoothing_px, self.pixel)
+        return Texture(self.camera, self.bone, self.local, image.look_up(self.pixel)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +112,12 @@ def see_appearance(
     if by_texture and before is not None:
         first, memory = before.first, settings.intensity.memory
         memory = 0.0 if first is None else memory
-        for look, share in ((before, 1.0 - memory), (first, memory)):
-            if look is not None and share > 0:
-                carried += _carried(mesh, look, seen.images, share)
+        last = _carried(mesh, before, seen.images, 1.0 - memory)
+        if first is not None and memory > 0:
+            known = _carried(mesh, first, seen.images, memory)
+            last = [_agreeing(c, known, settings) for c in last]
+            carried += known
+        carried += last if memory < 1 else []
     if not by_edges and not carried:
         return None
     step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
@@ -161,9 +173,7 @@ def _texture(
     chosen = settings.intensity
     smoothing = at_stage(chosen.smooth_px, stage)
     i = next(i for i, view in enumerate(seen.images) if view.camera is carried.camera)
-    then = smooth_image(carried.pixels, smoothing, carried.pixel)
-    texture = Texture(carried.camera, carried.bone, carried.local, then.look_up(carried.pixel)[0])
-    texture = still_visible(texture, start, pictures[i], seen.step_m)
+    texture = still_visible(carried.texture(smoothing), start, pictures[i], seen.step_m)
     at = carried.camera.project(start.to_world(texture.bone, texture.local))
     now = smooth_image(seen.images[i].pixels, smoothing, at, 8.0 + 4.0 * smoothing)
     share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
@@ -209,8 +219,29 @@ def _carried(
         inner = cv2.erode(on_model, np.ones((size, size), np.uint8))[1:-1, 1:-1]
         picture = replace(picture, face=np.where(inner > 0, picture.face, -1))
         points = texture_points(mesh, before.bones, picture, _SPACING_PX)
-        found.append(_Carried(share, now[view.camera.name], view.pixels, *points))
+        depth = picture.depth[np.isfinite(picture.depth)]
+        far = float(np.median(depth)) if len(depth) else 0.0
+        spacing = _SPACING_PX * far / float(view.camera.matrix[0, 0])
+        camera = now[view.camera.name]
+        found.append(_Carried(share, camera, view.pixels, *points, spacing))
     return found
+
+
+def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSettings) -> _Carried:
+    """Return the points without those that the first frame showed in another colour.
+
+    There the model was not on what it should be on: carried further, they would hold it where it slipped to.
+    """
+    same = [k for k in known if k.camera is carried.camera]
+    if not same:
+        return carried
+    first = same[0]
+    tolerance = _SAME * np.sqrt(3.0) * settings.intensity.sigma  # all three channels
+    now, then = carried.texture(_SAME_PX), first.texture(_SAME_PX)
+    kept = ~contradicts(now, then, first.spacing_m, tolerance)
+    return replace(
+        carried, bone=carried.bone[kept], local=carried.local[kept], pixel=carried.pixel[kept]
+    )
 
 
 def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:

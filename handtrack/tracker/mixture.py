@@ -23,6 +23,7 @@ from handtrack.tracker.frame_terms import FrameTerms
 from handtrack.tracker.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracker.motion_belief import MotionBelief
 from handtrack.tracker.moving_hypothesis import MovingHypothesis, unwound
+from handtrack.tracker.posture import agility
 from handtrack.tracker.settings import TrackerSettings
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
@@ -177,6 +178,9 @@ class MixtureStep:
         prior, strength = self.settings.prior, self.settings.tracker.smoothing
         push = np.full(self._size, np.deg2rad(prior.motion_sigma_deg))
         push[:3] = 1e-3 * prior.motion_sigma_mm
+        share = agility(self.model)
+        leaders = [np.flatnonzero(column)[:1] for column in self.model.transform.matrix.T]
+        push *= [float(share[led[0]]) if len(led) else 1.0 for led in leaders]
         return push / np.sqrt(max(strength, 1e-6))
 
     def _leaves(

@@ -238,6 +238,19 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> No
         eventually(lambda: not view.points.visible, "hidden")
 
 
+def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
+    document, view = page.worker._document, page.stage.cloud
+    assert document is not None
+    document.saved_clouds = None
+    page.send(m.RestoreClouds())
+    eventually(lambda: not view.points.visible, "hidden")
+    assert not page.layout.cloud.scene.visible
+    page.send(m.SetClouds((("stereo", (("cam0", "cam1"),)),)))
+    eventually(lambda: page.layout.cloud.scene.visible, "clouds of the pair")
+    assert page.layout.cloud.card is not None
+    assert page.layout.cloud.card.source == "stereo"
+
+
 def test_the_surface_stands_where_the_ellipsoids_did(page: Workbench) -> None:
     stage = page.stage
     assert stage.hand is not None

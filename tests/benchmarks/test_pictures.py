@@ -7,8 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack.bench import figures
+from handtrack.bench import figures, jump_figures
+from handtrack.bench.jump_scene import KJS1, jump_scene
 from handtrack.bench.model_pictures import model_pictures, segments
+from handtrack.bench.plotting import saved
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 
@@ -40,7 +42,7 @@ def test_segments_are_the_bones_lengths():
 
 def test_a_figure_is_drawn(tmp_path):
     pytest.importorskip("matplotlib")
-    figures._saved(figures.draw_recovery(load_model(), seeds=2), tmp_path / "figure.png")
+    figures.saved(figures.draw_recovery(load_model(), seeds=2), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 5000
 
 
@@ -48,3 +50,28 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(HandtrackError, match=r"pip install 'handtrack\[docs\]'"):
         figures.draw_recovery(load_model(), seeds=1)
+
+
+def test_the_flips_are_drawn(tmp_path):
+    """The picture of docs/jumps.md: three panels, a line for each bone of each minimum and of the start."""
+    pytest.importorskip("matplotlib")
+    scene = jump_scene(1)
+    figure = jump_figures.draw_flips(scene)
+    minima = len(scene.tree(KJS1))
+    assert minima > 1
+    lines = [len(axis.get_lines()) for axis in figure.get_axes()]
+    assert lines == [7 * (minima + 1) + 1, 7 * (minima + 1), 7 * (minima + 1)]
+    saved(figure, tmp_path / "flips.png")
+    assert (tmp_path / "flips.png").stat().st_size > 5_000
+
+
+def test_distances_are_drawn_of_all_samples_and_minima():
+    pytest.importorskip("matplotlib")
+    figure = jump_figures.draw_distances(poses=2, samples=20)
+    labels = [
+        text.get_text() for axis in figure.get_axes() for text in axis.get_legend().get_texts()
+    ]
+    leaves = sum(len(jump_scene(seed).tree(KJS1)) for seed in range(2))
+    assert labels[0] == labels[2] == f"samples ({leaves})"
+    assert labels[1] == f"minima ({leaves})"
+    assert labels[4] == "samples (20)"

@@ -105,8 +105,8 @@ def test_no_way_within_narrowing_limits_leads_down(rng):
     for step in 1e-4 * rng.normal(size=(300, len(best))):
         moved = model.clipped(model.clipped(best + step))
         assert plain.cost(moved) > ends.cost.min() - 1e-9
-    for start, cost in zip(starts, ends.cost, strict=True):
-        assert cost <= solve(plain, start, FAR).cost + 1e-9
+    above = np.array([solve(plain, start, FAR).cost for start in starts]) - ends.cost
+    assert above.min() > -1e-9 and above.max() > 1e-6
 
 
 def test_starts_beyond_the_limits_end_within(rng):

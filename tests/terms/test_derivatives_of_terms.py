@@ -16,7 +16,7 @@ from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
 from handtrack.terms.outline_edges import OutlineEdgesTerm
-from handtrack.terms.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
 from tests.derivatives import check_observation_term, check_parameter_term, check_problem
 from tests.terms.image_scene import edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of
@@ -121,6 +121,13 @@ def test_gaussian_prior(rng, model):
 def test_linear_prior(rng, model):
     count = len(model.parameter_names)
     term = LinearPrior(rng.normal(size=(5, count)))
+    check_parameter_term(term, rng.normal(size=count), model.parameter_names)
+
+
+def test_bell_prior(rng, model):
+    count = len(model.parameter_names)
+    root = rng.normal(size=(count, count))
+    term = BellPrior(model.rest, root @ root.T)
     check_parameter_term(term, rng.normal(size=count), model.parameter_names)
 
 

@@ -57,6 +57,11 @@ class CloudPanel:
         else:
             for knobs in (self.filters, self.skin, self.stereo):
                 knobs.fit(card)
+        for folder in (self.scene, *self.filters.folders, self.skin.folder):
+            if folder is not None and folder.visible != bool(card.source):
+                folder.visible = bool(card.source)
+        if not card.source:
+            self.counts.content = ""
         self._say_saved()
         self.note.content = _note(card)
 
@@ -74,7 +79,8 @@ class CloudPanel:
             hint="Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
         )  # fmt: skip
         wide = gui.add_checkbox("Large", display.cloud_wide, hint="Over the scene.")
-        with gui.add_folder("In the scene"):
+        self.scene = gui.add_folder("In the scene")
+        with self.scene:
             on = gui.add_checkbox("Cloud", display.cloud)
             colour = gui.add_dropdown(
                 "Colour", tuple(_COLOURS), initial_value=next(iter(_COLOURS)),

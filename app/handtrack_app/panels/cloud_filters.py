@@ -110,7 +110,10 @@ class FilterKnobs:
     def __init__(self, page: Page, set_: Set) -> None:
         gui = page.gui
         self.sliders = Sliders(page, set_)
-        with gui.add_folder("Crop"):
+        crop = gui.add_folder("Crop")
+        thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
+        self.folders = (crop, thin)
+        with crop:
             for knob in CROP[:3]:
                 self.sliders.add(knob)
             self.part = gui.add_dropdown(
@@ -119,7 +122,7 @@ class FilterKnobs:
                 hint="Of the parts that hang together, which one is the hand.",
             )
             self.sliders.add(CROP[3])
-        with gui.add_folder("Thin, and drop outliers", expand_by_default=False):
+        with thin:
             for knob in THIN:
                 self.sliders.add(knob)
         self.part.on_update(
@@ -146,7 +149,7 @@ class StereoKnobs:
     def _build(self, card: CloudCard) -> None:
         page, gui = self.page, self.page.gui
         self.sliders = Sliders(page, self.set)
-        self.folder = gui.add_folder("Stereo", expand_by_default=False)
+        self.folder = gui.add_folder("Stereo", expand_by_default=not card.source)
         with self.folder:
             pairs = tuple(" – ".join(pair) for pair in card.pairs)
             first = " – ".join(card.pair or card.pairs[0])

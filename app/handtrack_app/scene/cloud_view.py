@@ -39,12 +39,14 @@ def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
 
 
 def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
-    """Take a frame's cloud."""
-    view.cloud = cloud
-    view.points.points = cloud.points
+    """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
+    before, view.cloud = view.cloud, cloud
+    if before is None or not np.array_equal(before.points, cloud.points):
+        view.points.points = cloud.points
     view.points.colors = cloud_colours(cloud, display.cloud_colour)
-    view.dropped.points = cloud.dropped
-    view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
+    if before is None or not np.array_equal(before.dropped, cloud.dropped):
+        view.dropped.points = cloud.dropped
+        view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
 
 
 def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:

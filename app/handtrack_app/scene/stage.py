@@ -272,6 +272,12 @@ class Stage:
                 show_cloud(self.cloud, display, self.pose.frame)
                 self._show_flesh(display)
 
+    def forget_cloud(self) -> None:
+        """Show no cloud any more."""
+        if self.cloud.cloud is not None:
+            self.cloud.cloud = None
+            self.apply(self.page.state.display)
+
     # ---- views
 
     def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
