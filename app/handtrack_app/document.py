@@ -16,6 +16,7 @@ from handtrack.session.body_motion import BODY_POSES, body_pose
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose import FirstPose
+from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.result import FrameResult
 from handtrack_app.messages import (
     CameraCard,
@@ -308,7 +309,7 @@ class Document:
             std=result.parameter_std if result is not None and not by_hand else None,
             truth=truth,
             error_mm=mean_error_mm(found, truth),
-            note=result.note if result is not None and not by_hand else "",
+            note=told(result) if result is not None and not by_hand else "",
         )
 
     def strip_snapshot(self) -> StripSnapshot:
@@ -349,6 +350,13 @@ class Document:
             return None
         row = np.flatnonzero(truth.frame == frame)
         return points[row[0]] if len(row) else None
+
+
+def told(result: FrameResult) -> str:
+    """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
+    if is_simplified(result):
+        return f"Fingers held. {result.note}".rstrip(". ") + "."
+    return result.note
 
 
 def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import EXPORTS
+from handtrack.tracker.fallback import is_simplified
 from handtrack_app.document import Document
 from handtrack_app.keeping import whole_track
 
@@ -43,6 +44,9 @@ def summary(document: Document, frames: range, done: int, seconds: float) -> str
     )
     speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
     odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
+    held = sum(is_simplified(document.results[f]) for f in frames if f in document.results)
+    if held:
+        odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
     quality = ", ".join(odd) if odd else "none doubtful"
     return f"{done} of {len(frames)} frames in {seconds:.1f} s ({speed}); {quality}."
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Floats, Ints
 from handtrack.capture.calibration import write_rig
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
@@ -95,11 +95,12 @@ def hand_points(points: Floats) -> HandPoints:
     seen = np.zeros(CAMERA.size[::-1], bool)
     seen[rows, columns] = True
     pixel_m = float(np.median(points[:, 2])) / CAMERA.matrix[0, 0]
-    whole = ndimage.binary_fill_holes(np.pad(seen, _AROUND_PX))
-    wide = ndimage.distance_transform_edt(whole) > _DISC_M / pixel_m
+    whole = np.asarray(ndimage.binary_fill_holes(np.pad(seen, _AROUND_PX)))
+    wide = np.asarray(ndimage.distance_transform_edt(whole)) > _DISC_M / pixel_m
     away = ndimage.distance_transform_edt(~wide) * pixel_m - _DISC_M  # from where the disc fits
-    parts, count = ndimage.label(whole & (away > 0))
-    ends = ndimage.maximum_position(away, parts, range(1, count + 1))
+    parts: Ints = np.zeros(whole.shape, np.int32)
+    ndimage.label(whole & (away > 0), output=parts)  # pyright: ignore[reportArgumentType]
+    ends = ndimage.maximum_position(away, parts, range(1, int(parts.max()) + 1))
     tips = np.array([e for e in ends if away[e] > _LEAST_FINGER_M]).reshape(-1, 2) - _AROUND_PX
     if len(tips) == 0:
         raise HandtrackError("no finger in the picture of the points nearest to the camera.")

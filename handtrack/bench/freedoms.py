@@ -27,12 +27,12 @@ FREEDOMS = ("26", "21", "18", "18_usual")
 """`18` knows the person's constants, `18_usual` takes the definition's"""
 HANDS = ("coupled", "independent")
 SENSORS: dict[str, Sensor] = {"fine": FINE, "noisy": NOISY}
-FRAMES = 40
+FRAMES = 20
 _WANDER_RAD = np.deg2rad(15.0)
 _SPREAD_RAD = np.deg2rad(12.0)
 
 
-def freedoms(seeds: int = 5) -> dict[str, float | int | str]:
+def freedoms(seeds: int = 3) -> dict[str, float | int | str]:
     """Return the mean joint error [mm] of all frames and seeds for each hand, sensor and set of freedoms."""
     figures: dict[str, float | int | str] = {"seeds": seeds, "frames": FRAMES}
     for sensor in SENSORS:
@@ -52,7 +52,7 @@ def scene(
 ) -> tuple[Floats, list[Observation]]:
     """Return joint parameters (F, 26) of a motion that obeys the coupling or not, and its clouds."""
     rng = np.random.default_rng(seed)
-    truth = fingers_of(hand, frames, rng)
+    truth = fingers_of(hand, FRAMES, rng)[:frames]
     return truth, list(depth_views(load_model(), truth, SENSORS[sensor], rng))
 
 

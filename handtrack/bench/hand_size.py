@@ -19,7 +19,7 @@ from handtrack.session.session import Session
 SIZED, OTHERS = "webxr_open_close_3cam", ("webxr_fist_6cam",)
 CLOUDS = ("webxr_exact_depth_768", "webxr_depth_640", "webxr_stereo_768")
 FRAMES = 20
-_SEGMENTS = {finger: ("proximal", "intermediate", "distal") for finger in FINGERS[1:]} | {
+_SEGMENTS = dict.fromkeys(FINGERS[1:], ("proximal", "intermediate", "distal")) | {
     "thumb": ("metacarpal", "proximal", "distal")
 }
 _LENGTHWISE = 0.7  # cosine between an ellipsoid's axis and its bone
@@ -31,8 +31,7 @@ def hand_size() -> dict[str, Any]:
     """
     sessions = {name: _session(name) for name in (SIZED, *OTHERS)}
     keypoints = _known(sessions[SIZED])
-    start = _run(sessions[SIZED]).with_scale(HandScale())
-    fitted = start.fit_size(None, sessions[SIZED].frame_range, FRAMES).scale
+    fitted = _run(sessions[SIZED]).fit_size(None, sessions[SIZED].frame_range, FRAMES).scale
     figures: dict[str, Any] = {
         "overall": fitted.overall,
         "parts": {name: round(factor, 3) for name, factor in fitted.parts.items()},

@@ -6,6 +6,7 @@ body's joints are the truth. `handtrack bench monocular_dance`; `python -m handt
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import dataclass, replace
 from functools import cache
@@ -157,26 +158,28 @@ def monocular_dance(segments: tuple[int, ...] = SEGMENTS) -> dict[str, Any]:
     }
     for first in segments:
         what = seen_dance(first)
-        several, one = tracked(what, SHOWN), tracked(what, 1)
-        rows = {
-            "best_of_8": several.oracle,
-            "own_choice": several.own,
-            "own_path": several.path,
-            "own_path_smoothed": several.smooth,
-            "single": one.own,
-        }
-        for name, errors in rows.items():
-            figures[f"at_{first / FPS:g}_s_{name}_near"] = float((errors < NEAR_MM).mean())
-            figures[f"at_{first / FPS:g}_s_{name}_mm"] = float(errors.mean())
+        found = summary(tracked(what, SHOWN), tracked(what, 1))
+        figures |= {f"at_{first / FPS:g}_s_{name}": value for name, value in found.items()}
     return figures
 
 
-def draw(file: Path) -> None:
-    """Draw the first stretch: errors over time, and a frame from the front and from above."""
+def summary(several: DanceErrors, one: DanceErrors) -> dict[str, float]:
+    """Return share of frames that are near, and mean error [mm], of each way to choose."""
+    rows = {
+        "best_of_8": several.oracle,
+        "own_choice": several.own,
+        "own_path": several.path,
+        "own_path_smoothed": several.smooth,
+        "single": one.own,
+    }
+    near = {f"{name}_near": float((errors < NEAR_MM).mean()) for name, errors in rows.items()}
+    return near | {f"{name}_mm": float(errors.mean()) for name, errors in rows.items()}
+
+
+def draw(file: Path, what: SeenDance, several: DanceErrors, one: DanceErrors) -> None:
+    """Draw errors over time, and the frame in which one hypothesis is furthest off, from the front and from above."""
     import matplotlib.pyplot as plt
 
-    what = seen_dance(0)
-    several, one = tracked(what, SHOWN), tracked(what, 1)
     figure, axes = plt.subplots(
         1, 3, figsize=(11, 3.6), width_ratios=(2.2, 1, 1), layout="constrained"
     )
@@ -221,4 +224,7 @@ def _limbs(model: ArticulatedModel) -> list[tuple[int, int]]:
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]))
+    stretch = seen_dance(0)
+    with_eight, alone = tracked(stretch, SHOWN), tracked(stretch, 1)
+    print(json.dumps(summary(with_eight, alone), indent=1))
+    draw(Path(sys.argv[1]), stretch, with_eight, alone)

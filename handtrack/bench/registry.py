@@ -35,6 +35,7 @@ BENCHMARKS = {
     "sr305": Benchmark("handtrack.bench.sr305", "sr305", quick=False),
     "body_retarget": Benchmark("handtrack.bench.body_retarget", "body_retarget", quick=False),
     "hand_size": Benchmark("handtrack.bench.hand_size", "hand_size", quick=False),
+    "hand_size_clouds": Benchmark("handtrack.bench.hand_size", "hand_size_clouds", quick=False),
     "dance_appearance": Benchmark(
         "handtrack.bench.dance_appearance", "dance_appearance", quick=False
     ),

@@ -72,8 +72,8 @@ class DepthFits:
 def fitted(frames: Sequence[int] | None = None) -> DepthFits:
     """Return fits of each frame (all unless named), found without any first pose.
 
-    Each frame is found alone (`auto_start`); then one size of hand is fitted to all of them, and each frame again to
-    that size. Raises HandtrackError without the data.
+    Each frame is found alone (`auto_start`); then one size of hand is fitted to all of them (overall: clouds from one
+    side tell no more), and each frame again to that size. Raises HandtrackError without the data.
     """
     settings = TrackerSettings()
     with tempfile.TemporaryDirectory() as place:
@@ -101,7 +101,7 @@ def fitted(frames: Sequence[int] | None = None) -> DepthFits:
         return found
 
     starts = [_found(observation, settings) for observation in seen]
-    scale = refine_scale(build, settings, HandScale(), seen, starts)
+    scale = refine_scale(build, settings, HandScale(), seen, starts, parts=False)
     mean, own = (fits(Tracker(build(size), settings)) for size in (HandScale(), scale))
     return DepthFits(mean, own, scale)
 

@@ -67,7 +67,8 @@ def polish(
     """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms, priors and collisions.
 
     observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
-    not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the same starts give the same bytes.
+    not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the
+    same starts give the same bytes.
     """
     return polish_problem(
         keypoint_problem(model, observed, priors, loss, collision), starts, settings
@@ -98,12 +99,7 @@ def polish_problem(
 def least_eigenvalues(hessian: Floats, normal: Floats) -> Floats:
     """Return (N,) least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
 
-    hessian: (N, P, P), zero rows where a parameter is held. The scaling changes no sign.
+    hessian: (N, P, P), with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
     """
-    free = np.diagonal(hessian, axis1=1, axis2=2) != 0.0
     scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
-    scaled = hessian / (scale[:, :, None] * scale[:, None, :])
-    diagonal = np.arange(hessian.shape[1])
-    # what is held gets an eigenvalue of its own, too large to be the least
-    scaled[:, diagonal, diagonal] += np.where(free, 0.0, 1e3)
-    return np.linalg.eigvalsh(scaled)[:, 0]
+    return np.linalg.eigvalsh(hessian / (scale[:, :, None] * scale[:, None, :]))[:, 0]

@@ -1,7 +1,8 @@
 """Compiled damped Newton with limits, over many starts. The plain form is solver/levenberg_marquardt.py.
 
 Two things differ from there, beside the followed limits. The step uses the exact Hessian where it is positive on the free
-directions, and Gauss-Newton's where it is not: one camera leaves flat valleys, where Gauss-Newton creeps. And the damping follows the ratio of true to foretold descent.
+directions, and Gauss-Newton's where it is not: one camera leaves flat valleys, where Gauss-Newton creeps. And the damping
+follows the ratio of true to foretold descent.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ _REJECTIONS = 20  # trials at one linearisation before giving up
 _STEP = 1e-6  # [m, rad] of central differences
 _SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian …
 _NEAR = 0.3  # … where the gradient is no longer than this, in standard deviations
+_FLOOR = (
+    1e-12  # share of the largest diagonal entry added to all: nothing may be seen of a parameter
+)
+_HELD = 1e3  # diagonal of held parameters in the Hessian that is given back, in units of Gauss-Newton's: no least eigenvalue
 _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
 
 
@@ -55,7 +60,8 @@ def polish_all(
 ):  # fmt: skip  # pragma: no cover - compiled
     """Polish params (N, P) in place; fill costs, gradient norms, iterations (N,) and matrices (N, P, P).
 
-    normal_out: Gauss-Newton and priors; hessian_out: the exact Hessian along the limits, held parameters' rows zero.
+    normal_out: Gauss-Newton and priors; hessian_out: the exact Hessian along the limits, with a large
+    diagonal and nothing else for held parameters.
     """
     starts, size = params.shape
     space, box = workspace(problem), new_box(problem, size)
@@ -82,11 +88,14 @@ def polish_all(
             if used > _SLOW and norm[n] < _NEAR and space.collided.sum() > 0:
                 _difference(problem, x, space, normal, curvature, right, goal, damped, compact)
             moved, newton, refused, tighten = False, True, False, 4.0
+            floor = 1e-30
+            for p in range(size):
+                floor = max(floor, _FLOOR * normal[p, p])
             for _ in range(_REJECTIONS):
                 for p in range(size):
                     for r in range(size):
                         damped[p, r] = normal[p, r] + (curvature[p, r] if newton else 0.0)
-                    damped[p, p] += level * normal[p, p] + 1e-13 * normal[p, p]
+                    damped[p, p] += level * normal[p, p] + floor
                 hold(x, gradient, box, held, slope)
                 if not limited_step(
                     damped, gradient, x, box, held, step, goal, slope, folded, compact, right, index
@@ -145,3 +154,5 @@ def polish_all(
             for r in range(size):
                 free = held[p] == 0 and held[r] == 0
                 hessian_out[n, p, r] = folded[p, r] if free else 0.0
+            if held[p] != 0:
+                hessian_out[n, p, p] = _HELD * max(normal[p, p], 1e-30)

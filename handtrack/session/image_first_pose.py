@@ -12,16 +12,15 @@ from handtrack.observation.observation import ImageKeypoints, Keypoints, Observa
 from handtrack.session.first_pose import FirstPose
 from handtrack.session.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.session import Session
+from handtrack.tracker.auto_start import FINALISTS, finished
 from handtrack.tracker.initialize import fit_keypoints
 from handtrack.tracker.keypoint_start import hands_from_images, triangulated
 from handtrack.tracker.laid_shapes import Laid
 from handtrack.tracker.settings import TrackerSettings
-from handtrack.tracker.start_confidence import shares
-from handtrack.tracker.start_search import descended, narrowly_measured, start_sources
+from handtrack.tracker.start_search import start_sources
 from handtrack.tracker.start_shapes import shape_of
 
 _ENOUGH_IN_SPACE = 12  # of 21 points; fewer leave fingers open, and lines of sight say more
-_ITERATIONS = 15
 
 
 def poses_from_images(
@@ -47,20 +46,21 @@ def poses_from_images(
         note = f"{len(images)} cameras agree on {int(np.isfinite(points).all(axis=1).sum())} of 21 joints"
         return [FirstPoseCandidate(first.frame, params, 1.0, note, model, 0.0, given)]
     found = hands_from_images(model, images)
-    rows = [FirstPoseCandidate(first.frame, h.params, h.weight, "", model, h.cost) for h in found]
     sources = start_sources(seen, settings)
     if sources:
         laid = [
             Laid(shape_of(model, model.joint_params(h.params), "given"), h.params, h.cost)
-            for h in found
+            for h in found[:FINALISTS]
         ]
-        laid = [narrowly_measured(sources, descended(sources, h, _ITERATIONS)) for h in laid]
-        costs = np.array([h.cost for h in laid]) + np.array([h.cost for h in found])
+        with_joints = replace(seen, keypoints=tuple(images))
         rows = [
-            replace(row, params=h.params, cost=float(cost), confidence=float(share))
-            for row, h, cost, share in zip(rows, laid, costs, shares(costs), strict=True)
+            FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
+            for c in finished(sources, laid, settings, with_joints, lambda: False)
         ]
-        rows.sort(key=lambda row: row.cost)
+    else:
+        rows = [
+            FirstPoseCandidate(first.frame, h.params, h.weight, "", model, h.cost) for h in found
+        ]
     many = "one camera" if len(images) == 1 else f"{len(images)} cameras"
     notes = [f"joints seen by {many}", *(differs(rows[0], row) for row in rows[1:])]
     return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]

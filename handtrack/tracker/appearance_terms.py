@@ -65,7 +65,6 @@ class _Carried:
     """of the weight"""
     camera: Camera
     """of this frame's image"""
-
     pixels: Array
     """that frame's image"""
     bone: Ints

@@ -25,7 +25,8 @@ from handtrack.tracker.tracker import Tracker
 
 _ROUNDS = ((48, 10), (16, 12))
 """how many starts enter each round of descent, and its iterations"""
-_FINALISTS = 5  # that descend as the tracker does
+FINALISTS = 5
+"""poses that descend as the tracker does"""
 
 Progress = Callable[[float, str], None]
 """called with the share that is done and what is being done"""
@@ -72,10 +73,10 @@ def auto_start(
     tell(0.4, f"{len(found)} poses are tried")
     found = descended_in_rounds(sources, found, _ROUNDS, stop)
     tell(0.8, "the best are fitted")
-    return _finished(sources, distinct(found, _FINALISTS), settings, seen, stop)
+    return finished(sources, distinct(found, FINALISTS), settings, seen, stop)
 
 
-def _finished(
+def finished(
     sources: Sequence[StartSource],
     found: Sequence[Laid],
     settings: TrackerSettings,
@@ -91,7 +92,7 @@ def _finished(
     if settings.tracker.escape and not stop():
         done.append(_fitted(sources, best, settings, seen, stop))
     results = {id(laid): result for laid, result in done}
-    kept = distinct([laid for laid, _ in done], _FINALISTS)
+    kept = distinct([laid for laid, _ in done], FINALISTS)
     quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)
     share = shares(np.array([laid.cost for laid in kept]))
     return [

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats, Ints
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
@@ -251,12 +252,18 @@ class MixtureStep:
         cost = np.concatenate([p.found.cost for p in proposals])
         hessian = np.concatenate([p.found.hessian for p in proposals])
         source = np.repeat(np.arange(len(proposals)), [len(p.found.cost) for p in proposals])
+        known = np.asarray(np.flatnonzero(np.isfinite(cost)), dtype=int)
+        if not len(known):
+            raise HandtrackError(
+                f"'{self.model.name}': every pose that was tried lies behind a camera. Look at the first pose and at the "
+                "cameras' calibration."
+            )
         prior = np.array([p.log_prior for p in proposals])
-        log = prior[source] - cost
+        log = np.full(len(cost), -np.inf)
+        log[known] = prior[source[known]] - cost[known]
         if not is_first:
-            log -= 0.5 * np.linalg.slogdet(hessian)[1] - 0.5 * self._size * np.log(2.0 * np.pi)
-        known = np.asarray(np.flatnonzero(np.isfinite(log)), dtype=int)
-        assert len(known), "every start led behind the camera"
+            volume = 0.5 * self._size * np.log(2.0 * np.pi)
+            log[known] += volume - 0.5 * np.linalg.slogdet(hessian[known])[1]
         kept = known[
             distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))
         ]

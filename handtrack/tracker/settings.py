@@ -146,10 +146,11 @@ class FollowSettings:
     """strength of the pull towards the prediction; 0 switches it off"""
     escape: bool = True
     """look for lost fingers over their whole range when a frame fits worse than usual"""
-    escape_every: int = 8
+    escape_every: int = 16
     """and in every so many frames however well it fits, since a finger hidden in a fist may settle wrongly; 0: never"""
     jumps: bool = False
-    """restart a doubtful frame from kinematic jumps; without effect in this version"""
+    """look for a hand in doubt or lost again, around where it was last and with fingers flipped; taken only where it fits
+    clearly better"""
     hypotheses: int = 1
     """how many poses are carried from frame to frame where one view leaves several open; 1: one, without sampling"""
     doubtful_overlap: float = 0.65

@@ -17,9 +17,11 @@ from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.tracker.result import Status
 from handtrack_app import messages as m
 from handtrack_app.cloud_desk import changed_clouds
 from handtrack_app.cloud_messages import FilterCount
+from handtrack_app.exporting import summary
 from handtrack_app.opening import open_document
 from handtrack_app.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.scene.palette import residual_colours
@@ -199,6 +201,23 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
     second.stop()
 
 
+def test_a_simpler_hand_is_said(desk: Desk) -> None:
+    worker, listener, _ = desk
+    worker.send(m.Track(0, 2, 0))
+    listener.wait(m.Notice, lambda n: n.title == "Tracking finished", 60.0)
+    document = worker._document
+    assert document is not None
+    whole = document.results[1]
+    std = whole.parameter_std.copy()
+    std[6:] = np.inf
+    note = "poor cloud: 40 % of the hand in view was measured"
+    document.results[1] = replace(whole, status=Status.DOUBTFUL, parameter_std=std, note=note)
+    worker.send(m.ShowFrame(1))
+    pose = listener.wait(m.PoseSnapshot, lambda p: p.frame == 1 and p.note)
+    assert pose.note == f"Fingers held. {note}."
+    assert "1 with the fingers held" in summary(document, range(2), 2, 1.0)
+
+
 @pytest.mark.parametrize("knob", [*CROP, *THIN, *STEREO], ids=lambda knob: knob.name)
 def test_a_slider_says_what_the_file_says(knob: Any) -> None:
     low, high, step = knob.span
@@ -216,14 +235,13 @@ def page(tmp_path: Path) -> Iterator[Workbench]:
     """A workbench with the recording."""
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
     assert workbench.wait_ready(60.0)
-    eventually(lambda: workbench.stage.cloud.cloud is not None, "the cloud came")
+    eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
     yield workbench
     workbench.stop()
 
 
 def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> None:
     view, panel = page.stage.cloud, page.layout.cloud
-    assert view.points.visible
     before = len(view.points.points)
     assert len(view.points.colors) == before
     with WireClient(page.port) as client:

@@ -8,7 +8,7 @@ import pytest
 from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.observation.undistortion import longest_runs, undistort_silhouette
+from handtrack.observation.undistortion import longest_runs, undistort_image, undistort_silhouette
 
 BARREL = np.array([-0.25, 0.05, 0.001, -0.001, 0.0])
 PINCUSHION = np.array([0.3, 0.0, 0.0, 0.0, 0.0])
@@ -89,3 +89,23 @@ def test_a_mask_of_another_size_is_refused() -> None:
         HandtrackError, match=r"mask of camera 'cam0': .*\(120, 160\), found \(5, 5\)"
     ):
         undistort_silhouette(make(), np.zeros((5, 5), np.uint8))
+
+
+def test_an_image_is_straightened_as_a_mask_is(rng: np.random.Generator) -> None:
+    camera = make(BARREL)
+    grey = np.where(rng.random((30, 40)) < 0.5, 255, 0).astype(np.uint8).repeat(4, 0).repeat(4, 1)
+    view = undistort_image(camera, np.repeat(grey[..., None], 3, axis=2))
+    silhouette = undistort_silhouette(camera, grey)
+    assert view.pixels.dtype == np.uint8
+    np.testing.assert_allclose(view.pixels[..., 1] / 255.0, silhouette.mask, atol=0.01)
+    assert not view.camera.is_distorted
+    assert (
+        view.camera is undistort_image(camera, view.pixels).camera
+    )  # the same one for every frame
+
+
+def test_an_image_of_another_size_is_refused() -> None:
+    with pytest.raises(
+        HandtrackError, match=r"image of camera 'cam0': expected .* \(120, 160, 3\)"
+    ):
+        undistort_image(make(), np.zeros((120, 150, 3), np.uint8))

@@ -161,8 +161,22 @@ def test_least_eigenvalues():
     hessian = normal.copy()
     hessian[0, 0, 1] = hessian[0, 1, 0] = 1.0  # scaled to 1/2
     hessian[1, 0, 1] = hessian[1, 1, 0] = 3.0  # scaled to 3/2: a saddle
-    hessian[2, 0], hessian[2, :, 0] = 0.0, 0.0  # held
+    hessian[2, 0, 0] = 4000.0  # held
     np.testing.assert_allclose(least_eigenvalues(hessian, normal), [0.5, -0.5, 1.0])
+
+
+def test_what_nothing_is_seen_of_stays_and_is_no_minimum(rng):
+    """A finger without joints in view and without prior: the rest is found, but the whole is undecided."""
+    model, (seen,), _, starts = hand_problem(rng)
+    rest = [n for n, name in enumerate(seen.names) if "little" not in name]
+    fewer = Keypoints(tuple(seen.names[n] for n in rest), seen.positions[rest], seen.sigma_m)
+    ends = polish(model, starts, [fewer])
+    assert (ends.gradient_norm < 1e-6).all() and not ends.is_minimum.any()
+    np.testing.assert_allclose(ends.cost, ends.cost.min(), rtol=1e-6)
+    little = [model.transform.names.index(f"little_{n}_flex") for n in ("mcp", "pip", "dip")]
+    np.testing.assert_array_equal(
+        ends.params[:, little], np.array([model.clipped(s) for s in starts])[:, little]
+    )
 
 
 @pytest.mark.parametrize("factor, stable", [(1.1, True), (0.9, False)])

@@ -93,3 +93,18 @@ def test_parts_of_an_observation_are_not_computed_twice(folder, monkeypatch):
     monkeypatch.setattr(View, "silhouette", None)  # called once more, it would fail
     assert session.observation(0).silhouettes is alone.silhouettes
     assert session.observation(0, hand_distance=to_middle).silhouettes is alone.silhouettes
+
+
+@pytest.mark.parametrize("wanted", ["edges", "intensity"])
+def test_images_are_read_only_where_they_are_looked_at(folder, monkeypatch, wanted):
+    read: list[int] = []
+    plain = View.image
+    monkeypatch.setattr(View, "image", lambda self, frame: read.append(frame) or plain(self, frame))
+    run = TrackingRun.open(Session.open(folder))
+    assert run.observation(1).images == ()
+    assert read == []
+    seen = run.with_values({f"{wanted}.weight": 1}).observation(1)
+    assert [view.camera.name for view in seen.images] == ["cam0"]  # cam1 has none
+    assert seen.images[0].pixels.shape == (48, 64, 3)
+    assert len(seen.silhouettes) == 2
+    assert set(read) == {1}

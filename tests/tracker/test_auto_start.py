@@ -52,9 +52,8 @@ def error_mm(result, params, model=FILMED):
     return 1e3 * np.linalg.norm(off, axis=1).mean()
 
 
-@pytest.mark.parametrize("pose", ["open", "rest"])
-def test_silhouettes_of_a_hand_turned_anyhow(rng, pose):
-    params = turned(pose, rng)
+def test_silhouettes_of_a_hand_turned_anyhow(rng):
+    params = turned("rest", rng)
     seen = mask_views(FILMED, params, simulated_rig(3, (320, 240)).cameras)
     found = auto_start(HANDS, TrackerSettings(), seen)
     assert error_mm(found[0].result, params) < 12.0
@@ -67,12 +66,16 @@ def test_silhouettes_of_a_hand_turned_anyhow(rng, pose):
     assert all(error > 12.0 for error in others), "each pose is told once"
 
 
-@pytest.mark.parametrize("pose", ["open", "curl"])
-def test_a_depth_cameras_cloud(rng, pose):
-    params = turned(pose, rng)
-    found = auto_start(HANDS, TrackerSettings(), depth_camera(params, rng))
+def test_a_depth_cameras_cloud(rng):
+    params = turned("curl", rng)
+    seen = depth_camera(params, rng)
+    found, again = (auto_start(HANDS[:1], TrackerSettings(), seen) for _ in range(2))
     assert found[0].result.status == Status.TRACKED
     assert error_mm(found[0].result, params) < 12.0
+    same = [(c.params.tobytes(), c.cost, c.confidence) for c in found] == [
+        (c.params.tobytes(), c.cost, c.confidence) for c in again
+    ]
+    assert same, "the same observation gives the same poses"
 
 
 def test_a_forearm_is_noticed(rng):
@@ -96,15 +99,6 @@ def test_nothing_to_be_seen_gives_no_pose():
 def test_it_stops_when_asked(rng):
     seen = depth_camera(turned("open", rng), rng)
     assert auto_start(HANDS, TrackerSettings(), seen, should_stop=lambda: True) == []
-
-
-def test_the_same_observation_gives_the_same_poses(rng):
-    seen = depth_camera(turned("open", rng), rng)
-    first, again = (auto_start(HANDS[:1], TrackerSettings(), seen) for _ in range(2))
-    assert len(first) == len(again)
-    for a, b in zip(first, again, strict=True):
-        assert a.params.tobytes() == b.params.tobytes()
-        assert a.confidence == b.confidence
 
 
 def test_a_tie_is_told_as_one():

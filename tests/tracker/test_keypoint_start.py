@@ -78,5 +78,7 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
 def test_too_few_joints_are_refused(rng):
     seen = seen_by(CAMERAS[:1], points_of(posed("rest", [0.0, 0.0, 0.0])), rng)
     seen[0].pixels[3:] = np.nan
-    with pytest.raises(HandtrackError, match=r"3 joints are seen in one image, at least 4 are needed"):
+    with pytest.raises(
+        HandtrackError, match=r"3 joints are seen in one image, at least 4 are needed"
+    ):
         hands_from_images(MODEL, seen)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -51,7 +53,7 @@ def test_scores_of_silhouettes(places):
     samples, begin, areas = start._samples
     cameras = [s.camera for s in start.small]
     far = [o[: size[1], : size[0]] for o, size in zip(outside, sizes, strict=True)]
-    each = [samples[a:b] for a, b in zip(begin[:-1], begin[1:], strict=True)]
+    each = [samples[a:b] for a, b in pairwise(begin)]
     expected = [
         [silhouette_score(cameras, far, _STEP_PX, each, areas, SHAPE, r, p) for p in places]
         for r in TURNS

@@ -1,0 +1,142 @@
+"""First poses of a session that the program finds by itself, or reads from joints in images."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.bundled import bundled_session
+from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose_search import find_first_poses, spread_order
+from handtrack.session.run import TrackingRun, given_in_images
+from handtrack.session.session import Session
+from handtrack.tracker.settings import TrackerSettings
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session.open(bundled_session())
+
+
+def points(session, frame):
+    row = int(np.flatnonzero(session.truth.frame == frame)[0])
+    return session.truth.keypoints21[row]
+
+
+def error_mm(candidate, truth):
+    found = candidate.model.keypoints21(candidate.model.bones(candidate.params))
+    return 1e3 * np.linalg.norm(found - truth, axis=1).mean()
+
+
+def test_the_bundled_session_needs_no_init(session):
+    run = TrackingRun.open(session, use_init=False)
+    assert run.first is None
+    told = []
+    found = find_first_poses(run, range(0, 10), on_progress=lambda *p: told.append(p))
+    best = found[0]
+    assert error_mm(best, points(session, best.frame)) < 5.0
+    assert best.confidence > 0.7
+    assert "forearm" in best.note
+    assert "fits" in found[1].note
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    opened = TrackingRun.open(session, {}, best.first_pose)
+    frame, params = opened.initial()
+    assert frame == best.frame
+    again = opened.model.keypoints21(opened.model.bones(params))
+    assert 1e3 * np.linalg.norm(again - points(session, frame), axis=1).mean() < 5.0
+
+
+def test_frames_are_tried_all_over_the_range():
+    assert spread_order(range(10, 18)) == [10, 14, 12, 16, 11, 15, 13, 17]
+    assert spread_order(range(5)) == [0, 2, 1, 3, 4]
+    for count in (1, 2, 3, 7, 100):
+        assert sorted(spread_order(range(count))) == list(range(count))
+
+
+def test_what_is_no_hand_is_refused(session):
+    run = TrackingRun.open(session, {"model.name": "body34"}, use_init=False)
+    with pytest.raises(HandtrackError, match="'body34' is no hand"):
+        find_first_poses(run, 0)
+
+
+def test_frames_without_a_hand_give_nothing(session, tmp_path):
+    folder = tmp_path / "empty"
+    shutil.copytree(session.folder, folder, ignore=shutil.ignore_patterns("tracks"))
+    for mask in (folder / "masks").rglob("*.png"):
+        mask.unlink()
+    text = (folder / "session.toml").read_text().replace("masks = ", "# masks = ")
+    (folder / "session.toml").write_text(text)
+    run = TrackingRun.open(Session.open(folder), use_init=False)
+    assert find_first_poses(run) == []
+
+
+def in_images(session, cameras, frame=0):
+    truth = points(session, frame)
+    return FirstPose(
+        frame, {}, None, "openpose21", {c: session.rig[c].project(truth) for c in cameras}
+    )
+
+
+def test_joints_in_several_images_are_points_in_space(session):
+    first = in_images(session, ("cam0", "cam2"))
+    run = TrackingRun.open(session, {}, first)
+    assert run.first is not None
+    assert run.first.xyz == pytest.approx(points(session, 0), abs=1e-6)
+
+
+def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
+    first = in_images(session, ("cam0",), 30)
+    found = given_in_images(session, TrackerSettings(), first)
+    assert error_mm(found[0], points(session, 30)) < 6.0
+    assert found[0].confidence > 0.5
+    assert "one camera" in found[0].note
+
+
+def test_an_unknown_camera_is_named(session):
+    first = FirstPose(0, {}, None, "openpose21", {"left": np.zeros((21, 2))})
+    with pytest.raises(HandtrackError, match="no camera 'left'.*known: cam0, cam1, cam2"):
+        TrackingRun.open(session, {}, first)
+
+
+def test_joints_in_images_are_written_as_they_are_read(session, tmp_path):
+    first = in_images(session, ("cam0", "cam1"))
+    first.pixels["cam1"][4] = np.nan
+    path = tmp_path / "init.json"
+    write_first_pose(path, first)
+    again = read_first_pose(path)
+    assert again.frame == 0
+    assert list(again.pixels) == ["cam0", "cam1"]
+    for name, pixels in first.pixels.items():
+        assert again.pixels[name] == pytest.approx(pixels, nan_ok=True)
+
+
+BAD = {
+    "unit": ({"unit": "m"}, 'points in images are in pixels: expected "px"'),
+    "rows": ({"cameras": {"cam0": [[1, 2]] * 20}}, "camera 'cam0' has 20 rows; expected 21"),
+    "row": ({"cameras": {"cam0": [[1, 2, 3], *[[1, 2]] * 20]}}, "row 0 of camera 'cam0' is .1, 2, 3.; expected"),
+    "few": ({"cameras": {"cam0": [[1, 2]] * 3 + [None] * 18}}, "no camera has more than 3 of 21"),
+    "none": ({"cameras": {}}, "expected keypoints by camera"),
+    "convention": ({"convention": None}, "unknown convention null"),
+    "both": ({"xyz": []}, "both xyz and cameras"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_joints_in_images_are_refused(case, tmp_path):
+    changes, message = BAD[case]
+    data = {
+        "frame": 0,
+        "convention": "openpose21",
+        "unit": "px",
+        "cameras": {"cam0": [[1, 2]] * 21},
+    }
+    path = tmp_path / "init.json"
+    path.write_text(json.dumps(data | changes))
+    with pytest.raises(HandtrackError, match=message):
+        read_first_pose(path)

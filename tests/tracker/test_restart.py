@@ -1,0 +1,124 @@
+"""Recovery: a lost hand is found again, and nothing else ever changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.bench.recovery import gap_run
+from handtrack.bench.simulated_views import mask_views
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.session.simulate import simulated_rig
+from handtrack.tracker import restart
+from handtrack.tracker.finger_flips import finger_flips
+from handtrack.tracker.laid_shapes import Laid
+from handtrack.tracker.restart import recovered, worth_restarting
+from handtrack.tracker.result import Status
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.start_search import narrowly_measured, start_sources
+from handtrack.tracker.start_shapes import shape_of
+from handtrack.tracker.tracker import Tracker
+
+MODEL = load_model()
+RIG = simulated_rig(3, (320, 240))
+PLAIN = TrackerSettings()
+JUMPS = PLAIN.with_values({"tracker.jumps": True})
+
+
+def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):
+    joint = named_pose(MODEL, pose)
+    joint[:3], joint[3:6] = away, turn
+    joint[1] -= 0.09
+    return MODEL.transform.solver_params(joint)
+
+
+def cost_of(seen, params):
+    sources = start_sources(seen, PLAIN)
+    shape = shape_of(MODEL, MODEL.joint_params(params), "test")
+    return narrowly_measured(sources, Laid(shape, params, np.inf)).cost
+
+
+@pytest.fixture(scope="module")
+def known():
+    """The result of a frame that was tracked."""
+    seen = mask_views(MODEL, posed(), RIG.cameras, 0)
+    return Tracker(MODEL, PLAIN).step(seen, (), posed())
+
+
+def test_a_hand_that_moved_on_unseen_is_found_again():
+    without, jumps = (gap_run(0, on) for on in (False, True))
+    assert without.moved_mm > 100.0
+    assert not without.is_back
+    assert jumps.is_back
+
+
+def test_a_tracked_frame_is_left_alone(known, monkeypatch):
+    def never(*_args, **_more):
+        raise AssertionError("nothing is looked for in a frame that fits")
+
+    monkeypatch.setattr(restart, "start_sources", never)
+    seen = mask_views(MODEL, posed(turn=(0.05, 0.0, 0.0)), RIG.cameras, 1)
+    plain, jumps = (Tracker(MODEL, s).step(seen, [known]) for s in (PLAIN, JUMPS))
+    assert plain.status == Status.TRACKED
+    assert plain.parameters.tobytes() == jumps.parameters.tobytes()
+    assert plain.energy == jumps.energy
+
+
+def test_no_pose_is_taken_that_fits_worse(known):
+    """Whatever descent finds, a pose comes back only if the common measure is clearly lower for it."""
+    truth = posed("open", (0.0, 1.2, 0.3), (0.05, 0.0, 0.0))
+    seen = mask_views(MODEL, truth, RIG.cameras, 1)
+    lost = replace(known, frame=1, status=Status.LOST)  # it stayed where the hand no longer is
+    before = cost_of(seen, MODEL.transform.solver_params(lost.parameters))
+
+    def worse(params):
+        return replace(lost, parameters=MODEL.joint_params(posed("fist", (2.0, 0.0, 0.0))))
+
+    assert recovered(MODEL, PLAIN, seen, lost, [known], worse) is lost
+
+    def solved(params):
+        return Tracker(MODEL, PLAIN).step(seen, (), params)
+
+    found = recovered(MODEL, PLAIN, seen, lost, [known], solved)
+    assert cost_of(seen, MODEL.transform.solver_params(found.parameters)) < 0.95 * before
+    off = found.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))
+    assert 1e3 * np.linalg.norm(off, axis=1).mean() < 5.0
+    assert recovered(MODEL, PLAIN, seen, lost, [known], solved, lambda: True) is lost, "stopped"
+
+
+def test_it_is_tried_ever_more_rarely(known):
+    """Of a row of frames that stay in doubt the first, second, fourth, eighth ... are looked at."""
+    doubtful, previous, tried = replace(known, status=Status.DOUBTFUL), [known], []
+    for row in range(1, 20):
+        if worth_restarting(Status.DOUBTFUL, previous):
+            tried.append(row)
+        previous = [*previous, doubtful]
+    assert tried == [1, 2, 4, 8, 16]
+    assert not worth_restarting(Status.TRACKED, previous)
+    assert not worth_restarting(Status.LOST, []), "a first frame has nowhere to be near to"
+    unseen = replace(known, status=Status.LOST, energy=float("nan"))
+    assert worth_restarting(Status.LOST, [known, *[unseen] * 10]), (
+        "frames without a picture do not count"
+    )
+
+
+def test_flipped_fingers_look_the_same():
+    params = posed("curl", (0.3, 0.4, 0.0))
+    seen = mask_views(MODEL, params, RIG.cameras[:1], 0)
+    camera = seen.silhouettes[0].camera
+    here = MODEL.keypoints21(MODEL.bones(params))
+    flips = finger_flips(MODEL, seen, params)
+    assert flips
+    for flipped in flips:
+        bounds = MODEL.bounds(flipped)
+        assert (bounds[:, 0] - 1e-9 <= flipped).all()
+        assert (flipped <= bounds[:, 1] + 1e-9).all()
+    joints = np.stack([MODEL.keypoints21(MODEL.bones(flipped)) for flipped in flips])
+    apart = np.linalg.norm(joints - here, axis=2).max(axis=1)
+    assert apart.max() > 0.01, "a finger stands elsewhere"
+    off = np.linalg.norm(camera.project(joints) - camera.project(here), axis=2).max(axis=1)
+    sideways = apart * camera.matrix[0, 0] / camera.to_camera(here)[:, 2].mean()
+    assert (off / sideways)[apart > 0.01].min() < 0.5, "but seen to move half as much at most"
