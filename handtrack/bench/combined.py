@@ -22,7 +22,13 @@ from handtrack.session.session import Session
 from handtrack.session.truth import Truth, read_truth
 from handtrack.tracker.sequence import track_frames
 
-SESSIONS = ("webxr_stereo_768", "webxr_exact_depth_768", "webxr_depth_640")
+RUNS: dict[str, tuple[str, dict[str, str]]] = {
+    "stereo": ("webxr_stereo_768", {}),
+    "stereo_no_forearm": ("webxr_stereo_768", {"model.forearm": "false"}),
+    "exact_depth": ("webxr_exact_depth_768", {}),
+    "depth": ("webxr_depth_640", {}),
+}
+"""recording and settings; the stereo pair's arm ends some centimetres behind the wrist"""
 KINDS = ("silhouettes", "cloud", "keypoints")
 SIGMA_M = 0.008
 """noise of the simulated keypoints, each coordinate: the tracker's `keypoints.sigma_mm`"""
@@ -32,16 +38,17 @@ FRAMES = 20
 def combined(frames: int = FRAMES) -> dict[str, float | int | str]:
     """Return mpjpe_mm of each recording and each set of what is looked at."""
     figures: dict[str, float | int | str] = {"frames": frames, "keypoint_noise_mm": 1e3 * SIGMA_M}
-    for name in SESSIONS:
+    for name in RUNS:
         for used, error in compared(name, frames):
             figures[f"{name}_{'+'.join(used)}_mm"] = error
     return figures
 
 
 def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
-    """Yield what is looked at and the mean joint error [mm], from the recording's own first pose, one hand size."""
-    folder = _data() / "sessions" / name
-    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    """Yield what is looked at and the mean joint error [mm] of one of RUNS, all with one first pose and one hand size."""
+    recording, values = RUNS[name]
+    folder = _data() / "sessions" / recording
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False} | values)
     truth = read_truth(folder / "truth.npz")
     first, start = run.initial()
     rng = np.random.default_rng(0)

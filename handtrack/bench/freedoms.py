@@ -32,7 +32,7 @@ _WANDER_RAD = np.deg2rad(15.0)
 _SPREAD_RAD = np.deg2rad(12.0)
 
 
-def freedoms(seeds: int = 3) -> dict[str, float | int | str]:
+def freedoms(seeds: int = 2) -> dict[str, float | int | str]:
     """Return the mean joint error [mm] of all frames and seeds for each hand, sensor and set of freedoms."""
     figures: dict[str, float | int | str] = {"seeds": seeds, "frames": FRAMES}
     for sensor in SENSORS:

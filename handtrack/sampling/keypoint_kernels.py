@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from handtrack.arrays import Floats, Ints
 from handtrack.model.kinematics_kernels import pose_bones
@@ -53,12 +55,44 @@ class Workspace(NamedTuple):
     """(B, 6, S) of each bone; needed where parts collide"""
 
 
+def collides(overlaps):  # pragma: no cover - compiled
+    """Return whether a problem has parts that may collide; known at compile time."""
+    raise NotImplementedError
+
+
+@overload(collides)
+def _collides(overlaps):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps: False
+    return lambda overlaps: True
+
+
+def collisions(overlaps, space, want_system):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists."""
+    raise NotImplementedError
+
+
+@overload(collisions)
+def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps, space, want_system: 0.0
+
+    def cost(overlaps, space, want_system):
+        return collision_system(
+            space.rotation, space.position, space.position[0], overlaps.bone, overlaps.centre,
+            overlaps.turn, overlaps.radii, overlaps.first, overlaps.second, overlaps.slack,
+            overlaps.sigma, overlaps.weight, want_system, space.bone_gradient, space.bone_hessian,
+        )  # fmt: skip
+
+    return cost
+
+
 @numba.njit(cache=True, nogil=True)
 def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
     bones, hinges = problem.parent.shape[0], problem.hinge_bone.shape[0]
     count = 6 + hinges
-    parts = bones if problem.pair_first.shape[0] > 0 else 0
+    parts = bones if collides(problem.overlaps) else 0
     return Workspace(
         np.zeros(count), np.zeros((bones, 3, 3)), np.zeros((bones, 3)), np.zeros((hinges, 3)),
         np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3), np.zeros(3),
@@ -149,20 +183,9 @@ def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
         b = problem.point_bone[k]
         x, y, z = place(problem, space, k, b)
         cost += _point_cost(problem, k, x, y, z)
-    if problem.pair_first.shape[0] > 0 and cost < np.inf:
-        cost += collisions(problem, space, False)
+    if cost < np.inf:
+        cost += collisions(problem.overlaps, space, False)
     return cost
-
-
-@numba.njit(cache=True, nogil=True)
-def collisions(problem, space, want_system):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists."""
-    return collision_system(
-        space.rotation, space.position, space.position[0], problem.flesh_bone, problem.flesh_centre,
-        problem.flesh_turn, problem.flesh_radii, problem.pair_first, problem.pair_second,
-        problem.collision_slack, problem.collision_sigma, problem.collision_weight, want_system,
-        space.bone_gradient, space.bone_hessian,
-    )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

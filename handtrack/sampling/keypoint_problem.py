@@ -19,6 +19,20 @@ from handtrack.terms.term import ParameterTerm
 _LOSS_KINDS = {Quadratic: 0, GemanMcClure: 1, Huber: 2}
 
 
+class Overlaps(NamedTuple):
+    """E ellipsoids on bones and the pairs of them that cost something where they overlap: terms/collision.py."""
+
+    bone: Ints
+    centre: Floats
+    turn: Floats
+    radii: Floats
+    first: Ints
+    second: Ints
+    slack: float
+    sigma: float
+    weight: float
+
+
 class KeypointProblem(NamedTuple):
     """Model, observations and priors; K points are looked at O times, by C cameras or in space."""
 
@@ -67,16 +81,8 @@ class KeypointProblem(NamedTuple):
     """(C, 2) [px]"""
     camera_middle: Floats
     """(C, 2) [px]"""
-    flesh_bone: Ints
-    """(E,) bones of the ellipsoids that may not overlap; all of the following are empty without collisions"""
-    flesh_centre: Floats
-    flesh_turn: Floats
-    flesh_radii: Floats
-    pair_first: Ints
-    pair_second: Ints
-    collision_slack: float
-    collision_sigma: float
-    collision_weight: float
+    overlaps: Overlaps | None
+    """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
     loss_kind: int
     loss_scale: float
     prior_at: Floats
@@ -126,7 +132,7 @@ def keypoint_problem(
         narrow_to=np.ascontiguousarray(limits.narrow_to),
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
-        **_collision(collision),
+        overlaps=None if collision is None else _overlaps(collision),
         loss_kind=_LOSS_KINDS[type(loss)],
         loss_scale=float(getattr(loss, "scale", 1.0)),
         prior_at=model.rest_params(),
@@ -159,25 +165,20 @@ def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> Joint
     return total.pull_back(model.transform.matrix)
 
 
-def _collision(term: CollisionTerm | None) -> dict[str, Any]:
-    if term is None:
-        none = np.zeros(0, dtype=np.int64)
-        flesh = (none, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        pairs, widths = np.zeros((2, 0), dtype=np.int64), (0.0, 1.0, 0.0)
-    else:
-        parts = term.flesh
-        flesh = (np.asarray(parts.bone, dtype=np.int64), parts.centre, parts.rotation, parts.radii)
-        pairs = np.ascontiguousarray(np.asarray(term.pairs, dtype=np.int64).T)
-        widths = (float(term.slack_m), float(term.sigma_m), float(term.weight))
-    names = ("flesh_bone", "flesh_centre", "flesh_turn", "flesh_radii")
-    return {
-        **{name: np.ascontiguousarray(array) for name, array in zip(names, flesh, strict=True)},
-        "pair_first": pairs[0],
-        "pair_second": pairs[1],
-        "collision_slack": widths[0],
-        "collision_sigma": widths[1],
-        "collision_weight": widths[2],
-    }
+def _overlaps(term: CollisionTerm) -> Overlaps:
+    flesh = term.flesh
+    first, second = np.ascontiguousarray(np.asarray(term.pairs, dtype=np.int64).T)
+    return Overlaps(
+        np.asarray(flesh.bone, dtype=np.int64),
+        np.ascontiguousarray(flesh.centre),
+        np.ascontiguousarray(flesh.rotation),
+        np.ascontiguousarray(flesh.radii),
+        first,
+        second,
+        float(term.slack_m),
+        float(term.sigma_m),
+        float(term.weight),
+    )
 
 
 def _observations(

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from handtrack.model.kinematics_kernels import twist_columns
 from handtrack.sampling.keypoint_kernels import (
@@ -155,8 +157,7 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
         b = problem.hinge_bone[h]
         first, last = problem.chain_start[b], problem.chain_start[b + 1]
         _dress(problem, space, 6 + h, b, first, last, g, n, c)
-    if problem.pair_first.shape[0] > 0:
-        cost += _add_collisions(problem, space, g, n)
+    cost += add_collisions(problem.overlaps, problem, space, g, n)
     turn = space.root_slope
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
@@ -166,21 +167,32 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
     return cost + prior_cost(problem, params)
 
 
-@numba.njit(cache=True, nogil=True)
-def _add_collisions(problem, space, gradient, normal):  # pragma: no cover - compiled
+def add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no cover - compiled
     """Return the cost of parts that overlap; add gradient (S,) and Gauss-Newton matrix (lower triangle)."""
-    cost = collisions(problem, space, True)
-    if cost > 0.0:
-        space.collided[0] = 1
-        twist_columns(
-            space.root_jacobian, problem.parent, problem.hinge_bone, space.axis_world, space.position, space.twist
-        )  # fmt: skip
-        g, h = pull_back_blocks(space.bone_gradient, space.bone_hessian, space.twist)
-        for s in range(gradient.shape[0]):
-            gradient[s] += g[s]
-            for t in range(s + 1):
-                normal[s, t] += h[s, t]
-    return cost
+    raise NotImplementedError
+
+
+@overload(add_collisions)
+def _add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps, problem, space, gradient, normal: 0.0
+
+    def add(overlaps, problem, space, gradient, normal):
+        cost = collisions(overlaps, space, True)
+        if cost > 0.0:
+            space.collided[0] = 1
+            twist_columns(
+                space.root_jacobian, problem.parent, problem.hinge_bone, space.axis_world,
+                space.position, space.twist,
+            )  # fmt: skip
+            g, h = pull_back_blocks(space.bone_gradient, space.bone_hessian, space.twist)
+            for s in range(gradient.shape[0]):
+                gradient[s] += g[s]
+                for t in range(s + 1):
+                    normal[s, t] += h[s, t]
+        return cost
+
+    return add
 
 
 @numba.njit(cache=True, nogil=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
@@ -76,7 +76,7 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
         return None
     surface = bones.to_world(term.bone[hand], term.local[hand])
     points = seen.prepared.points[:, : seen.prepared.count].T
-    near = cKDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
+    near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
     off = np.abs(MetaballSurface.of(model).distance(bones, np.ascontiguousarray(points)))
     return Agreement(
         explained=float(np.mean(off < NEAR_M)),
@@ -86,7 +86,8 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
 
 def is_simplified(result: FrameResult) -> bool:
     """Return whether a frame was estimated without its fingers: it says nothing of any of them, and is not lost."""
-    return result.status == Status.DOUBTFUL and bool(np.isinf(result.parameter_std[6:]).all())
+    fingers = result.parameter_std[6:]
+    return result.status == Status.DOUBTFUL and len(fingers) > 0 and bool(np.isinf(fingers).all())
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ _TOGETHER = (
 )
 
 # (parameter, sigma in degrees): trunk, neck and hips of a body are upright and straight more often than not. Our own round
-# numbers, about twice what walking and everyday reaching take (Winter 2009, fig. 4; AAOS ranges are two to three
-# times as wide): enough to say which of two poses that look the same is the usual one. Limbs are left free.
+# numbers, not taken from a study; the joints' ranges are two to three times as wide. Enough to say which of two poses that look the
+# same is the usual one. Limbs are left free.
 _UPRIGHT = (
     ("spine_flex", 25.0), ("spine_lean", 15.0), ("spine_twist", 20.0),
     ("neck_flex", 25.0), ("neck_lean", 15.0), ("neck_twist", 30.0),

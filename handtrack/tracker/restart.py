@@ -11,6 +11,7 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.tracker.assessment import assess
+from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.finger_flips import finger_flips
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
@@ -27,6 +28,7 @@ from handtrack.tracker.start_shapes import palm_middle, shape_of, start_shapes
 _ROUNDS = ((60, 8), (10, 12))
 _LAID = 28  # hands that are let go of around the last known place
 _FINALISTS = 3
+_AGAIN = 5
 _NEAR_M, _SPEED_M = (
     0.10,
     0.03,
@@ -34,20 +36,21 @@ _NEAR_M, _SPEED_M = (
 _GAIN = 0.95  # of the cost that a pose may have at most, to be taken
 
 
-def worth_restarting(status: Status, previous: Sequence[FrameResult]) -> bool:
+def worth_restarting(result: FrameResult, previous: Sequence[FrameResult]) -> bool:
     """Return whether a frame that was just solved should be looked at for another pose.
 
     When it is not to be trusted; of several such frames in a row the first, second, fourth, eighth …: what was not found
-    in one of them is rarely found in the next.
+    in one of them is rarely found in the next. Frames in which nothing was seen do not count, unless this is one (there
+    may be a cloud, but far from where the hand was expected): then every fifth is looked at as well.
     """
-    if status == Status.TRACKED or not previous:
+    if result.status == Status.TRACKED or not previous:
         return False
-    row = 1
-    for result in reversed(previous):
-        if result.status == Status.TRACKED or not np.isfinite(result.energy):
+    unseen, row = not np.isfinite(result.energy), 1
+    for before in reversed(previous):
+        if before.status == Status.TRACKED or not (unseen or np.isfinite(before.energy)):
             break
         row += 1
-    return row & (row - 1) == 0
+    return row & (row - 1) == 0 or (unseen and row % _AGAIN == 0)
 
 
 def recovered(
@@ -64,7 +67,9 @@ def recovered(
     solved: solves the frame as the tracker does, from solver parameters (P,), by what is seen alone. Tries hands laid
     around the last known place, and fingers flipped forwards and backwards along the lines of sight.
     """
-    if not worth_restarting(result.status, previous) or not model.has_keypoints21:
+    if not worth_restarting(result, previous) or not model.has_keypoints21:
+        return result
+    if is_simplified(result):  # what is seen is too poor for fingers: more of them would fit noise
         return result
     sources = start_sources(seen, settings)
     if not sources:

@@ -148,7 +148,7 @@ class FollowSettings:
     """look for lost fingers over their whole range when a frame fits worse than usual"""
     escape_every: int = 16
     """and in every so many frames however well it fits, since a finger hidden in a fist may settle wrongly; 0: never"""
-    jumps: bool = False
+    jumps: bool = True
     """look for a hand in doubt or lost again, around where it was last and with fingers flipped; taken only where it fits
     clearly better"""
     hypotheses: int = 1

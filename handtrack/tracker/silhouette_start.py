@@ -20,8 +20,10 @@ from handtrack.tracker.start_shapes import StartShape, palm_middle
 from handtrack.tracker.visual_hull import VisualHull, visual_hull
 
 _PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
+_HAND_M2 = 0.012  # of an open hand's outline
 _SAMPLES = 130  # mask pixels of a camera that are looked at in a score, within a hand's reach
 _STEP_PX = 2
+_MOST_SCORED = 4  # cameras
 _PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 100, 0.007
 _SIGMA_BANDS, _STRETCH_M = (
     0.35,
@@ -57,9 +59,24 @@ class SilhouetteStart:
         return chosen
 
     @cached_property
+    def _scored(self) -> tuple[Silhouette, ...]:
+        """Return the silhouettes that scores look at: of many, those whose lines of sight differ most."""
+        middle = self.hull.centres.mean(axis=0)
+        sights = np.stack([s.camera.centre - middle for s in self.small])
+        sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+        chosen = [0]
+        while len(chosen) < min(_MOST_SCORED, len(self.small)):
+            alike = np.abs(sights @ sights[chosen].T).max(
+                axis=1
+            )  # seen from behind, an outline is the same
+            alike[chosen] = np.inf
+            chosen.append(int(np.argmin(alike)))
+        return tuple(self.small[i] for i in sorted(chosen))
+
+    @cached_property
     def _pictures(self) -> tuple[Array, Ints]:
         """Return distances to the masks (C, H, W) [px] and how many columns and rows of each count (C, 2)."""
-        far = [_outside(s)[::_STEP_PX, ::_STEP_PX] for s in self.small]
+        far = [_outside(s)[::_STEP_PX, ::_STEP_PX] for s in self._scored]
         sizes = np.array([[f.shape[1], f.shape[0]] for f in far], np.int64)
         whole = np.zeros((len(far), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
         for i, f in enumerate(far):
@@ -70,11 +87,9 @@ class SilhouetteStart:
     def _samples(self) -> tuple[Floats, Ints, Floats]:
         """Return evenly spread mask pixels (N, 2) of all cameras, where each camera's begin, and their areas (C,) [px²]."""
         chosen, areas = [], []
-        for silhouette in self.small:
+        for silhouette in self._scored:
             row, column = np.nonzero((silhouette.mask > 0.5) & _looked_at(silhouette))
-            hand = (
-                0.012 / _PIXEL_M**2
-            )  # pixels of an open hand: samples are that dense, however much arm there is
+            hand = _HAND_M2 / _PIXEL_M**2  # samples are that dense, however much arm there is
             every = max(1, round(np.sqrt(hand / _SAMPLES)))
             kept = (row % every == 0) & (column % every == 0)
             chosen.append(np.stack([column[kept], row[kept]], axis=1).astype(float))
@@ -88,7 +103,7 @@ class SilhouetteStart:
         """Return (R, M) the share of area on which shape and masks disagree, by rotation (R, 3, 3) and place (M, 3)."""
         outside, sizes = self._pictures
         samples, start, area = self._samples
-        cameras = [s.camera for s in self.small]
+        cameras = [s.camera for s in self._scored]
         out = np.empty((len(rotations), len(places)))
         silhouette_scores(
             np.stack([c.projection for c in cameras]), np.array([_focal(c) for c in cameras]), outside, sizes, _STEP_PX,

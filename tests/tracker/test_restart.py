@@ -9,8 +9,12 @@ import pytest
 
 from handtrack.bench.recovery import gap_run
 from handtrack.bench.simulated_views import mask_views
+from handtrack.capture.point_cloud import PointCloud
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.model.surface import sample_surface
+from handtrack.observation.observation import Observation
 from handtrack.session.simulate import simulated_rig
 from handtrack.tracker import restart
 from handtrack.tracker.finger_flips import finger_flips
@@ -93,16 +97,37 @@ def test_it_is_tried_ever_more_rarely(known):
     """Of a row of frames that stay in doubt the first, second, fourth, eighth ... are looked at."""
     doubtful, previous, tried = replace(known, status=Status.DOUBTFUL), [known], []
     for row in range(1, 20):
-        if worth_restarting(Status.DOUBTFUL, previous):
+        if worth_restarting(doubtful, previous):
             tried.append(row)
         previous = [*previous, doubtful]
     assert tried == [1, 2, 4, 8, 16]
-    assert not worth_restarting(Status.TRACKED, previous)
-    assert not worth_restarting(Status.LOST, []), "a first frame has nowhere to be near to"
-    unseen = replace(known, status=Status.LOST, energy=float("nan"))
-    assert worth_restarting(Status.LOST, [known, *[unseen] * 10]), (
-        "frames without a picture do not count"
-    )
+    assert not worth_restarting(known, previous)
+    lost = replace(known, status=Status.LOST)
+    assert not worth_restarting(lost, []), "a first frame has nowhere to be near to"
+    unseen = replace(lost, energy=float("nan"))
+    assert worth_restarting(lost, [known, *[unseen] * 10]), "frames without a picture do not count"
+    tried = [
+        row for row in range(1, 20) if worth_restarting(unseen, [known, *[unseen] * (row - 1)])
+    ]
+    assert tried == [1, 2, 4, 5, 8, 10, 15, 16], "a cloud elsewhere is looked at now and then"
+
+
+def test_a_cloud_that_is_elsewhere_is_found_again(rng):
+    """After a gap the hand is further away than the crop: without jumps not one point is looked at."""
+    truth = posed("open", (0.2, 0.3, 0.0), (0.15, 0.05, 0.1))
+
+    def cloud_at(params, frame):
+        bones = MODEL.bones(params)
+        points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 2500, rng)
+        return Observation(frame, frame / 25.0, cloud=PointCloud(points))
+
+    first = Tracker(MODEL, PLAIN).step(cloud_at(posed(), 0), (), posed())
+    seen = cloud_at(truth, 1)
+    plain, jumps = (Tracker(MODEL, s).step(seen, [first]) for s in (PLAIN, JUMPS))
+    assert plain.status == Status.LOST
+    assert jumps.status == Status.TRACKED
+    off = jumps.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))
+    assert 1e3 * np.linalg.norm(off, axis=1).mean() < 2.0
 
 
 def test_flipped_fingers_look_the_same():

@@ -51,7 +51,7 @@ def test_scores_of_silhouettes(places):
     found = start.scores(SHAPE, TURNS, places)
     outside, sizes = start._pictures
     samples, begin, areas = start._samples
-    cameras = [s.camera for s in start.small]
+    cameras = [s.camera for s in start._scored]
     far = [o[: size[1], : size[0]] for o, size in zip(outside, sizes, strict=True)]
     each = [samples[a:b] for a, b in pairwise(begin)]
     expected = [

@@ -19,8 +19,14 @@ def found_first_pose(
 ) -> FirstPose | None:
     """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand."""
     run = TrackingRun.open(session, overrides, use_init=False)
-    say("looking for the first pose …")
-    found = find_first_poses(run, frames, stop)
+    begun: list[float] = []
+
+    def tell(share: float, _text: str) -> None:
+        if not begun:
+            say("looking for the first pose …")
+        begun.append(share)
+
+    found = find_first_poses(run, frames, stop, tell)
     if stop():
         return None
     if not found:
