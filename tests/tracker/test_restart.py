@@ -28,7 +28,7 @@ from handtrack.tracker.tracker import Tracker
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
-PLAIN = TrackerSettings()
+PLAIN = TrackerSettings().with_values({"tracker.jumps": False})
 JUMPS = PLAIN.with_values({"tracker.jumps": True})
 
 
