@@ -53,7 +53,9 @@ def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
     strange = [name for name in pose.pixels if name not in session.camera_names]
     if strange:
         known = ", ".join(session.camera_names)
-        yield Finding("error", f"init.json: no camera '{strange[0]}' in this session; known: {known}.")
+        yield Finding(
+            "error", f"init.json: no camera '{strange[0]}' in this session; known: {known}."
+        )
         return
     views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
     yield Finding("ok", f"init.json: keypoints in the images of {views} at frame {pose.frame}.")

@@ -129,7 +129,10 @@ def solve(
         costs.append(cost)
         if on_iteration is not None:
             on_iteration(count, params, cost)
-        if gain <= settings.cost_tolerance * max(abs(cost), 1e-300) or largest < settings.step_tolerance:
+        if (
+            gain <= settings.cost_tolerance * max(abs(cost), 1e-300)
+            or largest < settings.step_tolerance
+        ):
             why = "converged"
             break
         if count < settings.iterations:

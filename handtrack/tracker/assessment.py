@@ -92,7 +92,9 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
         off = np.linalg.norm(rows.residual.reshape(-1, width), axis=1)
         near, known = near + int((off < _NEAR_SIGMAS).sum()), known + len(off)
     share = near / max(known, 1)
-    reason = f"{100 * share:.0f} % of {known} keypoints lie within {_NEAR_SIGMAS:g} sigma of the model"
+    reason = (
+        f"{100 * share:.0f} % of {known} keypoints lie within {_NEAR_SIGMAS:g} sigma of the model"
+    )
     if share < _LOST_KEYPOINTS:
         return Status.LOST, reason
     if share < _DOUBTFUL_KEYPOINTS:

@@ -129,7 +129,8 @@ def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
 def steadier(settings: TrackerSettings) -> TrackerSettings:
     """Return the settings for a poor cloud: errors that hang together, and a hand that stays where it was.
 
-    A velocity from two poor poses would be mostly their errors; a lost finger cannot be looked for.
+    A velocity from two poor poses would be mostly their errors; a lost finger cannot be looked for, nor a lost hand: among
+    wrong points another pose often fits better.
     """
     cloud = replace(settings.cloud, patch_mm=max(settings.cloud.patch_mm, _PATCH_MM))
     follow = replace(
@@ -137,6 +138,7 @@ def steadier(settings: TrackerSettings) -> TrackerSettings:
         prediction="none",
         smoothing=_STEADIER * settings.tracker.smoothing,
         escape=False,
+        jumps=False,
     )
     calm = replace(settings.model, fallback="none")
     return replace(settings, model=calm, cloud=cloud, tracker=follow)

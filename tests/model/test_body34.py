@@ -188,12 +188,17 @@ def test_a_persons_body_is_saved_and_read(tmp_path):
     write_scale(tmp_path / "me.json", scale)
     assert read_scale(tmp_path / "me.json") == scale
     (tmp_path / "odd.json").write_text(json.dumps({"overall": 1, "parts": {"tail": 1}}))
-    with pytest.raises(HandtrackError, match="no part of a hand or body 'tail' in .*; known: thumb"):
+    with pytest.raises(
+        HandtrackError, match="no part of a hand or body 'tail' in .*; known: thumb"
+    ):
         read_scale(tmp_path / "odd.json")
 
 
 def test_errors_speak_of_bodies():
     with pytest.raises(HandtrackError, match="body scale 175: expected a factor on a body of 1750"):
         load_model("body34", scale=175.0)
-    with pytest.raises(HandtrackError, match="no proportion 'hip' in the model body34; known: hip_width, hip_height"):
+    with pytest.raises(
+        HandtrackError,
+        match="no proportion 'hip' in the model body34; known: hip_width, hip_height",
+    ):
         load_model("body34", scale=HandScale(1.0, {}, {"hip": 1.0}))
