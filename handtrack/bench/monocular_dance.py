@@ -18,6 +18,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.bench.depth_hand import data_folder
+from handtrack.bench.plotting import pyplot
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -178,8 +179,7 @@ def summary(several: DanceErrors, one: DanceErrors) -> dict[str, float]:
 
 def draw(file: Path, what: SeenDance, several: DanceErrors, one: DanceErrors) -> None:
     """Draw errors over time, and the frame in which one hypothesis is furthest off, from the front and from above."""
-    import matplotlib.pyplot as plt
-
+    plt = pyplot()
     figure, axes = plt.subplots(
         1, 3, figsize=(11, 3.6), width_ratios=(2.2, 1, 1), layout="constrained"
     )
