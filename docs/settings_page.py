@@ -55,7 +55,6 @@ _PLAIN = {
     "solver.tighten": "after a step that did not, λ is multiplied by this",
     "solver.iterations": "linearisations a frame at most, all bands together",
     "solver.damping": "first λ of each band, as a share of the Hessian's diagonal",
-    "tracker.jumps": "restart a doubtful frame from kinematic jumps; without effect in this version",
     "tracker.doubtful_overlap": "a frame is doubtful if model and mask overlap less in its worst camera (intersection over union)",
     "tracker.lost_overlap": "a frame is lost if they overlap less in the middle one of its cameras (median)",
     "tracker.lost_cloud": "a frame with a smaller share than this is lost",
