@@ -137,3 +137,10 @@ def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
     calm = steadier(TrackerSettings())
     assert calm.model.fallback == "none"
     assert replace(calm.model, fallback="auto") == TrackerSettings().model
+
+
+def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
+    assert TrackerSettings().tracker.jumps
+    follow = steadier(TrackerSettings()).tracker
+    assert not follow.jumps
+    assert not follow.escape
