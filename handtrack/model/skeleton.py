@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import Floats, Ints
 from handtrack.errors import unknown_name
 
 ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
@@ -55,7 +53,3 @@ class Skeleton:
         if name not in self.parameter_names:
             raise unknown_name("parameter", name, self.parameter_names)
         return self.parameter_names.index(name)
-
-    def is_angle(self) -> Array:
-        """Return (S,) True where a parameter is in radians, False where in metres."""
-        return np.array([not name.startswith("root_t") for name in self.parameter_names])
