@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from handtrack.errors import HandtrackError
 from handtrack.session import bundled
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 
@@ -23,12 +22,4 @@ def own_copy(folder: Path) -> Path:
     for name in (SESSION_FILE, INIT_FILE, TRUTH_FILE):
         if (source / name).is_file():
             stamp.update((source / name).read_bytes())
-    target = bundled.user_data_folder() / "sessions" / f"{source.name}-{stamp.hexdigest()[:8]}"
-    try:
-        bundled.copy_missing(source, target)
-    except OSError as error:
-        raise HandtrackError(
-            f"the bundled session cannot be copied to {target}: {error.strerror}. Free some space, or "
-            "name another folder in the environment variable HANDTRACK_HOME."
-        ) from None
-    return target
+    return bundled.working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")

@@ -33,9 +33,14 @@ def bundled_session(name: str = "open_fist_open") -> Path:
     source = _shelf() / name
     if _shelf() == _CHECKOUT:
         return source
+    return working_copy(source, name)
+
+
+def working_copy(source: Path, name: str) -> Path:
+    """Return the folder of that name in the user's data folder, completed from `source`; HandtrackError where it cannot be written."""
     target = user_data_folder() / "sessions" / name
     try:
-        copy_missing(source, target)
+        _copy_missing(source, target)
     except OSError as error:
         raise HandtrackError(
             f"the bundled session cannot be copied to {target}: {error.strerror}. Free some space, or "
@@ -65,7 +70,7 @@ def _shelf() -> Path:
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 
-def copy_missing(source: Path, target: Path) -> None:
+def _copy_missing(source: Path, target: Path) -> None:
     """Copy what the working copy lacks, session.toml last: a copy cut short is completed next time."""
     made = source / TRACKS_FOLDER  # what somebody made of it does not belong to the recording
     files = [f for f in sorted(source.rglob("*")) if f.is_file() and made not in f.parents]
