@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
+from handtrack.solver.problem import FreeProblem, Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
 
@@ -38,26 +35,6 @@ def _bones_before(model: ArticulatedModel, joint: str) -> set[int]:
     return bones
 
 
-@dataclass(frozen=True)
-class _OneFinger:
-    """A problem in which only some solver parameters may move."""
-
-    problem: Problem
-    free: np.ndarray
-    start: Floats
-
-    def cost(self, params: Floats) -> float:
-        return self.problem.cost(params)
-
-    def linearize(self, params: Floats) -> JointSystem:
-        return self.problem.linearize(params)
-
-    def bounds(self, params: Floats) -> Floats:
-        bounds = self.problem.bounds(params)
-        bounds[~self.free] = self.start[~self.free, None]
-        return bounds
-
-
 def tip_names(model: ArticulatedModel) -> tuple[str, ...]:
     """Return the joints that can be pulled: fingertips; of a body wrists and ankles."""
     ends = ("_wrist", "_ankle") if model.kind == "body" else ("_tip",)
@@ -73,4 +50,6 @@ def reach(model: ArticulatedModel, params: Floats, tip: str, target: Floats) -> 
         model, Keypoints((tip,), np.asarray(target, dtype=float)[None], _POINT_SIGMA_M)
     )
     stay = GaussianPrior(model.joint_params(params), sigma, "stay")
-    return solve(_OneFinger(Problem(model, [pull], [stay]), free, params), params, _SETTINGS).params
+    return solve(
+        FreeProblem(Problem(model, [pull], [stay]), free, params), params, _SETTINGS
+    ).params

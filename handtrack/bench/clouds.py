@@ -88,11 +88,12 @@ def measure_iteration(rounds: int = 60) -> dict[str, Any]:
     scene = cloud_scene(1)
     term = CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)
     problem = Problem(scene.model, [term])
-    bounds = problem.bounds(scene.start)
 
     def step() -> Floats:
         system = problem.linearize(scene.start)
-        return bounded_step(system, scene.start, bounds[:, 0], bounds[:, 1], 1e-2)
+        found = bounded_step(system, scene.start, problem.limits, 1e-2)
+        assert found is not None
+        return found
 
     def step_and_trial() -> float:
         return problem.cost(scene.start + 0.1 * step())

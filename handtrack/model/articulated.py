@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
+from handtrack.model.moving_limits import MovingLimits, moving_limits
 from handtrack.model.skeleton import Skeleton
 from handtrack.model.superquadrics import Superquadrics
 from handtrack.model.transform import ParameterTransform
@@ -89,6 +91,11 @@ class ArticulatedModel:
         joint_params = self.joint_params(params)
         bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
         return bones, jacobian, joint_params
+
+    @cached_property
+    def moving_limits(self) -> MovingLimits:
+        """The solver parameters' limits, and what they move with."""
+        return moving_limits(self.limits, self.transform)
 
     def bounds(self, params: Floats) -> Floats:
         """Return the solver parameters' limits (P, 2) that hold at params (P,)."""

@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.moving_limits import MovingLimits
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.collision import CollisionTerm
@@ -53,13 +54,7 @@ class KeypointProblem(NamedTuple):
     """(L,) … and by how much"""
     shift: Floats
     """(S,) joint parameters = ratio · leader + shift"""
-    interval: Floats
-    """(S, 2) limits"""
-    narrowing: Ints
-    """(S,) row of `narrow_*` for joint parameters whose limits narrow; −1 for the others"""
-    narrow_by: Ints
-    narrow_at: Floats
-    narrow_to: Floats
+    limits: MovingLimits
     is_metre: Ints
     """(P,) 1 where a solver parameter is in metres"""
     point_bone: Ints
@@ -103,14 +98,12 @@ def keypoint_problem(
 
     priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints or losses.
     """
-    skeleton, limits = model.skeleton, model.limits
+    skeleton = model.skeleton
     if type(loss) not in _LOSS_KINDS:
         known = ", ".join(kind.__name__ for kind in _LOSS_KINDS)
         raise HandtrackError(f"polishing knows the losses {known}; found {type(loss).__name__}.")
     joint, leader = np.nonzero(model.transform.matrix)
     assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
-    narrowing = np.full(skeleton.parameter_count, -1)
-    narrowing[limits.narrowed[:, 0]] = np.arange(len(limits.narrowed))
     chain = [_hinges_above(model, bone) for bone in range(skeleton.bone_count)]
     prior = _expanded(model, priors)
     return KeypointProblem(
@@ -125,11 +118,7 @@ def keypoint_problem(
         leader=leader.astype(np.int64),
         ratio=np.ascontiguousarray(model.transform.matrix[joint, leader]),
         shift=np.ascontiguousarray(model.transform.offset),
-        interval=np.ascontiguousarray(limits.interval),
-        narrowing=narrowing.astype(np.int64),
-        narrow_by=np.ascontiguousarray(limits.narrowed[:, 1], dtype=np.int64),
-        narrow_at=np.ascontiguousarray(limits.narrow_at),
-        narrow_to=np.ascontiguousarray(limits.narrow_to),
+        limits=model.moving_limits,
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
         overlaps=None if collision is None else _overlaps(collision),

@@ -15,8 +15,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.sampling.chains import Chain, PreparedChain, prepare
 from handtrack.sampling.limb_ik_kernels import grow
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
-from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
+from handtrack.solver.problem import FreeProblem, Problem
 from handtrack.terms.keypoints import KeypointTerm
 
 REACHED_M = 1e-9
@@ -145,30 +144,9 @@ def fit_positions(
     the solver parameters named `free` move; two chains that form a loop are named together. 2003 paper, §3.2.
     """
     seen = Keypoints(tuple(joints), np.asarray(positions, dtype=float), _FOLLOWED_SIGMA_M)
-    problem = FreeProblem(Problem(model, [KeypointTerm(model, seen)]), tuple(free), params)
+    moves = np.isin(model.transform.names, free)
+    problem = FreeProblem(Problem(model, [KeypointTerm(model, seen)]), moves, params)
     return solve(problem, params, settings or SolverSettings(iterations=50, damping=1e-3))
-
-
-@dataclass(frozen=True, eq=False)
-class FreeProblem:
-    """A problem in which only the named solver parameters move; the others stay at `params` (P,)."""
-
-    problem: Problem
-    free: tuple[str, ...]
-    params: Floats
-
-    def cost(self, params: Floats) -> float:
-        return self.problem.cost(params)
-
-    def linearize(self, params: Floats) -> JointSystem:
-        return self.problem.linearize(params)
-
-    def bounds(self, params: Floats) -> Floats:
-        """Return limits (P, 2): those of the problem where free, without room elsewhere."""
-        bounds = self.problem.bounds(params)
-        held = ~np.isin(self.problem.model.transform.names, self.free)
-        bounds[held] = self.params[held, None]
-        return bounds
 
 
 def within_limits(limits: Limits, joint_params: Floats, slack: float = 1e-9) -> Array:

@@ -1,6 +1,6 @@
 """Compiled damped Newton with limits, over many starts. The plain form is solver/levenberg_marquardt.py.
 
-Two things differ from there, beside the followed limits. The step uses the exact Hessian where it is positive on the free
+Two things differ from there. The step uses the exact Hessian where it is positive on the free
 directions, and Gauss-Newton's where it is not: one camera leaves flat valleys, where Gauss-Newton creeps. And the damping
 follows the ratio of true to foretold descent.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_system_kernels import keypoint_system
-from handtrack.sampling.limited_step_kernels import (
+from handtrack.solver.limited_step_kernels import (
     clip,
     fill_box,
     fold,
@@ -64,7 +64,7 @@ def polish_all(
     diagonal and nothing else for held parameters.
     """
     starts, size = params.shape
-    space, box = workspace(problem), new_box(problem, size)
+    space, box, limits = workspace(problem), new_box(size), problem.limits
     gradient, slope, step = np.zeros(size), np.zeros(size), np.zeros(size)
     goal, right, trial = np.zeros(size), np.zeros(size), np.zeros(size)
     held, index = np.zeros(size, np.int64), np.zeros(size, np.int64)
@@ -72,7 +72,7 @@ def polish_all(
     damped, compact, folded = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
     for n in range(starts):
         x = params[n]
-        clip(problem, x, box)
+        clip(limits, x, box)
         now = keypoint_system(problem, x, space, gradient, normal, curvature)
         level, used = damping, 0
         while now < np.inf:
@@ -117,7 +117,7 @@ def polish_all(
                     for r in range(size):
                         matrix = normal[p, r] + (curvature[p, r] if newton else 0.0)
                         foretold -= 0.5 * step[p] * matrix * step[r]
-                clip(problem, trial, box)
+                clip(limits, trial, box)
                 there = keypoint_cost(problem, trial, space)
                 small = foretold <= _ROUNDING * now
                 if there < now or (small and there <= now * (1.0 + _ROUNDING)):
@@ -128,7 +128,7 @@ def polish_all(
                     elif gain < 0.25:
                         level *= 2.0
                     break
-                fill_box(problem, x, box)
+                fill_box(limits, x, box)
                 level, refused = max(tighten * level, 1e-6), True
                 tighten *= 2.0
             if not moved:

@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton with bounds, on a small normal system. Knows neither hands nor cameras."""
+"""Damped Gauss-Newton within limits, on a small normal system. Knows neither hands nor cameras."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.model.moving_limits import MovingLimits
+from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
 from handtrack.terms.bone_system import JointSystem
 
 
 class BoundedProblem(Protocol):
     """What the loop needs of a problem; parameters are (P,)."""
 
+    @property
+    def limits(self) -> MovingLimits: ...
+
     def cost(self, params: Floats) -> float: ...
 
     def linearize(self, params: Floats) -> JointSystem: ...
-
-    def bounds(self, params: Floats) -> Floats: ...
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class SolverSettings:
     iterations: int = 10
     """linearisations at most"""
     limits: str = "bounds"
-    """`bounds`: no step leaves the limits, found together with it; `projection`: a step that knows no limits is
+    """`bounds`: no step leaves the limits, found together with it, and those that move with another parameter are followed; `projection`: a step that knows no limits is
     moved back to them afterwards (the 2004 paper's), which can stick where joints work together"""
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
@@ -78,48 +81,44 @@ def solve(
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Callable[[int, Floats, float], None] | None = None,
 ) -> SolveSummary:
-    """Return the minimum that descent reaches from params (P,), within the problem's bounds.
+    """Return the minimum that descent reaches from params (P,), within the problem's limits.
 
     A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
     way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
     `on_iteration(k, params, cost)` sees each accepted state.
     """
     settings = settings or SolverSettings()
-    bounds = problem.bounds(params)
-    params = np.clip(params, bounds[:, 0], bounds[:, 1])
+    limits, box = problem.limits, new_box(len(params))
+    params = np.array(params, dtype=float)
+    clip(limits, params, box)
     damping = settings.damping
     costs: list[float] = []
     dampings: list[float] = []
     system = problem.linearize(params)
     costs.append(system.cost)
-    everywhere = np.full(len(params), np.inf)
     why, count = "iterations", 0
     for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
             why = "stopped"
             break
-        bounds = problem.bounds(params)
-        low, high = np.minimum(bounds[:, 0], params), np.maximum(bounds[:, 1], params)
-        moved = None
+        moved, small = None, False
         for _ in range(_REJECTIONS):
-            if settings.limits == "projection":
-                step = bounded_step(system, params, -everywhere, everywhere, damping)
-            else:
-                step = bounded_step(system, params, low, high, damping)
-            step = _shortened(step, settings)
-            trial = np.clip(params + step, low, high)
-            there = problem.bounds(trial)  # limits that narrow with another parameter have moved
-            trial = np.clip(trial, there[:, 0], there[:, 1])
-            cost = problem.cost(trial)
-            if cost < system.cost:
-                moved = trial
-                break
-            if np.abs(trial - params).max() < settings.step_tolerance:
-                break
+            step = bounded_step(
+                system, params, limits if settings.limits == "bounds" else None, damping
+            )
+            if step is not None:
+                trial = params + _shortened(step, settings)
+                clip(limits, trial, box)
+                cost = problem.cost(trial)
+                if cost < system.cost:
+                    moved = trial
+                    break
+                small = bool(np.abs(trial - params).max() < settings.step_tolerance)
+                if small:
+                    break
             damping *= settings.tighten
         dampings.append(damping)
         if moved is None:
-            small = np.abs(trial - params).max() < settings.step_tolerance
             why = "converged" if small else "no descent"
             break
         gain = system.cost - cost
@@ -141,53 +140,15 @@ def solve(
 
 
 def bounded_step(
-    system: JointSystem, params: Floats, low: Floats, high: Floats, damping: float
-) -> Floats:
-    """Return the step (P,) that minimises the damped quadratic model within the bounds.
-
-    Primal active set: go to the minimum over the free parameters, stop at the first bound that is met and
-    hold it; at a minimum, release the held parameter whose multiplier points back inside most.
-    """
-    hessian, gradient = system.hessian, system.gradient
-    diagonal = np.diag(hessian)
-    floor = 1e-9 * max(float(diagonal.max()), 1e-30)
-    damped = hessian + np.diag(damping * diagonal + floor)
-    least, most = low - params, high - params
-    step = np.zeros(len(params))
-    held = ((least >= 0) & (gradient > 0)) | ((most <= 0) & (gradient < 0))
-    for _ in range(3 * len(params)):
-        free = ~held
-        goal = step.copy()
-        goal[free] = _solve_positive(
-            damped[np.ix_(free, free)], -gradient[free] - damped[np.ix_(free, held)] @ step[held]
-        )
-        move = goal - step
-        with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(move > 0, (most - step) / move, (least - step) / move)
-        room[~free | (move == 0)] = np.inf
-        first = int(np.argmin(room))
-        if room[first] < 1.0:
-            step = step + max(room[first], 0.0) * move
-            step[first] = most[first] if move[first] > 0 else least[first]
-            held[first] = True
-            continue
-        step = goal
-        slope = gradient + damped @ step
-        inward = np.where(step <= least, -slope, slope) * held
-        worst = int(np.argmax(inward))
-        if inward[worst] <= 1e-12 * (1.0 + np.abs(gradient).max()):
-            break
-        held[worst] = False
-    return step
-
-
-def _solve_positive(matrix: Floats, right: Floats) -> Floats:
-    if len(right) == 0:
-        return right
-    try:
-        return np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        return np.linalg.lstsq(matrix, right, rcond=None)[0]
+    system: JointSystem, params: Floats, limits: MovingLimits | None, damping: float
+) -> Floats | None:
+    """Return the step (P,) that minimises the damped quadratic model within the limits; None if it has no minimum."""
+    box, step = new_box(len(params)), np.empty(len(params))
+    if limits is not None:
+        fill_box(limits, params, box)
+    floor = 1e-9 * max(float(np.diag(system.hessian).max()), 1e-30)
+    found = damped_step(system.hessian, system.gradient, params, box, damping, floor, step)
+    return step if found else None
 
 
 def _shortened(step: Floats, settings: SolverSettings) -> Floats:

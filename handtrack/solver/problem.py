@@ -1,12 +1,13 @@
-"""Problem: a model and the terms of one frame, as a function of solver parameters."""
+"""Problem: a model and the terms of one frame, as a function of solver parameters, all or some of them free."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Array, Floats
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.assembly import assemble
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.term import ObservationTerm, ParameterTerm
@@ -14,7 +15,7 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 @dataclass(frozen=True)
 class Problem:
-    """cost(params), linearize(params) and bounds(params) on solver parameters (P,)."""
+    """cost(params), linearize(params) and limits of solver parameters (P,)."""
 
     model: ArticulatedModel
     observation_terms: Sequence[ObservationTerm]
@@ -41,6 +42,31 @@ class Problem:
         """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
         return assemble(self.model, params, self.observation_terms, self.parameter_terms)
 
+    @property
+    def limits(self) -> MovingLimits:
+        return self.model.moving_limits
+
     def bounds(self, params: Floats) -> Floats:
         """Return the limits (P, 2) that hold at params."""
         return self.model.bounds(params)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeProblem:
+    """A problem in which only some solver parameters move; the others stay at `params` (P,)."""
+
+    problem: Problem
+    free: Array
+    """(P,) bool"""
+    params: Floats
+
+    def cost(self, params: Floats) -> float:
+        return self.problem.cost(params)
+
+    def linearize(self, params: Floats) -> JointSystem:
+        return self.problem.linearize(params)
+
+    @property
+    def limits(self) -> MovingLimits:
+        """Those of the problem where free, without room elsewhere."""
+        return self.problem.limits.held(~self.free, self.params)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.covariance import covariance
 from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
 from handtrack.terms.bone_system import JointSystem
@@ -17,7 +18,8 @@ class Linear:
     """½|A x − b|² within bounds."""
 
     def __init__(self, a, b, low, high):
-        self.a, self.b, self.limits = a, b, np.stack([low, high], axis=1)
+        self.a, self.b, self.bounds = a, b, np.stack([low, high], axis=1)
+        self.limits = MovingLimits.fixed(self.bounds)
 
     def cost(self, x):
         return 0.5 * float(((self.a @ x - self.b) ** 2).sum())
@@ -26,11 +28,10 @@ class Linear:
         r = self.a @ x - self.b
         return JointSystem(self.cost(x), self.a.T @ r, self.a.T @ self.a)
 
-    def bounds(self, _):
-        return self.limits
-
 
 class Rosenbrock:
+    limits = MovingLimits.fixed(np.tile((-np.inf, np.inf), (2, 1)))
+
     def residual(self, x):
         return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
@@ -40,9 +41,6 @@ class Rosenbrock:
     def linearize(self, x):
         r, j = self.residual(x), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
         return JointSystem(self.cost(x), j.T @ r, j.T @ j)
-
-    def bounds(self, _):
-        return np.tile((-np.inf, np.inf), (2, 1))
 
 
 FAR = SolverSettings(iterations=200, step_limit_m=10, step_limit_rad=10, cost_tolerance=1e-14)
@@ -84,7 +82,8 @@ def test_a_wrong_gradient_is_no_descent_not_convergence():
 
 def test_a_step_never_leaves_the_bounds():
     system = JointSystem(1.0, np.array([-5.0, -1.0]), np.array([[1.0, 0.9], [0.9, 1.0]]))
-    step = bounded_step(system, np.zeros(2), np.array([-1.0, -1.0]), np.array([0.5, 0.5]), 0.0)
+    limits = MovingLimits.fixed(np.array([[-1.0, 0.5], [-1.0, 0.5]]))
+    step = bounded_step(system, np.zeros(2), limits, 0.0)
     assert step[0] == pytest.approx(0.5)
     assert step[1] == pytest.approx(0.5)  # 1 − 0.9 · 0.5 = 0.55 would leave
 
@@ -95,7 +94,7 @@ def test_the_bounded_step_is_the_exact_minimum(seed):
     a = rng.normal(size=(12, 8))
     system = JointSystem(0.0, a.T @ rng.normal(size=12) * 3, a.T @ a)
     low, high = -rng.uniform(0, 0.3, 8), rng.uniform(0, 0.3, 8)
-    step = bounded_step(system, np.zeros(8), low, high, 0.0)
+    step = bounded_step(system, np.zeros(8), MovingLimits.fixed(np.stack([low, high], 1)), 0.0)
     target = -np.linalg.lstsq(a.T, system.gradient, rcond=None)[0]
     exact = lsq_linear(a, target, (low, high), tol=1e-14, method="bvls").x
     np.testing.assert_allclose(step, exact, atol=1e-6)
@@ -122,8 +121,8 @@ def test_projection_holds_the_limits_and_never_beats_the_bounds():
         ours = solve(problem, np.zeros(6), FAR)
         papers = solve(problem, np.zeros(6), replace(FAR, limits="projection"))
         for found in (ours, papers):
-            assert (found.params >= problem.limits[:, 0]).all()
-            assert (found.params <= problem.limits[:, 1]).all()
+            assert (found.params >= problem.bounds[:, 0]).all()
+            assert (found.params <= problem.bounds[:, 1]).all()
             assert list(found.cost_history) == sorted(found.cost_history, reverse=True)
         assert papers.cost >= ours.cost - 1e-9
 
@@ -133,7 +132,7 @@ def test_projection_is_slow_where_joints_work_together():
     problem = correlated()
     ours = solve(problem, np.zeros(2), FAR)
     papers = solve(problem, np.zeros(2), replace(FAR, limits="projection"))
-    exact = lsq_linear(problem.a, problem.b, tuple(problem.limits.T), tol=1e-14).cost
+    exact = lsq_linear(problem.a, problem.b, tuple(problem.bounds.T), tol=1e-14).cost
     assert ours.cost == pytest.approx(exact, rel=1e-9)
     assert papers.iterations >= 4 * ours.iterations  # measured: 28 and 4
     assert papers.cost > exact + 1e-6

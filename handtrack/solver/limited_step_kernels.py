@@ -1,7 +1,8 @@
-"""Compiled step to the minimum of a quadratic model within limits. The plain form: levenberg_marquardt.bounded_step.
+"""Compiled step to the minimum of a quadratic model within limits, for the plain solver and for polishing.
 
-A limit that narrows with another parameter is followed: a parameter held at it moves with the other one, so that the
-end is a true minimum within the limits.
+Primal active set: go to the minimum over the free parameters, stop at the first limit that is met and hold it; at a
+minimum, release the held parameter that is pulled inwards most. A limit that moves with another parameter is followed:
+a parameter held at it moves with the other one, so that the end is a true minimum within the limits.
 """
 
 from __future__ import annotations
@@ -25,62 +26,42 @@ class Box(NamedTuple):
     high_by: Ints
     low_slope: Floats
     high_slope: Floats
-    leader_of: Ints
-    """(S,) solver parameter of a joint parameter, −1 without"""
-    ratio_of: Floats
 
 
 @numba.njit(cache=True, nogil=True)
-def new_box(problem, size):  # pragma: no cover - compiled
-    """Return a Box to be filled."""
-    count = problem.shift.shape[0]
-    leader_of, ratio_of = np.full(count, -1, np.int64), np.zeros(count)
-    for k in range(problem.joint.shape[0]):
-        leader_of[problem.joint[k]] = problem.leader[k]
-        ratio_of[problem.joint[k]] = problem.ratio[k]
+def new_box(size):  # pragma: no cover - compiled
+    """Return a Box without limits, to be filled."""
     return Box(
-        np.zeros(size), np.zeros(size), np.full(size, -1, np.int64), np.full(size, -1, np.int64),
-        np.zeros(size), np.zeros(size), leader_of, ratio_of,
+        np.full(size, -np.inf), np.full(size, np.inf), np.full(size, -1, np.int64),
+        np.full(size, -1, np.int64), np.zeros(size), np.zeros(size),
     )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
-def fill_box(problem, params, box):  # pragma: no cover - compiled
-    """Find the limits at params (P,): model/limits.py, model/transform.py."""
+def fill_box(limits, params, box):  # pragma: no cover - compiled
+    """Find the limits that hold at params (P,), and how they move. limits: model/moving_limits.py."""
     for p in range(params.shape[0]):
         box.low[p], box.high[p] = -np.inf, np.inf
         box.low_by[p], box.high_by[p] = -1, -1
         box.low_slope[p], box.high_slope[p] = 0.0, 0.0
-    for k in range(problem.joint.shape[0]):
-        s, p, ratio = problem.joint[k], problem.leader[k], problem.ratio[k]
-        least, most = problem.interval[s, 0], problem.interval[s, 1]
-        least_rate, most_rate, by = 0.0, 0.0, -1
-        n = problem.narrowing[s]
-        if n >= 0:
-            other = problem.narrow_by[n]
-            leader = box.leader_of[other]
-            value = problem.shift[other]
-            if leader >= 0:
-                value += box.ratio_of[other] * params[leader]
-            bend = value / problem.narrow_at[n]
-            inside = 0.0 < bend < 1.0
-            bend = min(max(bend, 0.0), 1.0)
-            middle = min(max(0.0, least), most)
-            share = 1.0 - (1.0 - problem.narrow_to[n]) * bend
-            if inside and leader >= 0 and leader != p:
-                by = leader
-                rate = -(1.0 - problem.narrow_to[n]) / problem.narrow_at[n] * box.ratio_of[other]
-                least_rate, most_rate = rate * (least - middle), rate * (most - middle)
-            least, most = middle + share * (least - middle), middle + share * (most - middle)
-        least, most = (least - problem.shift[s]) / ratio, (most - problem.shift[s]) / ratio
-        least_rate, most_rate = least_rate / ratio, most_rate / ratio
-        if ratio < 0.0:
-            least, most = most, least
-            least_rate, most_rate = most_rate, least_rate
+    for k in range(limits.param.shape[0]):
+        p, by, tied = limits.param[k], limits.by[k], -1
+        least, most = limits.first[k, 0], limits.first[k, 1]
+        least_rate, most_rate = 0.0, 0.0
+        if by >= 0:
+            way = limits.end[k] - limits.begin[k]
+            share = (params[by] - limits.begin[k]) / way
+            if 0.0 < share < 1.0 and by != p:
+                tied = by
+                least_rate = (limits.last[k, 0] - least) / way
+                most_rate = (limits.last[k, 1] - most) / way
+            share = min(max(share, 0.0), 1.0)
+            least += share * (limits.last[k, 0] - least)
+            most += share * (limits.last[k, 1] - most)
         if least > box.low[p]:
-            box.low[p], box.low_by[p], box.low_slope[p] = least, by, least_rate
+            box.low[p], box.low_by[p], box.low_slope[p] = least, tied, least_rate
         if most < box.high[p]:
-            box.high[p], box.high_by[p], box.high_slope[p] = most, by, most_rate
+            box.high[p], box.high_by[p], box.high_slope[p] = most, tied, most_rate
     for p in range(params.shape[0]):
         if box.low[p] > box.high[p]:
             middle = 0.5 * (box.low[p] + box.high[p])
@@ -90,11 +71,11 @@ def fill_box(problem, params, box):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def clip(problem, params, box):  # pragma: no cover - compiled
+def clip(limits, params, box):  # pragma: no cover - compiled
     """Move params into the limits that hold there, and leave `box` filled for the place."""
-    # a second pass where limits narrow: what narrows the others may itself have moved
-    for _ in range(1 if problem.narrow_at.shape[0] == 0 else 2):
-        fill_box(problem, params, box)
+    # a second pass where limits move: what they move with may itself have been moved
+    for _ in range(2 if (limits.by >= 0).any() else 1):
+        fill_box(limits, params, box)
         for p in range(params.shape[0]):
             params[p] = min(max(params[p], box.low[p]), box.high[p])
 
@@ -188,7 +169,7 @@ def limited_step(
 ):  # pragma: no cover - compiled
     """Fill the step (P,) that minimises the quadratic model within the limits; False if it has no minimum.
 
-    Primal active set, as solver/levenberg_marquardt.bounded_step. `held` enters filled by `hold` and is changed.
+    `held` enters filled by `hold` and is changed.
     """
     size = params.shape[0]
     largest = 0.0
@@ -281,3 +262,20 @@ def limited_step(
             return True
         held[worst] = 0
     return True
+
+
+@numba.njit(cache=True, nogil=True)
+def damped_step(
+    hessian, gradient, params, box, damping, floor, step
+):  # pragma: no cover - compiled
+    """Fill the step (P,) of Levenberg and Marquardt: `limited_step` with damping · diagonal + floor added."""
+    size = params.shape[0]
+    damped = hessian.copy()
+    for p in range(size):
+        damped[p, p] += damping * hessian[p, p] + floor
+    held, slope = np.zeros(size, np.int64), np.zeros(size)
+    hold(params, gradient, box, held, slope)
+    return limited_step(
+        damped, gradient, params, box, held, step, np.zeros(size), slope, np.zeros((size, size)),
+        np.zeros((size, size)), np.zeros(size), np.zeros(size, np.int64),
+    )  # fmt: skip

@@ -1,0 +1,148 @@
+"""Limits that move with another parameter: the solver ends where scipy's constrained minimisers end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, minimize
+
+from handtrack.model.model_file import load_model
+from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.transform import ParameterTransform
+from handtrack.observation.observation import Keypoints
+from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
+from handtrack.solver.limited_step_kernels import clip, fill_box, new_box
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors import GaussianPrior
+
+FAR = SolverSettings(iterations=100, cost_tolerance=1e-13)
+
+
+def spread_beyond(rng, coupling):
+    """Return a problem of bent fingers that are seen further apart than their limits let them be, and a start."""
+    model = load_model(coupling=coupling)
+    low, high = model.limits.interval[6:].T
+    joint = np.r_[0.1 * rng.normal(size=6), low + rng.uniform(0.2, 0.6, 20) * (high - low)]
+    which, by = model.limits.narrowed.T
+    joint[by] = rng.uniform(0.3, 1.2, len(by))
+    side = rng.integers(0, 2, len(which))
+    beyond = np.where(side == 1, 1.0, -1.0) * np.deg2rad(rng.uniform(2.0, 8.0, len(which)))
+    joint[which] = model.limits.bounds(joint)[which, side] + beyond
+    params = model.transform.solver_params(joint)
+    points = model.joint_positions(model.bones(params))
+    points = points + 0.002 * rng.normal(size=points.shape)
+    sigma = np.r_[np.full(6, np.inf), np.full(20, 0.8)]
+    terms = [KeypointTerm(model, Keypoints(model.joint_names, points, 0.003))]
+    start = params + 0.1 * np.r_[np.zeros(3), rng.normal(size=len(params) - 3)]
+    return Problem(model, terms, [GaussianPrior(model.rest, sigma)]), start
+
+
+def rows(limits, where):
+    """Return matrix and ends (low, high) of the linear constraints that the limits are about a place."""
+    matrix, low, high = [], [], []
+    for k, p in enumerate(limits.param):
+        for column, ends in ((0, low), (1, high)):
+            row, by = np.zeros(len(where)), limits.by[k]
+            row[p], end = 1.0, limits.first[k, column]
+            if np.isinf(end):
+                continue
+            if by >= 0 and limits.begin[k] < where[by] < limits.end[k]:
+                slope = (limits.last[k, column] - end) / (limits.end[k] - limits.begin[k])
+                row[by] -= slope
+                end = end - slope * limits.begin[k]
+            elif by >= 0 and where[by] >= limits.end[k]:
+                end = limits.last[k, column]
+            matrix.append(row)
+            low.append(end if ends is low else -np.inf)
+            high.append(end if ends is high else np.inf)
+    return LinearConstraint(np.array(matrix), low, high)
+
+
+def held_palm(model):
+    """Return a model of which only the root, one flexion and all abductions move; the others keep an angle."""
+    names = model.transform.names
+    free = [
+        p
+        for p, n in enumerate(names)
+        if n.startswith("root") or n.endswith("_abd") or n == "index_mcp_flex"
+    ]
+    transform = model.transform
+    few = ParameterTransform(
+        tuple(names[p] for p in free), transform.matrix[:, free], np.full(len(model.rest), 0.3)
+    )
+    return replace(model, transform=few)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+def test_they_are_the_models_limits_everywhere(rng, coupling, held):
+    model = load_model(coupling=coupling)
+    model = held_palm(model) if held else model
+    size = len(model.rest_params())
+    box = new_box(size)
+    for _ in range(50):
+        params = 1.5 * rng.normal(size=size)
+        fill_box(model.moving_limits, params, box)
+        found = np.stack([box.low, box.high], axis=1)
+        np.testing.assert_allclose(found, model.bounds(params), atol=1e-12)
+        clip(model.moving_limits, params, box)
+        np.testing.assert_allclose(model.clipped(params), params, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_step_along_moving_limits_is_the_exact_minimum(seed):
+    """Six parameters; the limits of the last three move with the first three, and cross their straight stretch."""
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(9, 6))
+    system = JointSystem(0.0, 3.0 * a.T @ rng.normal(size=9), a.T @ a)
+    wide = np.tile((-0.4, 0.4), (3, 1))
+    moving = MovingLimits(
+        np.arange(6), np.concatenate([wide, wide]), np.r_[np.full(3, -1), [0, 1, 2]], np.full(6, -2.0),
+        np.full(6, 2.0), np.concatenate([wide, 0.2 * wide]),
+    )  # fmt: skip
+    step = bounded_step(system, np.zeros(6), moving, 0.0)
+    assert step is not None
+
+    def model(x):
+        return system.gradient @ x + 0.5 * x @ system.hessian @ x
+
+    exact = minimize(
+        model, np.zeros(6), jac=lambda x: system.gradient + system.hessian @ x, method="SLSQP",
+        constraints=rows(moving, np.zeros(6)), options={"ftol": 1e-14, "maxiter": 500},
+    )  # fmt: skip
+    np.testing.assert_allclose(step, exact.x, atol=1e-5)
+    assert model(step) <= exact.fun + 1e-10
+
+
+@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+def test_bent_fingers_forced_apart_end_where_scipy_ends(coupling):
+    followed = 0
+    for seed in range(4):
+        problem, start = spread_beyond(np.random.default_rng(seed), coupling)
+        found = solve(problem, start, FAR)
+        assert list(found.cost_history) == sorted(found.cost_history, reverse=True)
+        limits = rows(problem.limits, found.params)
+        scipys = minimize(
+            problem.cost, found.params, jac=lambda x, p=problem: p.linearize(x).gradient, method="SLSQP",
+            constraints=limits, options={"ftol": 1e-12, "maxiter": 200},
+        )  # fmt: skip
+        assert found.cost <= scipys.fun * (1.0 + 1e-6)
+        ends = limits.A @ found.params
+        assert (ends <= limits.ub + 1e-9).all() and (ends >= limits.lb - 1e-9).all()
+        touching = (np.abs(ends - limits.ub) < 1e-9) | (np.abs(ends - limits.lb) < 1e-9)
+        followed += int((touching & ((limits.A != 0).sum(axis=1) == 2)).sum())
+    assert followed  # else it tests nothing
+
+
+def test_parameters_that_are_held_have_no_room(rng):
+    problem, start = spread_beyond(rng, "18")
+    where = rng.random(len(start)) < 0.5
+    inside = problem.model.clipped(start)
+    box = new_box(len(start))
+    fill_box(problem.limits.held(where, inside), inside, box)
+    np.testing.assert_array_equal(box.low[where], inside[where])
+    np.testing.assert_array_equal(box.high[where], inside[where])
+    bounds = problem.model.bounds(inside)[~where]
+    np.testing.assert_allclose(np.stack([box.low, box.high], 1)[~where], bounds, atol=1e-12)
