@@ -5,17 +5,18 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose_search import find_first_poses
 from handtrack.tracker.result import FrameResult
+from handtrack_app.keyframes import Leg
 
 log = logging.getLogger(__name__)
+_TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes into the size itself
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class BackgroundJob:
 
     def __init__(self, number: int, frames: range, post: Callable[[Report], None]) -> None:
         self.number, self.frames = number, frames
+        self.total = len(frames)
+        """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
         self._first_done = self.began
         self._post = post
@@ -93,7 +96,7 @@ class BackgroundJob:
         if self.done < 2:
             return 0.0
         spent = time.monotonic() - self._first_done - self.waited
-        return spent / (self.done - 1) * (len(self.frames) - self.done)
+        return spent / (self.done - 1) * (self.total - self.done)
 
     def work(self) -> None:
         """Do it; ask `should_stop` between solver steps."""
@@ -120,7 +123,7 @@ class BackgroundJob:
 
 
 class TrackingJob(BackgroundJob):
-    """Tracks frames from a pose (P,) at the frame `first`."""
+    """Tracks frames in legs, each from a pose of its own."""
 
     kind = "tracking"
 
@@ -129,25 +132,28 @@ class TrackingJob(BackgroundJob):
         number: int,
         run: Any,
         frames: range,
-        first: int,
-        params: Floats,
+        path: Sequence[Leg],
         post: Callable[[Report], None],
         watch: Watch | None = None,
     ) -> None:
         super().__init__(number, frames, post)
-        self._tracker, self._first, self._params, self._watch = run, first, params, watch
+        self._tracker, self._path, self._watch = run, path, watch
+        self.total = sum(len(leg.frames) for leg in path)
 
     def work(self) -> None:
         run = self._tracker
-        for result in run.track(self.frames, self._first, self._params, self.should_stop):
-            self.done += 1
-            if self.done == 1:
-                self._first_done, self.waited = time.monotonic(), 0.0
-            self._post(Tracked(self.number, result))
-            if self._watch is not None:
-                self._watch(run, result)
+        for leg in self._path:
+            for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
+                self.done += 1
+                if self.done == 1:
+                    self._first_done, self.waited = time.monotonic(), 0.0
+                self._post(Tracked(self.number, result))
+                if self._watch is not None:
+                    self._watch(run, result)
+                if self.should_stop():
+                    return
             if self.should_stop():
-                break
+                return
 
 
 class SizingJob(BackgroundJob):
@@ -158,11 +164,16 @@ class SizingJob(BackgroundJob):
     def __init__(self, number: int, run: Any, post: Callable[[Report], None]) -> None:
         super().__init__(number, range(0), post)
         self._tracker = run
+        self.share, self.words = 0.0, ""
 
     def work(self) -> None:
-        scale = self._tracker.fit_size(self.should_stop).scale
+        scale = self._tracker.fit_size(self.should_stop, tell=self._progress).scale
         if not self.should_stop():
             self._post(Sized(self.number, scale))
+
+    def _progress(self, done: int, total: int) -> None:
+        self.share = _TRACKED_SHARE * done / max(total, 1)
+        self.words = f"Fitting the hand's size, once a session: {done} of {total} frames looked at"
 
 
 class FindingJob(BackgroundJob):

@@ -49,9 +49,12 @@ def _run(args: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except OSError as error:
-        if error.filename is None:
+        if error.errno is None:
             return _told(args, _internal(error), EXIT_INTERNAL)
-        return _told(args, f"{error.filename}: {error.strerror}.", EXIT_USAGE)
+        where = "" if error.filename is None else f"{error.filename}: "
+        return _told(args, f"{where}{error.strerror}.", EXIT_USAGE)
+    except MemoryError as error:
+        return _told(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
     except Exception as error:
         return _told(args, _internal(error), EXIT_INTERNAL)
 
@@ -219,7 +222,9 @@ def _add_size(commands: Any) -> None:
         "--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"
     )
     size.add_argument(
-        "--init", metavar="FILE", help="first-frame pose (default: the session's init.json)"
+        "--init",
+        metavar="FILE|auto",
+        help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
     )
     size.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated")
     size.add_argument(

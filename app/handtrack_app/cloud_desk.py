@@ -72,7 +72,7 @@ class CloudDesk:
         model, session, frame = document.model, document.run.session, document.frame
         bones = model.bones(params_of(model, document.shown))
         before = frame - 1
-        previous = bones
+        previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
             previous = model.bones(params_of(model, document.pose_at(before)))
         filters = getattr(session, "cloud_filters", CloudFilters())
@@ -93,17 +93,20 @@ class CloudDesk:
 
     def change(self, values: Mapping[str, object]) -> None:
         """Change settings of [clouds]. Raises HandtrackError, and changes nothing, for what cannot be."""
-        self._document.use_clouds(changed_clouds(self.settings, values))
+        self.use(changed_clouds(self.settings, values))
+
+    def use(self, settings: CloudSettings | None) -> None:
+        """Take other settings of [clouds], all of them."""
+        self._document.use_clouds(settings)
         self.show()
 
     def restore(self) -> None:
         """Go back to the settings of session.toml."""
-        self._document.use_clouds(self._document.saved_clouds)
-        self.show()
+        self.use(self._document.saved_clouds)
 
     def sample_skin(self, order: m.SampleSkin) -> str:
-        """Take the skin's colour from a box of the frame's image; return a sentence about it."""
-        session, frame = self._document.run.session, self._document.frame
+        """Take the skin's colour from a box of a frame's image; return a sentence about it."""
+        session, frame = self._document.run.session, order.frame
         if order.camera not in session.rig.names:
             raise HandtrackError(f"no camera '{order.camera}' in this session.")
         image = session.image(order.camera, frame)
@@ -140,6 +143,7 @@ class CloudDesk:
             pair,
             {view.name: view.camera.size for view in views},
             document.unsaved_clouds,
+            settings,
         )
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.capture.cloud_filters import CloudFilters, FilterReport, random_part
+from handtrack.capture.cloud_filters import CloudFilters, FilterReport, near_hand, random_part
 from handtrack.capture.point_cloud import EMPTY, PointCloud
 from handtrack.capture.stereo import StereoMatcher
 from handtrack.model.articulated import ArticulatedModel
@@ -48,7 +48,8 @@ class Moment:
     session: Any
     model: ArticulatedModel
     bones: BonePoses
-    previous: BonePoses
+    previous: BonePoses | None
+    """the hand that the cloud is cropped to; None before the hand has a place"""
     filters: CloudFilters
     wanted: m.WantCloud
 
@@ -59,6 +60,8 @@ class CloudMaker:
     def __init__(self) -> None:
         self._known: tuple[object, PointCloud, Array, tuple[FilterReport, ...]] | None = None
         self._matcher: tuple[object, StereoMatcher] | None = None
+        self._painted: tuple[object, ...] = ()
+        """what the last picture was made from"""
 
     def surface(self, moment: Moment) -> m.SurfaceSnapshot:
         spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
@@ -81,10 +84,12 @@ class CloudMaker:
         if moment.wanted.dropped:
             lost = np.flatnonzero(np.isin(fate, _places(reports, thinned=False)))
             dropped = measured.points[lost[random_part(len(lost), _DROPPED_SHOWN)]]
-        words = (
-            "" if len(kept) else "No point is left: every filter below says how many it dropped."
-        )
-        if len(shown) < len(kept):
+        words = ""
+        if not len(kept):
+            words = nothing_left(reports)
+        elif moment.previous is None and moment.filters.crop_m is not None:
+            words = "The hand has no place yet: nothing is cropped to it."
+        elif len(shown) < len(kept):
             words = f"{len(shown)} of {len(kept)} points are drawn."
         return m.CloudSnapshot(
             moment.frame,
@@ -99,7 +104,10 @@ class CloudMaker:
         )
 
     def images(self, moment: Moment) -> m.CloudPicture | None:
+        """Return the cameras' pictures with the points; None where they would be those of the last time."""
         measured, fate, reports = self._filtered(moment)
+        if self._is_painted(moment.frame, moment.wanted, fate):
+            return None
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
         width = WIDE_PX if moment.wanted.wide else NARROW_PX
@@ -118,9 +126,12 @@ class CloudMaker:
             return None
         return _picture(moment, contact_sheet(cells, width, columns), "")
 
-    def stereo(self, moment: Moment, pair: tuple[str, str]) -> m.CloudPicture:
+    def stereo(self, moment: Moment, pair: tuple[str, str]) -> m.CloudPicture | None:
+        """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.session, moment.frame
         settings = stereo_settings(session.file.clouds or CloudSettings())
+        if self._is_painted(frame, moment.wanted, pair, settings):
+            return None
         key = (pair, settings)
         if self._matcher is None or self._matcher[0] != key:
             self._matcher = (
@@ -142,6 +153,13 @@ class CloudMaker:
         sheet = contact_sheet(pictures, width, 4 if tall and moment.wanted.wide else 2)
         return _picture(moment, sheet, stereo_words(view, matcher.pair))
 
+    def _is_painted(self, *made_from: object) -> bool:
+        before, self._painted = self._painted, made_from
+        return len(before) == len(made_from) and all(
+            a is b or (not isinstance(a, np.ndarray) and a == b)
+            for a, b in zip(before, made_from, strict=True)
+        )
+
     def _filtered(
         self, moment: Moment
     ) -> tuple[PointCloud | None, Array, tuple[FilterReport, ...]]:
@@ -150,11 +168,13 @@ class CloudMaker:
         measured = session.measured_cloud(moment.frame)
         if measured is None:
             return None, np.zeros(0, np.int8), ()
-        near = moment.filters.crop_m is not None
-        where = moment.previous.position.tobytes() if near else b""
-        key = (id(measured), moment.filters, where)
+        previous = moment.previous if moment.filters.crop_m is not None else None
+        crop = None if previous is None else hand_distance(moment.model, previous)
+        near = b""  # which points are: the same ones, wherever the hand moves among them
+        if crop is not None and moment.filters.crop_m is not None:
+            near = near_hand(measured.points, crop, moment.filters.crop_m).tobytes()
+        key = (id(measured), moment.filters, near)
         if self._known is None or self._known[0] != key:
-            crop = hand_distance(moment.model, moment.previous) if near else None
             fate, reports = moment.filters.fates(measured, crop, session.cloud_eyes)
             self._known = (key, measured, fate, reports)
         return self._known[1:]
@@ -163,6 +183,20 @@ class CloudMaker:
 def _picture(moment: Moment, sheet: Bytes, words: str) -> m.CloudPicture:
     wide = moment.wanted.wide
     return m.CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
+
+
+def nothing_left(reports: tuple[FilterReport, ...]) -> str:
+    """Return which filter dropped the last points of a cloud."""
+    last = next((report for report in reports if report.before and not report.after), None)
+    if last is None:
+        return "Nothing was measured in this frame."
+    advice = {
+        "crop": "Is the hand where the cloud is? Find it (tab Pose), or make 'To hand' larger.",
+        "range": "Make 'Nearest' smaller or 'Farthest' larger. Is the unit of length right?",
+        "skin": "Take the colour again, or make the ellipse larger.",
+    }
+    said = advice.get(last.name, "")
+    return f"No point is left: the filter '{last.text}' dropped the last {last.before}. {said}".rstrip()
 
 
 def _places(reports: tuple[FilterReport, ...], thinned: bool) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.session.clouds_settings import CloudSettings
 
 # ---- commands: page → worker ----------------------------------------------------------------------
 
@@ -40,9 +41,17 @@ class SetClouds:
 
 
 @dataclass(frozen=True)
-class SampleSkin:
-    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of the frame shown."""
+class UseClouds:
+    """Take these settings of [clouds], all of them: undo."""
 
+    settings: CloudSettings | None
+
+
+@dataclass(frozen=True)
+class SampleSkin:
+    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
+
+    frame: int
     camera: str
     box: tuple[int, int, int, int]
     size: float
@@ -130,3 +139,5 @@ class CloudCard:
     """width and height of the cameras' images [px]"""
     unsaved: tuple[str, ...]
     """settings that differ from session.toml"""
+    settings: CloudSettings | None = None
+    """the settings in force as they are"""

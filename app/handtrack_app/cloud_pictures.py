@@ -104,7 +104,8 @@ def stereo_words(view: StereoView, pair: RectifiedPair) -> str:
     """Return how a pair was matched, in a line or two."""
     asked = max(view.asked, 1)
     known = view.disparity[np.isfinite(view.disparity)]
-    words = f"{100 * view.matched_share:.0f} % of {view.asked} pixels matched"
+    asked_words = f"{view.asked:,}".replace(",", "\u202f")
+    words = f"{100 * view.matched_share:.0f} % of {asked_words} pixels matched"
     if len(known):
         near, far = (float(pair.depth_of(np.quantile(known, q))) for q in (0.99, 0.01))
         words += f", {far * 100:.0f} to {near * 100:.0f} cm away"

@@ -25,6 +25,8 @@ from handtrack_app.compile_watch import CompileWatch
 from handtrack_app.document import Document
 from handtrack_app.guesses import Guesses
 from handtrack_app.keeping import Keeper
+from handtrack_app.keyframes import legs
+from handtrack_app.sight import nothing_seen
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
@@ -73,6 +75,7 @@ class Conductor:
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: m.Track | None = None
+        self._tracked_now: list[FrameResult] = []
         self._first = document.first_frame
         self._count = 0
         self._shown = self._stripped = 0.0
@@ -117,7 +120,7 @@ class Conductor:
     def track(self, order: m.Track) -> None:
         """Begin to track; a hand's size that is still to be fitted comes first."""
         document = self._document
-        self._refuse_if_busy()
+        self._refuse()
         self._first = order.first
         frames = range(
             max(order.start, document.frames.start), min(order.stop, document.frames.stop)
@@ -127,19 +130,23 @@ class Conductor:
                 f"No frames to track: {order.start} to {order.stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.size_pending and document.run.first is not None and len(frames) > 1:
-            self.fit_size(order)
-            return
+        if document.size_pending and len(frames) > 1:
+            document.begin_at(order.first)
+            if document.run.first is not None:
+                self.fit_size(order)
+                return
         start = document.start_params(order.first, order.anew)
-        self._begin(
-            TrackingJob(
-                self._next(), document.run, frames, order.first, start, self._post, self._watch
-            )
-        )
+        held = {} if len(frames) == 1 else document.keyframes(frames)
+        if order.anew:
+            held.pop(order.first, None)  # where tracking starts by itself the pose is only a start
+        path = legs(frames, order.first, start, held)
+        if not path:
+            raise HandtrackError("All these frames are set by hand; there is nothing to track.")
+        self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
     def fit_size(self, then: m.Track | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
-        self._refuse_if_busy()
+        self._refuse()
         if self._document.run.first is None:
             raise HandtrackError(
                 "The hand's size is fitted from the first-frame pose on, and this session has none yet. Pose the hand "
@@ -150,19 +157,23 @@ class Conductor:
 
     def find(self, frame: int | None) -> None:
         """Begin to look for the hand, in a frame or in the surest of several."""
-        self._refuse_if_busy()
+        self._refuse()
         self._begin(FindingJob(self._next(), self._document.run, frame, self._post))
 
-    def _refuse_if_busy(self) -> None:
+    def _refuse(self) -> None:
+        """Raise HandtrackError where no job can begin."""
         if self._job is not None:
             raise HandtrackError("Tracking is already running. Cancel it first.")
+        blind = nothing_seen(self._document.run)
+        if blind:
+            raise HandtrackError(blind)
 
     def _next(self) -> int:
         self._count += 1
         return self._count
 
     def _begin(self, job: BackgroundJob) -> None:
-        self._job = job
+        self._job, self._tracked_now = job, []
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -191,6 +202,7 @@ class Conductor:
     def _tracked(self, done: Tracked) -> None:
         document, now = self._document, time.monotonic()
         document.accept(done.result, replaces_hand=done.result.frame == self._first)
+        self._tracked_now.append(done.result)
         self._keeper.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -255,13 +267,15 @@ class Conductor:
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))
                 return
-            text = exporting.summary(self._document, job.frames, job.done, took)
+            text = exporting.summary(
+                self._tracked_now, job.total, len(job.frames) - job.total, took
+            )
             self._publish(m.Notice("done", title, text))
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
         job, count = self._job, self._compiles.count
-        if isinstance(job, FindingJob) and job.share != self._shared:
+        if isinstance(job, FindingJob | SizingJob) and job.share != self._shared:
             self._shared = job.share
             self.show_progress()
         elif job is not None and not job.done and count != self._ticked:
@@ -276,10 +290,10 @@ class Conductor:
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
         quiet = job.kind in ("sizing", "finding") and not job.paused
-        words, done, total = _WORDS[job.kind if quiet else state], job.done, len(job.frames)
+        words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words
-        if isinstance(job, FindingJob):
-            words = f"{words} {job.words}".strip()
+        if quiet and isinstance(job, FindingJob | SizingJob) and job.words:
+            words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
         self._publish(m.ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose import FirstPose
 from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.result import FrameResult
+from handtrack_app.energy_parts import energy_parts
 from handtrack_app.messages import (
     CameraCard,
     PoseSnapshot,
@@ -25,19 +26,9 @@ from handtrack_app.messages import (
     StripSnapshot,
 )
 from handtrack_app.model_card import model_reach, model_words, part_cards
+from handtrack_app.put_aside import Made, renamed
 from handtrack_app.reaching import reach, tip_names
 
-_TERM_WORDS = {
-    "coverage": "silhouettes",
-    "conic_field": "silhouettes",
-    "cloud_distance": "cloud→model",
-    "cloud_emptiness": "model→cloud",
-    "rest": "priors",
-    "posture": "priors",
-    "motion": "priors",
-    "stabilise": "priors",
-    "collision": "priors",
-}
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
 
@@ -83,7 +74,11 @@ class Document:
         self.by_hand: dict[int, Floats] = {}
         self.results: dict[int, FrameResult] = {}
         self.limits: dict[str, tuple[float, float]] = {}
+        self._aside: dict[tuple[str, ...], Made] = {}
+        """by the parameters of the model that it was made with"""
         self.own_interval = run.model.limits.interval.copy()
+        self.own_settings = dict(run.settings.flat())
+        """as session.toml has them"""
         self.frame = self.first_frame
         self.shown = self.start.copy()
         self.version = 0
@@ -162,6 +157,14 @@ class Document:
         self.first_frame, self.start = self.frame, self.shown.copy()
         self.run = replace(self.run, first=first)
 
+    def begin_at(self, frame: int) -> None:
+        """Where the session has no first pose, take the one that was set or found at a frame; nothing is written."""
+        if self.run.first is None and (frame in self.by_hand or frame in self.results):
+            values = self.pose_at(frame)
+            known = dict(zip(self.model.parameter_names, values.tolist(), strict=True))
+            self.first_frame, self.start = frame, values.copy()
+            self.run = replace(self.run, first=FirstPose(frame, known))
+
     def see_arm(self) -> bool:
         """Give the model a forearm if the frame shown has one beyond the hand; return whether it got one."""
         run = self.run.with_arm_in_view(self.frame, params_of(self.model, self.shown))
@@ -180,6 +183,17 @@ class Document:
             return self.run.initial()[1]
         return params_of(self.model, self.pose_at(frame))
 
+    @property
+    def is_posed(self) -> bool:
+        """Whether anybody said where the hand is: else it stands somewhere in view."""
+        return self.run.first is not None or bool(self.by_hand) or bool(self.results)
+
+    def keyframes(self, frames: range) -> dict[int, Floats]:
+        """Return the poses set by hand at some of the frames, as solver parameters (P,)."""
+        return {
+            f: params_of(self.model, self.by_hand[f]) for f in sorted(self.by_hand) if f in frames
+        }
+
     def accept(self, result: FrameResult, replaces_hand: bool = True) -> None:
         """Keep a tracked frame. It replaces a pose set by hand there, if tracking started from that."""
         if replaces_hand:
@@ -189,15 +203,24 @@ class Document:
     # ---- settings
 
     def replace_run(self, run: Any) -> None:
-        """Change to a run with another model or other settings; poses stay, by their names."""
-        old = self.model.parameter_names
+        """Change to a run with another model or other settings; poses stay, by their names. What was made with a model
+        is put aside while another one is looked at, and comes back with it.
+        """
+        old, new = self.model.parameter_names, run.model.parameter_names
         self.own_interval = run.model.limits.interval.copy()
-        if run.model.parameter_names != old:
-            self.by_hand = {f: renamed(v, old, run.model) for f, v in self.by_hand.items()}
-            self.start = renamed(self.start, old, run.model)
-            self.shown = renamed(self.shown, old, run.model)
-            self.results.clear()
-            self.limits = {n: i for n, i in self.limits.items() if n in run.model.parameter_names}
+        if new != old:
+            self._aside[old] = Made(self.start, self.shown, self.by_hand, self.results, self.limits)
+            none = np.zeros(len(new))
+            back = self._aside.pop(new, Made(none, none))
+            self.start = renamed(self.start, old, new, back.start)
+            self.shown = renamed(self.shown, old, new, back.shown)
+            self.by_hand = {
+                frame: renamed(values, old, new, back.pose_at(frame))
+                for frame, values in self.by_hand.items()
+            }
+            self.results = back.results
+            kept = {name: pair for name, pair in self.limits.items() if name in new}
+            self.limits = {n: pair for n, pair in back.limits.items() if n not in old} | kept
         self.run = run
         self._apply_limits()
         self.shown = self.model.joint_params(params_of(self.model, self.shown))
@@ -276,6 +299,7 @@ class Document:
             ellipsoid_bone=flesh.bone,
             radii=flesh.radii,
             settings=dict(self.run.settings.flat()),
+            own_settings=self.own_settings,
             has_truth=session.truth is not None,
             tip_names=self.tip_names,
             pose_names=self.pose_names,
@@ -324,21 +348,9 @@ class Document:
                 found = result.joint_positions if result.keypoints21 is None else result.keypoints21
                 error[i] = mean_error_mm(found, self.truth_at(frame))
         hand = tuple(sorted(self.by_hand))
-        return StripSnapshot(self.frames.start, status, energy, error, hand, self._terms())
-
-    def _terms(self) -> dict[str, Floats]:
-        """Return the energy's parts (F,) in words, NaN where a frame has none."""
-        terms: dict[str, Floats] = {}
-        for frame, result in self.results.items():
-            i = frame - self.frames.start
-            if not 0 <= i < len(self.frames):
-                continue
-            for name, cost in result.energies.items():
-                row = terms.setdefault(
-                    _TERM_WORDS.get(name, name), np.full(len(self.frames), np.nan)
-                )
-                row[i] = np.nan_to_num(row[i]) + cost
-        return terms
+        return StripSnapshot(
+            self.frames.start, status, energy, error, hand, energy_parts(self.results, self.frames)
+        )
 
     def truth_at(self, frame: int) -> Floats | None:
         """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
@@ -355,8 +367,8 @@ class Document:
 def told(result: FrameResult) -> str:
     """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
     if is_simplified(result):
-        return f"Fingers held. {result.note}".rstrip(". ") + "."
-    return result.note
+        return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
+    return result.note[:1].upper() + result.note[1:]
 
 
 def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
@@ -365,12 +377,6 @@ def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
         return float("nan")
     distance = np.linalg.norm(found - truth, axis=1)
     return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
-
-
-def renamed(values: Floats, names: Sequence[str], model: ArticulatedModel) -> Floats:
-    """Return joint parameters of another model by name; new ones are 0."""
-    known: Mapping[str, float] = dict(zip(names, values.tolist(), strict=True))
-    return np.array([known.get(name, 0.0) for name in model.parameter_names])
 
 
 def camera_card(camera: Any) -> CameraCard:

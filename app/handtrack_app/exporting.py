@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import EXPORTS
-from handtrack.tracker.fallback import is_simplified
+from handtrack.tracker.fallback import is_poor, is_simplified
+from handtrack.tracker.result import FrameResult
 from handtrack_app.document import Document
 from handtrack_app.keeping import whole_track
 
@@ -37,18 +39,24 @@ def export(document: Document, kind: str) -> tuple[str, bytes]:
         return path.name, path.read_bytes()
 
 
-def summary(document: Document, frames: range, done: int, seconds: float) -> str:
-    """Return how a run of tracking went, in one sentence or two."""
-    counts = np.bincount(
-        [int(document.results[f].status) for f in frames if f in document.results], minlength=5
-    )
+def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
+    """Return how a run of tracking went, in one sentence or two.
+
+    total: frames that were to be tracked. by_hand: frames among them that stayed as they were set.
+    """
+    counts = np.bincount([int(result.status) for result in results], minlength=5)
+    done = len(results)
     speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
     odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
-    held = sum(is_simplified(document.results[f]) for f in frames if f in document.results)
+    poor = sum(is_poor(result) for result in results)
+    if poor:
+        odd.append(f"{poor} in a poor cloud")
+    held = sum(is_simplified(result) for result in results)
     if held:
         odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
     quality = ", ".join(odd) if odd else "none doubtful"
-    return f"{done} of {len(frames)} frames in {seconds:.1f} s ({speed}); {quality}."
+    hand = f" {by_hand} set by hand stayed as they are." if by_hand else ""
+    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
 
 
 def internal_error_text(error: object) -> str:

@@ -97,10 +97,21 @@ class Keeper:
         if self.journal is None or not self.document.results:
             return
         ordered = sorted(self.document.results.values(), key=lambda result: result.frame)
-        write_npz(self.folder / WORK_FILE, self.document.run.result(ordered))
+        path = self.folder / WORK_FILE
+        if self._is_of_another_model(path):
+            keep_version(path)
+        write_npz(path, self.document.run.result(ordered))
         # a pose set by hand that tracking replaced is not to come back over it
         kept = [e for e in self.journal.events() if e.kind != "tracked" and not self._replaced(e)]
         self.journal.replace(kept)
+
+    def _is_of_another_model(self, path: Path) -> bool:
+        if not path.is_file():
+            return False
+        try:
+            return read_npz(path).parameter_names != self.document.model.parameter_names
+        except HandtrackError:
+            return True  # whatever it is, it is kept
 
     def _replaced(self, event: Event) -> bool:
         frame = event.data.get("frame")

@@ -18,6 +18,7 @@ from handtrack_app.cloud_messages import (
     SaveClouds,
     SetClouds,
     SurfaceSnapshot,
+    UseClouds,
     WantCloud,
     WantSurface,
 )
@@ -121,7 +122,7 @@ class SetSetting:
     """Change a setting by its dotted name."""
 
     name: str
-    value: str | float | bool
+    value: object
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class SaveTrack:
 
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
-    | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | SaveTrack | FindHand | TakeGuess
 )  # fmt: skip
 
@@ -202,6 +203,8 @@ class SessionSnapshot:
     radii: Floats
     """(E, 3) [m]"""
     settings: dict[str, object]
+    own_settings: dict[str, object]
+    """as session.toml has them"""
     has_truth: bool
     model: str
     tip_names: tuple[str, ...]

@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import dotted
-from handtrack.tracker.settings import TrackerSettings
 from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.document import Document
+
+_NEAR, _DEEP_M = (
+    0.02,
+    0.15,
+)  # the share of points that are nearest, and how far behind them a hand may reach
 
 
 def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
@@ -25,7 +29,7 @@ def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
     """
     session = Session.open(folder)
     run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
-    wanted = TrackerSettings().with_values(dotted(session.file.tracking)).model.fit_size
+    wanted = session.settings.model.fit_size
     run = run.with_values({"model.fit_size": wanted})
     pending = wanted and session.hand_scale == "fit"
     if run.first is None:
@@ -35,11 +39,15 @@ def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
 
 
 def placed_in_view(run: TrackingRun) -> Floats:
-    """Return solver parameters (P,) of the relaxed hand where the cameras look, its back to the first one."""
+    """Return solver parameters (P,) of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
+    the first one.
+    """
     cameras = list(run.session.rig.cameras)
-    centre = nearest_to_axes(
-        np.array([c.centre for c in cameras]), np.array([c.rotation[2] for c in cameras])
-    )
+    centre = _middle_of_cloud(run.session)
+    if centre is None:
+        centre = nearest_to_axes(
+            np.array([c.centre for c in cameras]), np.array([c.rotation[2] for c in cameras])
+        )
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
     turn = np.stack(
@@ -49,3 +57,20 @@ def placed_in_view(run: TrackingRun) -> Floats:
     joint[3:6] = rotation_vector(turn)
     joint[:3] = centre - 0.09 * up  # the wrist, half a hand below
     return run.model.clipped(run.model.transform.solver_params(joint))
+
+
+def _middle_of_cloud(session: Session) -> Floats | None:
+    """Return the middle (3,) [m] of what is nearest to the cameras in the first cloud; None without one."""
+    if not session.has_clouds:
+        return None
+    try:
+        cloud = session.cloud(session.frame_range.start)[0]
+    except HandtrackError:  # said when the cloud is shown; the hand stands elsewhere till then
+        return None
+    if cloud is None or not len(cloud):
+        return None
+    points, eyes = cloud.points, session.cloud_eyes
+    if eyes is not None and len(eyes):
+        away = np.linalg.norm(points[:, None] - eyes, axis=2).min(axis=1)
+        points = points[away <= np.quantile(away, _NEAR) + _DEEP_M]
+    return np.median(points, axis=0)

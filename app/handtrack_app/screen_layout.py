@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from handtrack_app.messages import Notice, PoseSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.messages import (
+    Notice,
+    PoseSnapshot,
+    ProgressSnapshot,
+    SessionSnapshot,
+    StripSnapshot,
+)
 from handtrack_app.panels.cloud import CloudPanel
 from handtrack_app.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.panels.export import ExportPanel
 from handtrack_app.panels.guesses import GuessesPanel
+from handtrack_app.panels.keys import Keys
 from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page
-from handtrack_app.panels.pose import PosePanel, certainty_table, travel
+from handtrack_app.panels.pose import PosePanel, certainty_table
 from handtrack_app.panels.session import SessionPanel, head
 from handtrack_app.panels.style_sheet import STYLE_SHEET
 from handtrack_app.panels.timeline import TimelinePanel
@@ -36,7 +43,9 @@ class PageLayout:
         gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
         tabs = gui.add_tab_group()
-        self.session = SessionPanel(page, tabs.add_tab("View"), stage.look)
+        self.keys = Keys(gui)
+        self._add_keys(page)
+        self.session = SessionPanel(page, tabs.add_tab("View"), stage.look, self.keys)
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
@@ -47,7 +56,7 @@ class PageLayout:
         left = gui.add_panel()
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
-        nudges = NudgePanel(page, stage.hand_middle, stage.axes_looked_along)
+        nudges = NudgePanel(page, stage.hand_middle, stage.axes_looked_along, self.keys)
         self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses)
         self.limits = LimitsPanel(page, left.add_tab("Limits"))
         certainty = left.add_tab("Certainty")
@@ -59,20 +68,15 @@ class PageLayout:
         below = gui.add_panel()
         self.timeline = TimelinePanel(page, below.add_tab("Timeline"))
         below.float(x=16, y=-16, width=560)
-        self._commands()
 
-    def _commands(self) -> None:
-        gui, page = self.page.gui, self.page
-        undo = gui.add_command("Undo pose edit", hotkey="Z", modifier="cmd/ctrl")
-        redo = gui.add_command("Redo pose edit", hotkey="Z", modifier="cmd/ctrl+shift")
-        play = gui.add_command("Play or pause", hotkey="P")
-        onward = gui.add_command("Next frame", hotkey="N")
-        back = gui.add_command("Previous frame", hotkey="B")
-        undo.on_trigger(lambda _: travel(page, True))
-        redo.on_trigger(lambda _: travel(page, False))
-        play.on_trigger(lambda _: page.play(not page.state.playing))
-        onward.on_trigger(lambda _: page.go_to(page.state.frame + 1))
-        back.on_trigger(lambda _: page.go_to(page.state.frame - 1))
+    def _add_keys(self, page: Page) -> None:
+        add, state = self.keys.add, page.state
+        add("Undo", "Z", lambda _: page.travel(back=True), "cmd/ctrl")
+        add("Redo", "Z", lambda _: page.travel(back=False), "cmd/ctrl+shift")
+        add("Play or pause", "P", lambda _: page.play(not state.playing))
+        add("Next frame", "N", lambda _: page.go_to(state.frame + 1))
+        add("Previous frame", "B", lambda _: page.go_to(state.frame - 1))
+        add("Next doubtful or lost frame", "N", lambda _: self.tracking.go_to_odd(), "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make all panels fit a session."""
@@ -93,6 +97,11 @@ class PageLayout:
         self.pose.show(pose)
         self.timeline.show_frame(pose.frame)
         self.certainty.content = certainty_table(self.pose.names, pose.std)
+
+    def show_strip(self, strip: StripSnapshot) -> None:
+        """Show the recording at a glance."""
+        self.timeline.show_strip(strip)
+        self.tracking.show_strip(strip)
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""

@@ -6,7 +6,9 @@ import math
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+from handtrack_app.messages import Command
 
 MODES = ("Flesh", "Surface", "Skeleton", "Field", "All")
 CLOUD_COLOURS = ("residual", "own", "plain")
@@ -70,42 +72,63 @@ class PoseStep:
     values: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class ChangeStep:
+    """A change of settings, limits or filters: what to send to take it back, and to make it again."""
+
+    words: str
+    back: tuple[Command, ...]
+    forth: tuple[Command, ...]
+
+
+Step = PoseStep | ChangeStep
+
+
 @dataclass
 class UndoStack:
-    """Poses before and after the current one. Edits with the same tag in quick succession merge."""
+    """Poses and changes before and after what holds now. Steps with the same tag in quick succession merge."""
 
-    past: list[PoseStep] = field(default_factory=list)
-    future: list[PoseStep] = field(default_factory=list)
+    past: list[Step] = field(default_factory=list)
+    future: list[Step] = field(default_factory=list)
     depth: int = 200
     _tag: str = ""
     _when: float = -math.inf
 
-    def record(self, before: PoseStep, tag: str, now: float | None = None) -> None:
-        """Remember the pose before an edit."""
+    def record(self, step: Step, tag: str, now: float | None = None) -> None:
+        """Remember the pose before an edit, or a change."""
         now = time.monotonic() if now is None else now
         merges = tag == self._tag and now - self._when < _MERGE_S and bool(self.past)
         self._tag, self._when = tag, now
         self.future.clear()
-        if not (merges and self.past[-1].frame == before.frame):
-            self.past.append(before)
+        last = self.past[-1] if merges else None
+        if isinstance(last, ChangeStep) and isinstance(step, ChangeStep):
+            self.past[-1] = replace(last, forth=step.forth)
+        elif not (
+            isinstance(last, PoseStep) and isinstance(step, PoseStep) and last.frame == step.frame
+        ):
+            self.past.append(step)
             del self.past[: -self.depth]
 
-    def undo(self, current: PoseStep) -> PoseStep | None:
-        """Return the pose to go back to, or None."""
+    def undo(self, current: PoseStep) -> Step | None:
+        """Return the pose to go back to, or the change to take back; None at the end."""
         return self._move(self.past, self.future, current)
 
-    def redo(self, current: PoseStep) -> PoseStep | None:
-        """Return the pose to go forward to, or None."""
+    def redo(self, current: PoseStep) -> Step | None:
+        """Return the pose to go forward to, or the change to make again; None at the end."""
         return self._move(self.future, self.past, current)
 
-    def _move(
-        self, source: list[PoseStep], sink: list[PoseStep], current: PoseStep
-    ) -> PoseStep | None:
+    def forget_poses(self) -> None:
+        """Drop the poses: those of another model mean nothing any more."""
+        for steps in (self.past, self.future):
+            steps[:] = [step for step in steps if isinstance(step, ChangeStep)]
+
+    def _move(self, source: list[Step], sink: list[Step], current: PoseStep) -> Step | None:
         self._tag = ""
         if not source:
             return None
-        sink.append(current)
-        return source.pop()
+        step = source.pop()
+        sink.append(step if isinstance(step, ChangeStep) else current)
+        return step
 
 
 @dataclass
@@ -162,15 +185,26 @@ class UserState:
             self.follow = False
             return self.step()
 
-    def travel(self, back: bool) -> PoseStep | None:
-        """Undo (`back`) or redo; return the pose to show, None at the end of the history."""
+    def travel(self, back: bool) -> Step | None:
+        """Undo (`back`) or redo; return the pose to show or the change to make, None at the end of the history."""
         with self.lock:
             move = self.undo.undo if back else self.undo.redo
             target = move(self.step())
-            if target is not None:
+            if isinstance(target, PoseStep):
                 self.frame, self.values = target.frame, target.values
                 self.version += 1
             return target
+
+    def changes(self, step: ChangeStep) -> None:
+        """Remember a change of settings, limits or filters."""
+        with self.lock:
+            self.undo.record(step, step.words)
+
+    def waits_for_settings(self, back: bool) -> bool:
+        """Return whether undo (`back`) or redo would change settings while tracking keeps them fixed."""
+        with self.lock:
+            steps = self.undo.past if back else self.undo.future
+            return self.tracking and bool(steps) and isinstance(steps[-1], ChangeStep)
 
     def begin_edit(self, tag: str) -> int:
         """Remember the pose before an edit that the worker computes; return the edit's version."""

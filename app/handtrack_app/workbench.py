@@ -161,8 +161,7 @@ class Workbench:
                     self.state.start, self.state.stop = snapshot.start, snapshot.stop
                     if not known:
                         self.state.values = ()
-                        self.state.undo.past.clear()
-                        self.state.undo.future.clear()
+                        self.state.undo.forget_poses()
                 self.player.fps = snapshot.fps
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)
@@ -187,7 +186,7 @@ class Workbench:
                 self.stage.show_guesses(snapshot, self.state.display)
                 self.layout.guesses.show(snapshot)
             case m.StripSnapshot():
-                self.layout.timeline.show_strip(snapshot)
+                self.layout.show_strip(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
             case m.ProgressSnapshot():

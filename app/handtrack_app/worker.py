@@ -22,15 +22,21 @@ from handtrack_app.keeping import Keeper
 from handtrack_app.mailbox import Mailbox
 from handtrack_app.opening import open_document
 from handtrack_app.pictures import PictureMaker
+from handtrack_app.sight import nothing_seen
 
 log = logging.getLogger(__name__)
 _PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
 
-_NO_POSE = (
-    "Go to a frame where the hand is well seen, look through a camera, and pose it over the image: 'Fingers as', "
+_BY_HAND = (
+    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
     "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
 )
+_NO_POSE = {
+    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
+    + _BY_HAND.format(kind="hand", pose="Fingers"),
+    "body": _BY_HAND.format(kind="body", pose="Pose"),
+}
 
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 
@@ -181,8 +187,11 @@ class Worker:
         self._show_all()
         if restored:
             self._publish(m.Notice("info", "Welcome back", restored))
-        if document.run.first is None:
-            self._publish(m.Notice("info", "No first pose yet", _NO_POSE))
+        blind = nothing_seen(document.run)
+        if blind:
+            self._publish(m.Notice("warning", "Nothing to track by yet", blind))
+        elif document.run.first is None:
+            self._publish(m.Notice("info", "No first pose yet", _NO_POSE[document.model.kind]))
         for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
             self._publish(m.Notice("warning", "About this session", str(warning)))
         self._conductor.show_progress()
@@ -241,7 +250,9 @@ class Worker:
                 self._change(document, request)
             case m.WantCloud() | m.WantSurface():
                 desk.want(request)
-            case m.SetClouds() | m.SampleSkin() | m.RestoreClouds() | m.SaveClouds():
+            case (
+                m.SetClouds() | m.UseClouds() | m.SampleSkin() | m.RestoreClouds() | m.SaveClouds()
+            ):
                 self._change_clouds(desk, request)
             case m.SavePose():
                 self._see_arm(document)
@@ -335,7 +346,7 @@ class Worker:
     def _change_clouds(
         self,
         desk: CloudDesk,
-        change: m.SetClouds | m.SampleSkin | m.RestoreClouds | m.SaveClouds,
+        change: m.SetClouds | m.UseClouds | m.SampleSkin | m.RestoreClouds | m.SaveClouds,
     ) -> None:
         keeper = self._kept()
         try:
@@ -344,6 +355,8 @@ class Worker:
             match change:
                 case m.SetClouds():
                     desk.change(dict(change.values))
+                case m.UseClouds():
+                    desk.use(change.settings)
                 case m.SampleSkin():
                     text = desk.sample_skin(change)
                     self._publish(m.Notice("done", "The skin's colour is taken", text))

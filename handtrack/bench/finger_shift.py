@@ -91,7 +91,7 @@ def repair(seed: int, seen: str) -> Repair:
     alone = descend(start)
     far = tracker._problem(terms, 0, alone)
     near = tracker._problem(terms, terms.stages - 1, alone)
-    escaped = escape(far, near, alone, descend)
+    escaped = escape(far, near.cost, alone, descend)
     errors = (_error_mm(model, x, truth) for x in (start, alone, escaped))
     costs = (near.cost(x) for x in (alone, escaped, descend(truth)))
     return Repair(*errors, *costs)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats
 from handtrack.capture.cloud_filters import finite
+from handtrack.capture.npz_files import read_arrays
 from handtrack.capture.ply import read_ply, spread_part, write_ply
 from handtrack.capture.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
@@ -96,23 +96,19 @@ def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str
 
 
 def _read_npz(path: Path, most: int) -> tuple[Floats, Array | None, int]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            if _POINTS not in data:
-                raise HandtrackError(
-                    f"{path}: no array `points`; arrays there: {', '.join(data.files) or 'none'}."
-                )
-            points = data[_POINTS]
-            colors = data.get("colors")
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise HandtrackError(f"{path}: not a readable .npz file ({error}).") from None
+    arrays = read_arrays(path)
+    points, colors = arrays.get(_POINTS), arrays.get("colors")
+    if points is None:
+        raise HandtrackError(
+            f"{path}: no array `points`; arrays there: {', '.join(arrays) or 'none'}."
+        )
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise HandtrackError(
             f"{path}: `points` has the shape {points.shape} of {points.dtype}; expected (N, 3) numbers."
         )
-    if colors is not None and colors.shape != points.shape:
+    if colors is not None and (colors.shape != points.shape or colors.dtype.kind not in "fiu"):
         raise HandtrackError(
-            f"{path}: `colors` has the shape {colors.shape}; expected that of `points`, "
+            f"{path}: `colors` has the shape {colors.shape} of {colors.dtype}; expected numbers of the shape of `points`, "
             f"{points.shape}."
         )
     picked = spread_part(len(points), most)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.capture.text_files import read_json
 from handtrack.errors import HandtrackError
 
 
@@ -110,10 +110,7 @@ def _people(path: Path, layout: Layout) -> Iterator[Floats]:
 
 
 def _read(path: Path) -> Sequence[Any]:
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise HandtrackError(f"{path}: cannot be read as JSON: {error}.") from None
+    table = read_json(path, "joints as OpenPose writes them")
     people = table.get("people") if isinstance(table, Mapping) else None
     if not isinstance(people, list):
         raise HandtrackError(f"{path}: no list 'people'; expected a file as OpenPose writes it.")

@@ -54,8 +54,12 @@ def read_ply(path: Path, most: int) -> tuple[Floats, Array | None, int]:
         raise HandtrackError(
             f"{path}: the vertices have no x, y, z; properties there: {', '.join(names) or 'none'}."
         )
+    if len(set(names)) < len(names):
+        raise HandtrackError(f"{path}: a vertex property is named twice: {', '.join(names)}.")
     if header.count == 0:
         return np.zeros((0, 3)), None, 0
+    if header.count > path.stat().st_size:  # do not believe any header
+        raise _cut_off(path, header.count, None)
     picked = spread_part(header.count, most)
     table = _ascii(path, header, picked) if not header.order else _binary(path, header, picked)
     points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
@@ -139,9 +143,6 @@ def _binary(path: Path, header: _Header, picked: Array) -> Array:
 
 def _ascii(path: Path, header: _Header, picked: Array) -> Array:
     kind = np.dtype([(name, kind) for name, kind in header.fields])
-    most = (path.stat().st_size - header.start + 1) // (2 * len(header.fields))
-    if most < header.count:  # a digit and a space each: do not believe any header
-        raise _cut_off(path, header.count, _lines(path, header.start))
     wanted = np.zeros(header.count, bool)
     wanted[picked] = True
     rows: list[str] = []
@@ -159,22 +160,23 @@ def _ascii(path: Path, header: _Header, picked: Array) -> Array:
     try:
         numbers = np.loadtxt(rows, dtype=float, ndmin=2, usecols=range(len(header.fields)))
     except ValueError as error:
-        raise HandtrackError(f"{path}: the points cannot be read: {error}.") from None
+        raise HandtrackError(
+            f"{path}: the points cannot be read: {str(error).rstrip('.')}. Expected numbers with spaces between them."
+        ) from None
     table = np.empty(len(numbers), kind)
     for i, (name, _) in enumerate(header.fields):
-        table[name] = numbers[:, i]
+        column = numbers[:, i]
+        if kind[name].kind in "iu":
+            limits = np.iinfo(kind[name])
+            column = np.clip(np.nan_to_num(column), limits.min, limits.max)
+        table[name] = column
     return table
 
 
-def _lines(path: Path, start: int) -> int:
-    with path.open("rb") as file:
-        file.seek(start)
-        return sum(1 for line in file if line.strip())
-
-
-def _cut_off(path: Path, announced: int, found: int) -> HandtrackError:
+def _cut_off(path: Path, announced: int, found: int | None) -> HandtrackError:
+    holds = "fewer" if found is None else found
     return HandtrackError(
-        f"{path}: announces {announced} points, but holds {found}; the file is cut off. Write it "
+        f"{path}: announces {announced} points, but holds {holds}; the file is cut off. Write it "
         "again."
     )
 

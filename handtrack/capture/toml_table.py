@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, listed_names
 
 
 class TableReader:
@@ -39,7 +39,8 @@ class TableReader:
         """Return one of the known texts."""
         value = self._required(key, default)
         if value not in known:
-            raise self.error(key, value, "one of " + ", ".join(f'"{name}"' for name in known))
+            names = ", ".join(f'"{name}"' for name in known)
+            raise self.error(key, value, f"one of {names}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
@@ -85,8 +86,10 @@ class TableReader:
         """Refuse the keys that nobody asked for, naming the known ones."""
         for key in self._table:
             if key not in self._known:
-                known = ", ".join(dict.fromkeys(self._known))
-                raise HandtrackError(f"{self.where}: unknown key '{key}'; known keys: {known}.")
+                known = list(dict.fromkeys(self._known))
+                raise HandtrackError(
+                    f"{self.where}: unknown key '{key}'; {listed_names(key, known, 'known keys')}"
+                )
 
     def error(self, key: str, value: Any, expected: str) -> HandtrackError:
         """Return the error for a value that is not as expected."""
@@ -97,7 +100,8 @@ class TableReader:
         if value is not None:
             return value
         if default is None:
-            raise HandtrackError(f"{self.where}: the key '{key}' is missing.")
+            there = ", ".join(map(str, self._table)) or "none"
+            raise HandtrackError(f"{self.where}: the key '{key}' is missing; keys there: {there}.")
         return default
 
 

@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from handtrack.capture.text_files import read_text
 from handtrack.errors import HandtrackError
+
+_WHOLE_BITS = 63  # and a sign
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
@@ -16,18 +19,22 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
     Raises HandtrackError when there is no such file, or it is not valid TOML (with its line).
     """
+    text = read_text(path, what)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise HandtrackError(f"{path}: no such file; expected {what} there.") from None
-    except UnicodeDecodeError as error:
-        raise HandtrackError(
-            f"{path}: not UTF-8 text ({error.reason} at byte {error.start})."
-        ) from None
-    except OSError as error:
-        raise HandtrackError(f"{path}: cannot read {what}: {error.strerror}.") from None
-    except tomllib.TOMLDecodeError as error:
+        tables = tomllib.loads(text)
+        _check_numbers(tables)
+    except (ValueError, RecursionError) as error:
         raise HandtrackError(f"{path}: not valid TOML: {error}.") from None
+    return tables
+
+
+def _check_numbers(value: Any) -> None:
+    """Raise ValueError for what TOML forbids and Python allows."""
+    if isinstance(value, int) and value.bit_length() > _WHOLE_BITS:
+        raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    for part in parts:
+        _check_numbers(part)
 
 
 def toml_value(value: Any) -> str:

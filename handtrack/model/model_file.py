@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.capture.text_files import read_json
+from handtrack.capture.toml_text import read_toml
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
@@ -65,15 +67,15 @@ def load_model(
 
 def read_scale(path: Path) -> HandScale:
     """Return a person's saved hand or body: JSON with `overall`, `parts`, `proportions`. Raises HandtrackError."""
+    data = read_json(path, "a saved hand")
     try:
-        data = json.loads(path.read_text())
         odd = sorted(set(data) - {"overall", "parts", "proportions"})
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
         proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
         size = HandScale(float(data["overall"]), parts, proportions)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
         ) from None
@@ -97,18 +99,15 @@ def scale_table(scale: HandScale) -> dict[str, Any]:
 @lru_cache(maxsize=8)
 def _read_definition(name: str) -> dict[str, Any]:
     if name in MODELS:
-        text = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml").read_text()
+        shipped = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml")
+        table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     else:
         path = Path(name)
         if path.suffix != ".toml" or not path.is_file():
             raise HandtrackError(
                 f"no model '{name}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml)."
             )
-        text = path.read_text()
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise HandtrackError(f"model definition {name}: not valid TOML: {error}.") from None
+        table = read_toml(path, "a model's definition")
     missing = [
         key for key in ("name", "length_mm", "bone", "joints", "ellipsoids") if key not in table
     ]

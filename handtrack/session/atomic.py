@@ -13,8 +13,13 @@ from pathlib import Path
 def replacing(path: Path) -> Iterator[Path]:
     """Give a file to write beside `path`; it takes path's place, on disk, when the block ends well.
 
-    After an error or a crash `path` is what it was before.
+    After an error or a crash `path` is what it was before. A link stays, and what it leads to is replaced; a device is
+    written to.
     """
+    path = Path(path).resolve()
+    if path.exists() and not path.is_file():
+        yield path
+        return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(handle)
     part = Path(name)

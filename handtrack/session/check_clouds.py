@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from handtrack.capture.frame_notes import listed
 from handtrack.session.check_views import spread
-from handtrack.session.finding import Finding, listed
+from handtrack.session.finding import Finding
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from handtrack.arrays import Floats
-from handtrack.session.finding import Finding, listed
+from handtrack.capture.frame_notes import listed
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.model_file import load_model, read_scale
+from handtrack.session.finding import Finding
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
@@ -20,6 +25,7 @@ _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
 _PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
 _MARGIN_PX = 7  # joints lie inside the hand, but calibration and noise move them
 _LEAST_INSIDE = 0.75  # share of keypoints on the mask that is still plausible
+_FAR_FROM_CLOUD_M = 0.06  # joints lie up to 3 cm behind the skin that a camera sees
 _TRUTH_FRAMES = 12  # looked at, evenly spaced
 
 
@@ -35,18 +41,55 @@ def check_init(session: Session) -> Iterator[Finding]:
     if pose.pixels:
         yield from _check_pixels(session, pose)
         return
-    if pose.xyz is None:
-        yield Finding("ok", f"init.json: {len(pose.parameters)} parameters at frame {pose.frame}.")
-        return
-    yield from _check_palm("init.json", pose.xyz)
-    misses = [text for view in session.views if (text := _misses(view, pose.frame, pose.xyz))]
+    if pose.xyz is not None:
+        yield from _check_palm("init.json", pose.xyz)
+    points = _joints(session, pose) if pose.xyz is None else pose.xyz
+    points = points[np.isfinite(points).all(axis=1)]
+    misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
+    misses += _misses_cloud(session, pose.frame, points)
     for text in misses:
         yield Finding("warning", f"init.json, frame {pose.frame}: {text}")
     if not misses:
-        known = int(np.isfinite(pose.xyz).all(axis=1).sum())
-        yield Finding(
-            "ok", f"init.json: {known} keypoints at frame {pose.frame}; they fit the cameras."
+        known = (
+            f"{len(pose.parameters)} parameters" if pose.xyz is None else f"{len(points)} keypoints"
         )
+        yield Finding("ok", f"init.json: {known} at frame {pose.frame}; they fit the cameras.")
+
+
+def _joints(session: Session, pose: FirstPose) -> Floats:
+    """Return (J, 3) the joints [m] of a pose given by parameters."""
+    model = _model(session)
+    return model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
+
+
+def check_model(session: Session) -> Iterator[Finding]:
+    """Yield what hand is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
+    model = _model(session)
+    yield Finding("ok", f"the model is {model.name}, {model.side}.")
+
+
+def _model(session: Session) -> ArticulatedModel:
+    scale = session.hand_scale
+    size = (
+        read_scale(scale)
+        if isinstance(scale, Path)
+        else HandScale(1.0 if scale == "fit" else float(scale))
+    )
+    return load_model(session.hand_model, session.file.hand.side, size, forearm=True)
+
+
+def _misses_cloud(session: Session, frame: int, points: Floats) -> list[str]:
+    """Return that a pose is far from the cloud of its frame."""
+    cloud = session.measured_cloud(frame)
+    if cloud is None or not len(cloud):
+        return []
+    away = float(np.median(cKDTree(cloud.points).query(points)[0]))
+    if away <= _FAR_FROM_CLOUD_M:
+        return []
+    return [
+        f"its joints are {away:.2g} m away from the nearest points of the cloud (median). Is the unit right (world_unit_m, "
+        "depth_scale_m), and do cloud, calibration and pose mean the same world?"
+    ]
 
 
 def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:

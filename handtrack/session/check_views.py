@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from handtrack.arrays import Bytes
+from handtrack.capture.frame_notes import listed
 from handtrack.capture.frames import FrameSource
 from handtrack.capture.video import VideoFile
-from handtrack.session.finding import Finding, listed
+from handtrack.session.finding import Finding
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ _FEW = 10
 _USUAL_DEPTH_M = (0.1, 10.0)
 _EMPTY_SHARE = 0.0005  # of the image: less than that is no hand
 _INVERTED_SHARE = 0.5
+_CUT_SHARE = 0.5  # of the hand, by the region of interest
 _RATE_TOLERANCE = 0.01
 
 
@@ -31,8 +33,8 @@ class _MaskLook(NamedTuple):
     """of the image that is hand."""
     touches: bool
     """whether the hand reaches the image's border."""
-    largest: int
-    """largest value in the file."""
+    outside: float
+    """share of the hand outside of the region of interest."""
 
 
 def check_view(view: View, session: Session) -> Iterator[Finding]:
@@ -40,10 +42,8 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
     if not view.sources:
         yield Finding("note", f"camera '{view.name}': no images, masks or depth; it is only drawn.")
         return
-    sources = (("images", view.images), ("masks", view.mask_files), ("depth images", view.depth))
-    for kind, source in sources:
-        if source is not None:
-            yield from _check_source(view, kind, source, session)
+    for kind, source in _sources(view):
+        yield from _check_source(view, kind, source, session)
     if view.depth is not None:
         yield from _check_depth(view)
     if view.has_masks:
@@ -56,7 +56,13 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
 
 def check_lengths(session: Session) -> Iterator[Finding]:
     """Yield a finding when cameras end at different frames."""
-    counts = {f"camera '{view.name}'": view.frame_count for view in session.views if view.sources}
+    counts: dict[str, int] = {}
+    for view in session.views:
+        kinds = {kind: len(source.frames) for kind, source in _sources(view)}
+        if len(set(kinds.values())) > 1:
+            counts |= {f"camera '{view.name}', {kind}": count for kind, count in kinds.items()}
+        elif kinds:
+            counts[f"camera '{view.name}'"] = view.frame_count
     if session.cloud_files:
         counts["clouds"] = max(session.cloud_files) + 1
     if len(set(counts.values())) > 1:
@@ -65,6 +71,27 @@ def check_lengths(session: Session) -> Iterator[Finding]:
             "warning",
             f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?",
         )
+
+
+def check_files(session: Session) -> Iterator[Finding]:
+    """Yield a finding when two cameras are given the same images."""
+    owners: dict[str, str] = {}
+    for view in session.views:
+        images = view.settings.images
+        if images is None:
+            continue
+        other = owners.setdefault(images, view.name)
+        if other != view.name:
+            yield Finding(
+                "warning",
+                f"cameras '{other}' and '{view.name}' are given the same images, \"{images}\".",
+            )
+
+
+def _sources(view: View) -> list[tuple[str, FrameSource]]:
+    """Return a camera's files by what they are called."""
+    sources = (("images", view.images), ("masks", view.mask_files), ("depth images", view.depth))
+    return [(kind, source) for kind, source in sources if source is not None]
 
 
 def _check_source(
@@ -117,12 +144,6 @@ def _check_masks(view: View) -> Iterator[Finding]:
     if not looks:
         yield Finding("error", f"{who}: no mask could be read or computed.")
         return
-    if view.mask_files is not None and 0 < max(look.largest for look in looks) < 128:
-        yield Finding(
-            "error",
-            f"{who}: the largest value in the masks is {max(look.largest for look in looks)}; "
-            "expected 0 for background and 255 for hand. Multiply them.",
-        )
     empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
     inverted = [look.frame for look in looks if look.share > _INVERTED_SHARE]
     touching = [look.frame for look in looks if look.touches and look.share <= _INVERTED_SHARE]
@@ -147,7 +168,14 @@ def _check_masks(view: View) -> Iterator[Finding]:
             f"border, frames {listed(touching)}: the arm is part of the mask, or the hand is cut "
             "off.",
         )
-    if not (empty or inverted or touching):
+    cut = [look.frame for look in looks if look.outside > _CUT_SHARE]
+    if cut:
+        yield Finding(
+            "warning",
+            f"{who}: in {len(cut)} of {len(looks)} masks most of the hand lies outside of roi = "
+            f"{list(view.settings.roi or ())}, frames {listed(cut)}, and is not observed.",
+        )
+    if not (empty or inverted or touching or cut):
         yield Finding(
             "ok", f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off."
         )
@@ -159,7 +187,10 @@ def _looks(view: View) -> Iterator[_MaskLook]:
         mask = view.mask(frame)
         if mask is not None:
             hand = mask > 0
-            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), int(mask.max()))
+            inside = view.hand_pixels(frame) if view.settings.roi else mask
+            outside = 1 - np.count_nonzero(inside) / max(np.count_nonzero(mask), 1)
+            kept = 0.0 if not hand.any() else outside
+            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), kept)
 
 
 def _touches_border(mask: Bytes) -> bool:

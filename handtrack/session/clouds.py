@@ -15,6 +15,7 @@ from handtrack.capture.cloud_files import read_cloud
 from handtrack.capture.cloud_filters import CloudFilters
 from handtrack.capture.depth import depth_cloud
 from handtrack.capture.disparity import StereoSettings
+from handtrack.capture.frame_notes import FrameNotes
 from handtrack.capture.point_cloud import PointCloud, merged
 from handtrack.capture.stereo import StereoMatcher, StereoView
 from handtrack.capture.stereo_check import check_pair
@@ -144,15 +145,13 @@ class FileClouds:
         self._files = files
         self._unit = world_unit_m
         self._eyes = np.stack([camera.centre for camera in rig])
-        self._warnings: dict[int, tuple[str, ...]] = {}
-        self._lock = threading.Lock()
+        self._notes = FrameNotes()
         self._first: tuple[int, PointCloud | None] = (-1, None)
         self._try_first()
 
     @property
     def warnings(self) -> list[str]:
-        with self._lock:
-            return [text for frame in sorted(self._warnings) for text in self._warnings[frame]]
+        return list(self._notes.texts)
 
     @property
     def eyes(self) -> Floats:
@@ -172,18 +171,13 @@ class FileClouds:
         try:
             return self._read(frame, path)
         except HandtrackError as error:
-            self._say(frame, (f"{error} Frame {frame} counts as missing.",))
+            self._notes.add(frame, f"{error} Frame {frame} counts as missing.")
             return None
 
     def _read(self, frame: int, path: Path) -> PointCloud:
         read = read_cloud(path, self._unit)
-        if read.warnings:
-            self._say(frame, read.warnings)
+        self._notes.add(frame, *read.warnings)
         return read.cloud
-
-    def _say(self, frame: int, texts: tuple[str, ...]) -> None:
-        with self._lock:
-            self._warnings[frame] = texts
 
     def _try_first(self) -> None:
         """Read a file, so that a session none of whose clouds can be used is refused at once."""

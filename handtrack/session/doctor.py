@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from handtrack.errors import HandtrackError
 from handtrack.session.check_cameras import check_cameras
 from handtrack.session.check_clouds import check_clouds
-from handtrack.session.check_hand import check_init, check_truth
-from handtrack.session.check_views import check_lengths, check_view
+from handtrack.session.check_hand import check_init, check_model, check_truth
+from handtrack.session.check_synchrony import check_synchrony
+from handtrack.session.check_views import check_files, check_lengths, check_view
 from handtrack.session.finding import Finding
 
 if TYPE_CHECKING:
@@ -35,11 +36,29 @@ def examine(session: Session) -> list[Finding]:
     ]
     for view in session.views:
         found += _all_of(check_view(view, session))
-    for check in (check_lengths, check_cameras, check_clouds, check_init, check_truth):
+    for check in (
+        check_files,
+        check_lengths,
+        check_synchrony,
+        check_cameras,
+        check_clouds,
+        check_model,
+        check_init,
+        check_truth,
+    ):
         found += _all_of(check(session))
     # last, since looking at the files is what brings these to light
     found += [Finding("warning", text) for text in session.warnings]
     return list(dict.fromkeys(found))  # two checks may meet the same damaged file
+
+
+def examine_start(session: Session) -> list[str]:
+    """Return what is odd about the cameras and the first pose, in sentences: quickly seen, and in vain all tracking else."""
+    checks = [check_cameras, check_init]
+    if session.file.clouds is not None and session.file.clouds.stereo:
+        checks.append(check_synchrony)
+    found = [finding for check in checks for finding in _all_of(check(session))]
+    return [finding.text for finding in found if finding.severity in ("warning", "error")]
 
 
 def _all_of(check: Iterator[Finding]) -> Iterator[Finding]:

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.capture.text_files import read_json
 from handtrack.errors import HandtrackError, unknown_name
 
 CONVENTIONS = ("openpose21",)
+_PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
 _FORMS = (
-    'expected {"frame": 0, "parameters": {"root_tx": 0.1, ...}} or {"frame": 0, '
-    '"convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
+    f"expected {_PARAMETERS_FORM} or "
+    '{"frame": 0, "convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
 )
 _FLAT_FORM = '{"frame": 0, "convention": "openpose21", "unit": "px", "cameras": {"cam0": [[u, v], ... 21 rows]}}'
 _IN_IMAGE = ("uv", "xy", "pixels", "px", "image", "camera", "views")
@@ -48,16 +50,7 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
 
     Raises HandtrackError naming the row or parameter that is wrong.
     """
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_no_constant)
-    except FileNotFoundError:
-        raise HandtrackError(f"{path}: no such file; {_FORMS}.") from None
-    except json.JSONDecodeError as error:
-        raise HandtrackError(
-            f"{path}: not valid JSON at line {error.lineno}: {error.msg}."
-        ) from None
-    except (ValueError, OSError) as error:
-        raise HandtrackError(f"{path}: cannot be read: {error}.") from None
+    data = read_json(path, f"a first pose such as {_PARAMETERS_FORM}")
     if not isinstance(data, dict):
         raise HandtrackError(f"{path}: a {type(data).__name__}; {_FORMS}.")
     frame = data.get("frame")
@@ -217,7 +210,3 @@ def _two_dimensional(path: Path, what: str) -> HandtrackError:
         f"{path}: {what} looks like points in an image; say of which cameras: {_FLAT_FORM}. Or triangulate them: "
         f"{_FORMS}."
     )
-
-
-def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is no JSON number; write null where a keypoint is unknown")

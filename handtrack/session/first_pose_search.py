@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
+from handtrack.session.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.run import TrackingRun
 from handtrack.tracker.auto_start import Progress, StartCandidate, auto_start
 from handtrack.tracker.result import Status
+from handtrack.tracker.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
 
 SURE = 0.7
-"""confidence from which no other frame is tried"""
+"""how surely a pose must be the right one of those found, for no other frame to be tried"""
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
+_SIZES = (1.0, 0.8, 1.2)  # of a hand of unknown size; a start is found within a tenth of each
 _SEEN_PX = 200  # mask pixels, or points, that may be a hand
 
 
@@ -32,31 +36,48 @@ def find_first_poses(
     clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for a model
     that is no hand.
     """
-    models = _models(run)
     tell = on_progress or (lambda share, text: None)
-    if isinstance(frame, int):
-        return _found(run, models, run.seen(frame), should_stop, tell)
+    stop = should_stop or (lambda: False)
+    sizes = (1.0,) if _is_size_known(run) else _SIZES
+    frames = _worth_a_look(run, frame)
+    looked_at: list[Observation] = []
     best: list[FirstPoseCandidate] = []
-    tried = opened = 0
-    for number in spread_order(run.session.frame_range if frame is None else frame):
-        if tried == _MOST_TRIED or opened == _MOST_OPENED or (should_stop and should_stop()):
-            break
-        seen = run.seen(number)
-        opened += 1
-        if not _may_show_a_hand(seen):
-            continue
+    for turn, size in enumerate(sizes):  # another than the mean one only where that leaves doubt
+        models = _models(run if size == 1.0 else run.with_scale(HandScale(size)))
+        for index, seen in enumerate(frames if turn == 0 else looked_at):
+            if stop() or (best and best[0].settled >= SURE):
+                break
+            if turn == 0:
+                looked_at.append(seen)
+            before = turn * _MOST_TRIED + index
 
-        def tell_here(share: float, text: str, number: int = number, before: int = tried) -> None:
-            tell((before + share) / _MOST_TRIED, f"frame {number}: {text}")
+            def tell_here(share: float, text: str, at: int = seen.frame, n: int = before) -> None:
+                tell((n + share) / (len(sizes) * _MOST_TRIED), f"frame {at}: {text}")
 
-        found = _found(run, models, seen, should_stop, tell_here)
-        tried += 1
-        if found and (not best or found[0].confidence > best[0].confidence):
-            best = found
-        if best and best[0].confidence >= SURE:
-            break
+            found = _found(run, models, seen, stop, tell_here)
+            if found and (not best or found[0].settled > best[0].settled):
+                best = found if size == 1.0 else [_of_size(row, size) for row in found]
     tell(1.0, "done")
     return best
+
+
+def _is_size_known(run: TrackingRun) -> bool:
+    return run.session.hand_scale != "fit" or run.scale != HandScale()
+
+
+def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
+    """Yield what was seen of a frame, or of a few that may show a hand, spread over all."""
+    if isinstance(frame, int):
+        return iter([run.seen(frame)])
+    order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
+    return islice(filter(_may_show_a_hand, (run.seen(number) for number in order)), _MOST_TRIED)
+
+
+def _of_size(row: FirstPoseCandidate, size: float) -> FirstPoseCandidate:
+    """Return a pose of a hand of that size, with its joints in space, to which the size is fitted."""
+    joints = row.model.keypoints21(row.model.bones(row.params))
+    given = FirstPose(row.frame, {}, joints, CONVENTIONS[0])
+    return replace(row, given=given, note=f"{row.note}; {size:g} times the usual size")
 
 
 def spread_order(frames: range) -> list[int]:
@@ -93,11 +114,15 @@ def _found(
     should_stop: Callable[[], bool] | None,
     tell: Progress,
 ) -> list[FirstPoseCandidate]:
-    found = auto_start(models, run.settings, seen, should_stop, tell)
+    sigma = KNOWN_SIZE_SIGMA if _is_size_known(run) else SIZE_SIGMA
+    found = auto_start(models, run.settings, seen, should_stop, tell, sigma)
     if not found:
         return []
     rows = [
-        FirstPoseCandidate(seen.frame, c.params, c.confidence, "", c.model, c.cost) for c in found
+        FirstPoseCandidate(
+            seen.frame, c.params, c.confidence, "", c.model, c.cost, nearness=c.nearness
+        )
+        for c in found
     ]
     notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
     return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
@@ -105,6 +130,8 @@ def _found(
 
 def _fits(best: StartCandidate) -> str:
     arm = "with a forearm" if best.model.has_forearm else "no forearm in view"
+    if best.nearness < 0.5:
+        arm += "; from here, its joints are not known to 12 mm"
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
 
 

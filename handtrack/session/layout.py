@@ -14,6 +14,8 @@ TRACKS_FOLDER = "tracks"
 POSES_FILE = "tracks/poses.npz"
 
 _WILD = "*?["
+_LONGEST = 1000  # characters of a path
+_SHOWN = 3
 
 
 def is_pattern(setting: str) -> bool:
@@ -28,6 +30,8 @@ def inside(folder: Path, setting: str, where: str) -> Path:
     where: the setting's file, table and key, for the error.
     """
     path = folder / setting
+    if "\0" in setting or len(setting) > _LONGEST:
+        raise HandtrackError(f"{where}: {setting[:40]!r} is no path.")
     if _is_absolute(setting) or not _is_within(path, folder):
         raise _leaves(folder, setting, where, path)
     return path
@@ -53,7 +57,11 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
     if _is_absolute(pattern) or climbs or not _is_within(fixed, folder):
         raise _leaves(folder, pattern, where, fixed)
     files = []
-    for path in sorted(folder.glob(pattern)):
+    try:
+        matching = sorted(folder.glob(pattern))
+    except ValueError as error:
+        raise HandtrackError(f'{where}: "{pattern}" is no pattern of files: {error}.') from None
+    for path in matching:
         if path.name.startswith(".") or not path.is_file():
             continue
         if not _is_within(path, folder):
@@ -61,10 +69,21 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
         files.append(path)
     if not files:
         raise HandtrackError(
-            f'{where}: nothing matches "{pattern}" in {folder}. Check the pattern, or leave the '
-            "setting away if this camera has no such files."
+            f'{where}: nothing matches "{pattern}" in {folder}; {_there(fixed, pattern)}. Check the pattern, or leave '
+            "the setting away if this camera has no such files."
         )
     return files
+
+
+def _there(fixed: Path, pattern: str) -> str:
+    """Return what is in a folder in which nothing matches, in words."""
+    if "\\" in pattern:
+        return "write / between folders"
+    if not fixed.is_dir():
+        return f"there is no folder {fixed}"
+    names = sorted(path.name for path in fixed.iterdir() if not path.name.startswith("."))
+    shown = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
+    return f"in {fixed} there is {shown or 'nothing'}"
 
 
 def _is_absolute(setting: str) -> bool:

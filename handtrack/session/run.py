@@ -23,9 +23,9 @@ from handtrack.session.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.image_first_pose import poses_from_images
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
-from handtrack.session.session_file import dotted
+from handtrack.tracker.forearm import forearm_in_view
 from handtrack.tracker.hand_distance import hand_distance
-from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale, forearm_in_view
+from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.sequence_path import chosen_sequence
@@ -65,8 +65,7 @@ class TrackingRun:
         pose's keypoints, then to the silhouettes of the frames after it (`fit_size`); a forearm is modelled where
         silhouettes show one beyond the wrist. Raises HandtrackError.
         """
-        settings = TrackerSettings().with_values(dotted(session.file.tracking))
-        settings = settings.with_values(overrides or {})
+        settings = session.settings.with_values(overrides or {})
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
@@ -83,19 +82,24 @@ class TrackingRun:
         should_stop: Callable[[], bool] | None = None,
         frames: range | None = None,
         most: int = _SIZE_FRAMES,
+        tell: Callable[[int, int], None] | None = None,
     ) -> TrackingRun:
         """Return the run for the hand size that explains some frames best; the same run where none can tell it.
 
         Tracks `frames` (a stretch after the first pose unless given) with the size at hand, then fits size and poses of
         at most `most` of them, evenly spread, together. Seen from around, every finger has a size of its own; clouds
-        are one-sided and tell the whole hand's only.
+        are one-sided and tell the whole hand's only. tell: is called with how many frames are tracked, and of how many.
         """
         start, params = self.initial()
         if frames is None:
             count = self.session.frame_count
             after = range(start, min(start + _SIZE_STRETCH, count))
             frames = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
-        results = self.track(frames, start, params, should_stop)
+        results = []
+        for result in self.track(frames, start, params, should_stop):
+            results.append(result)
+            if tell is not None:
+                tell(len(results), len(frames))
         tracked = sorted((r for r in results if r.status == Status.TRACKED), key=lambda r: r.frame)
         seen = [(result, self._seen_at(result)) for result in _spread(tracked, most)]
         around = [pair for pair in seen if _seen_around(pair[1], pair[0])]

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack.capture.frame_notes import FrameNotes
 from handtrack.capture.frames import files_by_frame
 from handtrack.capture.openpose import LAYOUTS, Layout, read_openpose
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
@@ -36,6 +38,7 @@ class KeypointFiles:
         self.layout: Layout = LAYOUTS[layout]
         self.camera = camera
         self.flat = camera.without_distortion()
+        self._notes = FrameNotes()
         read_openpose(next(iter(self.files.values())), self.layout)
 
     @property
@@ -43,13 +46,22 @@ class KeypointFiles:
         """From 0 to the last frame there is."""
         return range(max(self.files) + 1)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd so far, in plain sentences."""
+        return self._notes.texts
+
     def read(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
         """Return the tallest person's joints in the undistorted image, none or two sets: sure ones, and others.
 
         sigma_px: of the sure ones.
         """
         path = self.files.get(frame)
-        points = None if path is None else read_openpose(path, self.layout)
+        try:
+            points = None if path is None else read_openpose(path, self.layout)
+        except HandtrackError as error:
+            self._notes.add(frame, f"{error} Frame {frame} counts as missing.")
+            return ()
         if points is None:
             return ()
         names = tuple(self.layout.points)

@@ -30,10 +30,17 @@ from handtrack.session.layout import (
     inside,
     matching_files,
 )
-from handtrack.session.session_file import CloudSettings, SessionFile, read_session_file
+from handtrack.session.session_file import (
+    CloudSettings,
+    SessionFile,
+    dotted,
+    is_definition,
+    read_session_file,
+)
 from handtrack.session.timestamps import FrameTimes, read_timestamps
 from handtrack.session.truth import Truth, read_truth
 from handtrack.session.views import View
+from handtrack.tracker.settings import TrackerSettings
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
@@ -51,6 +58,8 @@ class Session:
         self.file = file
         self.rig = rig
         """the session's cameras, in the order of session.toml."""
+        self.settings = self._read_settings()
+        """of the tracker: the usual ones, and what [tracking] sets."""
         self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
@@ -127,7 +136,7 @@ class Session:
     def hand_model(self) -> str | Path:
         """A model's name, or the path of a definition inside the folder."""
         model = self.file.hand.model
-        if model.endswith(".toml") or "/" in model:
+        if is_definition(model):
             return self._hand_file("model", model)
         return model
 
@@ -286,6 +295,12 @@ class Session:
         if wrong:
             raise HandtrackError(f"{where}: '{wrong[0]}' is neither .ply nor .npz.")
         return files_by_frame(files)
+
+    def _read_settings(self) -> TrackerSettings:
+        try:
+            return TrackerSettings().with_values(dotted(self.file.tracking))
+        except HandtrackError as error:
+            raise HandtrackError(f"{self.folder / SESSION_FILE}, [tracking]: {error}") from None
 
     def _read_times(self) -> FrameTimes:
         recording = self.file.session

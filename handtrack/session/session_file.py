@@ -12,7 +12,8 @@ from handtrack.capture.openpose import LAYOUTS
 from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.capture.toml_table import TableReader
 from handtrack.capture.toml_text import read_toml, toml_key, toml_value
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, listed_names
+from handtrack.model.model_file import MODELS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
 FORMAT = 1
@@ -86,6 +87,11 @@ class SessionFile:
     """nested tables as written; the tracker checks them, see `dotted`."""
 
 
+def is_definition(model: str) -> bool:
+    """Return whether [hand] model is the path of a definition, and no model's name."""
+    return model.endswith(".toml") or "/" in model
+
+
 def dotted(tracking: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested settings by the names that `--set` takes, such as `silhouettes.weight`."""
     flat: dict[str, Any] = {}
@@ -103,7 +109,7 @@ def read_session_file(path: Path) -> SessionFile:
     for name in tables:
         if name not in _TABLES:
             raise HandtrackError(
-                f"{path}: unknown key '{name}'; known tables: {', '.join(_TABLES)}."
+                f"{path}: unknown key '{name}'; {listed_names(name, _TABLES, 'known tables')}"
             )
     if "session" not in tables:
         raise HandtrackError(
@@ -160,10 +166,6 @@ def _recording(table: TableReader, path: Path) -> RecordingSettings:
         )
     has_fps = table.raw("fps") is not None
     timestamps = table.text("timestamps") if table.raw("timestamps") is not None else None
-    if not has_fps and timestamps is None:
-        raise HandtrackError(
-            f"{table.where}: give `fps` (frames a second) or `timestamps` (a csv file)."
-        )
     recording = RecordingSettings(
         name=table.text("name", path.resolve().parent.name or "session"),
         fps=table.number("fps", above=0.0, unit="1/s") if has_fps else None,
@@ -171,11 +173,20 @@ def _recording(table: TableReader, path: Path) -> RecordingSettings:
         world_unit_m=table.number("world_unit_m", 1.0, above=0.0, unit="m"),
     )
     table.finish()
+    if recording.fps is None and timestamps is None:
+        raise HandtrackError(
+            f"{table.where}: give `fps` (frames a second) or `timestamps` (a csv file)."
+        )
     return recording
 
 
 def _hand(table: TableReader) -> HandSettings:
     model = table.text("model", HandSettings.model)
+    if model not in MODELS and not is_definition(model):
+        known = listed_names(model, MODELS, "known models")
+        raise HandtrackError(
+            f'{table.where}: model = "{model}" is no model, and no path of a definition (.toml); {known}'
+        )
     side = table.choice("side", ("right", "left"), HandSettings.side)
     scale = table.raw("scale")
     forearm = table.raw("forearm")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Array, Floats
+from handtrack.capture.npz_files import read_arrays
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.atomic import replace_text, replacing
@@ -23,6 +24,7 @@ FORMAT = 1
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
 _WHOLE = ("frame", "status", "iterations")
+_FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
     "time_s": ("F",),
@@ -79,7 +81,11 @@ def write_arrays(path: Path | str, arrays: Mapping[str, Array]) -> None:
 def read_npz(path: Path | str) -> TrackResult:
     """Return the result of a poses.npz. Raises HandtrackError saying which array is wrong."""
     path = Path(path)
-    arrays = _load(path)
+    if path.is_dir():
+        raise HandtrackError(
+            f"{path} is a folder; expected a poses.npz. A session's is at tracks/poses.npz in it."
+        )
+    arrays = read_arrays(path)
     if "format" not in arrays:
         raise HandtrackError(
             f"{path}: no array `format`, so this is no tracked sequence; expected a poses.npz written "
@@ -98,20 +104,6 @@ def read_npz(path: Path | str) -> TrackResult:
     track = TrackResult(**values)  # type: ignore[arg-type]
     _check_rows(path, track)
     return track
-
-
-def _load(path: Path) -> dict[str, Array]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
-    except FileNotFoundError:
-        raise HandtrackError(f"{path}: no such file.") from None
-    except IsADirectoryError:
-        raise HandtrackError(
-            f"{path} is a folder; expected a poses.npz. A session's is at tracks/poses.npz in it."
-        ) from None
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise HandtrackError(f"{path}: not a readable .npz of plain arrays ({error}).") from None
 
 
 def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -155,6 +147,19 @@ def _check_rows(path: Path, track: TrackResult) -> None:
         raise HandtrackError(
             f"{path}: frame numbers do not ascend; expected each frame once, in order."
         )
+    if track.frame[0] < 0:
+        raise HandtrackError(f"{path}: frame {track.frame[0]}; expected numbers from 0.")
+    for name in _FINITE:
+        rows = getattr(track, name)
+        bad = (
+            ()
+            if rows is None
+            else np.flatnonzero(~np.isfinite(rows.reshape(len(rows), -1)).all(axis=1))
+        )
+        if len(bad):
+            raise HandtrackError(
+                f"{path}: {name} of frame {track.frame[bad[0]]} is not finite; a lost frame holds the last estimate."
+            )
     known = [int(status) for status in Status]
     if not np.isin(track.status, known).all():
         raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")

@@ -80,9 +80,12 @@ def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> 
 
 def _entry(row: dict[str, str], where: str, cameras: tuple[str, ...]) -> tuple[str, int, float]:
     try:
+        if None in row:  # more columns than names: a decimal comma
+            raise ValueError
         camera, frame, time_s = row["camera"], int(row["frame"]), float(row["time_s"])
     except (TypeError, ValueError):
-        shown = ",".join(str(row[column]) for column in COLUMNS)
+        more = row.get(None) or ()  # type: ignore[call-overload]
+        shown = ",".join([*(str(row[column]) for column in COLUMNS), *more])
         raise HandtrackError(
             f"{where}: '{shown}'; expected a camera, a whole frame number and seconds."
         ) from None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import Array, Floats, Ints
+from handtrack.capture.npz_files import read_arrays
 from handtrack.errors import HandtrackError
 
 
@@ -30,7 +30,7 @@ class Truth:
 
 def read_truth(path: Path) -> Truth:
     """Return the ground truth of a file. Raises HandtrackError naming the array that is wrong."""
-    arrays = _load(path)
+    arrays = read_arrays(path)
     keypoints = _positions(arrays, "keypoints21", path)
     joints = _positions(arrays, "joint_positions", path)
     if keypoints is None and joints is None:
@@ -52,19 +52,6 @@ def read_truth(path: Path) -> Truth:
     count = counts.pop()
     frame = _frames(arrays.get("frame"), count, path)
     return Truth(frame, _times(arrays.get("time_s"), count, path), keypoints, names, joints)
-
-
-def _load(path: Path) -> dict[str, Array]:
-    try:
-        with path.open("rb") as file:
-            data = np.load(file, allow_pickle=False)
-            if isinstance(data, np.ndarray):
-                raise ValueError("it is a single array")
-            return {name: data[name] for name in data.files}
-    except FileNotFoundError:
-        raise HandtrackError(f"{path}: no such file.") from None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise HandtrackError(f"{path}: not a readable .npz of plain arrays ({error}).") from None
 
 
 def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None:

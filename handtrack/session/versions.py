@@ -33,7 +33,7 @@ def keep_version(path: Path, kept: int = VERSIONS_KEPT) -> Path | None:
     with replacing(copy) as part:
         shutil.copyfile(path, part)
     for old in versions(path)[:-kept]:
-        old.unlink()
+        old.unlink(missing_ok=True)  # another process may have done it
     return copy
 
 

@@ -72,7 +72,8 @@ class View:
 
     @property
     def warnings(self) -> list[str]:
-        return [text for source in self.sources for text in source.warnings]
+        joints = () if self.keypoint_files is None else self.keypoint_files.warnings
+        return [*(text for source in self.sources for text in source.warnings), *joints]
 
     def image(self, frame: int) -> Array | None:
         """Return the frame's image (H, W, 3) uint8 BGR, None where missing."""
@@ -166,6 +167,11 @@ class View:
         where = f"{self._where}, {key}"
         if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:
             files = matching_files(folder, setting, where)
+            if not any(path.suffix.lower() in IMAGE_SUFFIXES for path in files):
+                raise HandtrackError(
+                    f'{where}: "{setting}" matches {files[0].name}, which is no image; expected one of '
+                    f"{', '.join(IMAGE_SUFFIXES)}. A video is named without *, ? or [."
+                )
             return self._files(files, kind, str(folder / setting))
         path = inside(folder, setting, where)
         if path.is_dir() or kind != COLOUR:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -74,9 +74,13 @@ class CloudEmptinessTerm:
         """
         low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
         distances = distance_map(cloud, low, high, spacing_m, most_voxels)
+        nothing = np.empty(0, np.int64), np.empty((0, 3))
+        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).asking(mesh, views)
+
+    def asking(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
+        """Return the term of the same cloud for another mesh of the model."""
         kept = seen_from(mesh.vertices, mesh.normals, views)
-        bone, local = mesh.bone[kept], np.ascontiguousarray(mesh.local[kept])
-        return cls(distances, bone, local, sigma_m, slack_m, loss, weight)
+        return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
     def cost(self, bones: BonePoses) -> float:
         """Return ½ weight Σ ρ."""

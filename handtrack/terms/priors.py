@@ -8,6 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.loss import Loss, Quadratic
 
 
 @dataclass(frozen=True)
@@ -32,22 +33,24 @@ class GaussianPrior:
 
 @dataclass(frozen=True)
 class LinearPrior:
-    """½ |rows · x|² on joint parameters (S,): combinations (R, S) that are near 0, in standard deviations.
+    """½ weight Σ ρ((rows · x)²) on joint parameters (S,): combinations (R, S) that are near 0, in standard deviations.
 
     Serves for angles that go together without being coupled: neighbouring fingers, a finger's last two joints.
     """
 
     rows: Floats
+    loss: Loss = Quadratic()
+    weight: float = 1.0
     name: str = "posture"
 
     def cost(self, joint_params: Floats) -> float:
-        return 0.5 * float(((self.rows @ joint_params) ** 2).sum())
+        squared = (self.rows @ joint_params) ** 2
+        return 0.5 * self.weight * float(self.loss.value(squared).sum())
 
     def linearize(self, joint_params: Floats) -> JointSystem:
         residual = self.rows @ joint_params
-        return JointSystem(
-            0.5 * float(residual @ residual), self.rows.T @ residual, self.rows.T @ self.rows
-        )
+        pull = self.weight * self.rows.T * self.loss.weight(residual**2)
+        return JointSystem(self.cost(joint_params), pull @ residual, pull @ self.rows)
 
 
 @dataclass(frozen=True)

@@ -10,21 +10,32 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
+from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.settings import TrackerSettings
-from handtrack.tracker.start_confidence import fit_quality, shares
+from handtrack.tracker.start_confidence import (
+    SIZE_SIGMA,
+    fit_quality,
+    independent_errors,
+    nearness,
+    shares,
+)
 from handtrack.tracker.start_search import (
+    descended,
     descended_in_rounds,
     distinct,
+    narrow_problem,
     narrowly_measured,
+    reassigned,
     start_sources,
 )
 from handtrack.tracker.start_shapes import start_shapes
 from handtrack.tracker.tracker import Tracker
 
-_ROUNDS = ((48, 10), (16, 12))
-"""how many starts enter each round of descent, and its iterations"""
+_LAID, _AGAIN = 48, 12
+"""how many laid hands are let go of; how many go on, and as many again with other fingers stretched"""
+_ITERATIONS, _MORE = 10, 12
 FINALISTS = 5
 """poses that descend as the tracker does"""
 
@@ -42,7 +53,9 @@ class StartCandidate:
     cost: float
     """of this pose beside the others': they are all measured by the same points and pixels"""
     confidence: float
-    """0 to 1: how well it fits, times its share among all that were found; docs/automatic_start.md"""
+    """0 to 1, that its joints are within 12 mm of the true ones on average; docs/automatic_start.md"""
+    nearness: float
+    """0 to 1, that they are if this is the right one of the poses that were found"""
 
     @property
     def params(self) -> Floats:
@@ -56,11 +69,12 @@ def auto_start(
     seen: Observation,
     should_stop: Callable[[], bool] | None = None,
     on_progress: Progress | None = None,
+    size_sigma: float = SIZE_SIGMA,
 ) -> list[StartCandidate]:
     """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
 
-    models: those that may explain it, say without and with a forearm. Looks everywhere: nothing is assumed of place,
-    turn and posture but that the hand is rather open than closed.
+    models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
+    known. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
     """
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
@@ -69,11 +83,13 @@ def auto_start(
     if not sources:
         return []
     shapes = [shape for model in models for shape in start_shapes(model)]
-    found = laid_everywhere(sources, shapes, _ROUNDS[0][0], stop)
+    found = laid_everywhere(sources, shapes, _LAID, stop)
     tell(0.4, f"{len(found)} poses are tried")
-    found = descended_in_rounds(sources, found, _ROUNDS, stop)
+    found = descended_in_rounds(sources, found, ((_LAID, _ITERATIONS),), stop)
+    found = [*distinct(found, _AGAIN), *reassigned(sources, distinct(found, _LAID), _AGAIN)]
+    found = [descended(sources, laid, _MORE) for laid in found if not stop()]
     tell(0.8, "the best are fitted")
-    return finished(sources, distinct(found, FINALISTS), settings, seen, stop)
+    return finished(sources, distinct(found, FINALISTS), settings, seen, stop, size_sigma)
 
 
 def finished(
@@ -82,6 +98,7 @@ def finished(
     settings: TrackerSettings,
     seen: Observation,
     stop: Callable[[], bool],
+    size_sigma: float = SIZE_SIGMA,
 ) -> list[StartCandidate]:
     """Return the poses fitted as the tracker fits, the best also with its fingers looked for, and how sure each is."""
     plain = settings.with_values({"tracker.escape": False, "tracker.hypotheses": 1})
@@ -94,11 +111,17 @@ def finished(
     results = {id(laid): result for laid, result in done}
     kept = distinct([laid for laid, _ in done], FINALISTS)
     quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)
-    share = shares(np.array([laid.cost for laid in kept]))
-    return [
-        StartCandidate(laid.shape.model, results[id(laid)], laid.cost, float(quality * part))
-        for laid, part in zip(kept, share, strict=True)
-    ]
+    count = independent_errors(sources, kept[0])
+    share = shares(np.array([laid.cost for laid in kept]), count)
+    candidates = []
+    for laid, part in zip(kept, share, strict=True):
+        model, problem = laid.shape.model, narrow_problem(sources, laid)
+        given = [KeypointTerm(model, joints) for joints in seen.keypoints]
+        problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
+        near = nearness(problem, laid.params, count, size_sigma)
+        sure = float(quality * part * near)
+        candidates.append(StartCandidate(model, results[id(laid)], laid.cost, sure, near))
+    return candidates
 
 
 def _fitted(

@@ -16,8 +16,9 @@ from handtrack.terms.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.distance_map import DistanceMap, distance_map
 from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracker.laid_shapes import PIECE_M
 from handtrack.tracker.start_kernels import cloud_scores
-from handtrack.tracker.start_shapes import REACH_M, StartShape, palm_middle
+from handtrack.tracker.start_shapes import REACH_M, StartShape, is_arm, palm_middle
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -73,11 +74,12 @@ class CloudStart:
     ) -> Floats:
         """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
         sights, start = self._sights
+        hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
         out = np.empty((len(rotations), len(places)))
         cloud_scores(
             self.points, self.area, self.distances.values, self.distances.low, self.distances.spacing, sights, start,
             np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle, shape.reach, shape.field,
-            shape.low, shape.spacing, shape.points, shape.normals, shape.area, out,
+            shape.low, shape.spacing, shape.points[hand], shape.normals[hand], shape.area, out,
         )  # fmt: skip
         return out
 
@@ -107,6 +109,12 @@ class CloudStart:
         )
         return terms
 
+    def pieces(self, shape: StartShape, params: Floats) -> float:
+        """Return how many pieces of a hand are seen about a pose (P,)."""
+        middle = palm_middle(shape.model, params)
+        near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        return float(near.sum() * self.area / (0.5 * PIECE_M**2))
+
     def _visible(
         self, shape: StartShape, model: ArticulatedModel, params: Floats, middle: Floats
     ) -> Array:
@@ -116,7 +124,7 @@ class CloudStart:
         turn = np.einsum("bij,bkj->bik", bones.rotation, rest.rotation)[shape.mesh.bone]
         normals = np.einsum("vij,vj->vi", turn, shape.mesh.normals)
         near = np.linalg.norm(points - middle, axis=1) < shape.reach
-        return seen_from(points, normals, self.views) & near
+        return seen_from(points, normals, self.views) & near & ~is_arm(model, shape.mesh.bone)
 
 
 def cloud_start(points: Floats, views: tuple[Floats, ...]) -> CloudStart | None:

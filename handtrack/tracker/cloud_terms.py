@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,15 +15,17 @@ from handtrack.model.surface import surface_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.cloud_rays import CloudRaysTerm
 from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracker.settings import TrackerSettings
 
 _MM = 1e-3
 _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
+_SIGMA_BANDS = 0.5  # of depths, in bands: beyond three of them a doubted depth counts as wrong
 _FEWEST = 30
-_CUT_MARGIN_M = 0.02
-_MESH_MM = 4.0  # between points of the model's surface
+_CELL_M = 0.004  # of the grid that measures a surface, and of the one that the model's mesh is made on
+_CELL_AREA = _CELL_M**2 / 1.5  # of the surface in each cell: a plane meets 1.5 cells per a² (mean of all directions)
 _EMPTY_ROBUST = 3.0  # sigmas; a part further from all points was rather not measured than misplaced
 _EMPTY_SIGMAS = 2.0  # the nearest cloud point is rarely the one measured there
 
@@ -33,11 +36,24 @@ class SeenCloud:
 
     prepared: PreparedCloud
     share: float
-    """how much one point counts: neighbours a few millimetres apart err together"""
+    """how much one point counts: neighbours on the same finger err together"""
     emptiness: CloudEmptinessTerm | None
     """E2, for the surface where the frame starts; None when only the cloud's side is asked for"""
     length: Floats
     """(B,) bone lengths of the model that `emptiness` was made for [m]"""
+    views: tuple[Floats, ...] = ()
+    """what can have seen the surface, as in `seen_from`"""
+
+    def looked_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
+        """Return the same points, asking of the model what is in view at another pose.
+
+        A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
+        """
+        if self.emptiness is None:
+            return self
+        mesh = surface_mesh(MetaballSurface.of(model), bones)
+        term = _hand_only(self.emptiness.asking(mesh, self.views), model)
+        return replace(self, emptiness=term, length=model.skeleton.length)
 
 
 def see_cloud(
@@ -58,34 +74,57 @@ def see_cloud(
         points = points[along < settings.silhouettes.forearm_seen_mm * _MM]
     if len(points) < _FEWEST:
         return None
-    cells = np.floor(points / (settings.cloud.patch_mm * _MM)).astype(np.int64)
-    patches = len(np.unique(cells, axis=0))
+    patches = _area(points) / _patch_area(model, settings)
     emptiness = None
-    if settings.cloud.balance < 1:
+    if settings.cloud.balance < 1 and not _is_doubted(seen.cloud_views, settings):
         margin = settings.cloud.crop_mm * _MM
         mesh = surface_mesh(surface, start)
         emptiness = CloudEmptinessTerm.at_start(points, mesh, seen.cloud_views, margin_m=margin)
-        emptiness = _within_reach(emptiness, model, settings)
+        emptiness = _hand_only(emptiness, model)
     share = min(1.0, patches / len(points))
-    return SeenCloud(prepare_cloud(points), share, emptiness, model.skeleton.length)
+    views = tuple(seen.cloud_views)
+    return SeenCloud(prepare_cloud(points), share, emptiness, model.skeleton.length, views)
 
 
-def _within_reach(
-    term: CloudEmptinessTerm, model: ArticulatedModel, settings: TrackerSettings
-) -> CloudEmptinessTerm:
-    """Return E2 without the forearm's points near and beyond where the cloud was cut off."""
+def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
+    """Return whether lines of sight are all that is believed; each point's must be known. Holes then say nothing."""
+    return settings.cloud.doubt_depth and len(views) == 1
+
+
+def _area(points: Floats) -> float:
+    """Return about how much surface [m²] points (N, 3) lie on, however dense they are."""
+    cells = np.unique(np.floor(points / _CELL_M).astype(np.int64), axis=0)
+    return len(cells) * _CELL_AREA
+
+
+def _patch_area(model: ArticulatedModel, settings: TrackerSettings) -> float:
+    """Return the surface [m²] over which the error is the same; a larger hand's parts are broader."""
+    return (settings.cloud.patch_mm * _MM * model.scale.overall) ** 2
+
+
+def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptinessTerm:
+    """Return E2 without the forearm's points: a sleeve may hide it anywhere, and where it is bare it is seen anyway."""
     if not model.has_forearm:
         return term
-    reach = settings.silhouettes.forearm_seen_mm * _MM - _CUT_MARGIN_M
-    kept = (term.bone != model.skeleton.bone("forearm")) | (term.local[:, 1] < reach)
+    kept = term.bone != model.skeleton.bone("forearm")
     return replace(term, bone=term.bone[kept], local=np.ascontiguousarray(term.local[kept]))
 
 
 def cloud_terms(
     seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
 ) -> list[ObservationTerm]:
-    """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands."""
+    """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted."""
     chosen = settings.cloud
+    if _is_doubted(seen.views, settings):
+        return [
+            CloudRaysTerm(
+                np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
+                np.atleast_2d(seen.views[0])[0],  # of a pair, the left one's pixels are matched
+                MetaballSurface.of(model),
+                along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
+                weight=chosen.weight * seen.share,
+            )
+        ]
     robust = GemanMcClure(max(_ROBUST_BANDS * band_mm / chosen.sigma_mm, 2.0))
     terms: list[ObservationTerm] = [
         CloudDistanceTerm(
@@ -97,7 +136,7 @@ def cloud_terms(
         )
     ]
     if seen.emptiness is not None:
-        share = min(1.0, (_MESH_MM / chosen.patch_mm) ** 2)
+        share = min(1.0, _CELL_AREA / _patch_area(model, settings))
         # A person's size scales each bone's flesh about the bone's head.
         stretch = (model.skeleton.length / seen.length)[seen.emptiness.bone, None]
         terms.append(

@@ -14,30 +14,32 @@ from handtrack.solver.problem import Problem
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
 _ROUNDS = 3
-_TRIED = 2  # candidates that are solved in a round
+_PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are, in a round
+_ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 _GAIN = 2.0  # [log-likelihood] a pose must be this much better to be taken
 
 
 def escape(
     far: Problem,
-    near: Problem,
+    measured: Callable[[Floats], float],
     params: Floats,
     descend: Callable[[Floats], Floats],
     should_stop: Callable[[], bool] | None = None,
 ) -> Floats:
-    """Return params (P,), or a pose with fingers elsewhere whose cost in `near` is clearly lower.
+    """Return params (P,), or a pose with fingers elsewhere whose cost is clearly lower.
 
     Each round tries all fingers shifted by one either way and the most promising single fingers, and keeps the best.
-    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to. near: decides. descend: solves the frame from a start. Never returns a pose that costs more in `near`.
+    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
+    measured: a pose's cost; it decides. descend: solves the frame from a start. Never returns a pose that costs more.
     """
-    cost = near.cost(params)
+    cost = measured(params)
     for _ in range(_ROUNDS):
         best, least = params, cost - _GAIN
         for start in (*_shifted(far.model, params), *_candidates(far, params)):
             if should_stop is not None and should_stop():
                 return params
             trial = descend(start)
-            trial_cost = near.cost(trial)
+            trial_cost = measured(trial)
             if trial_cost < least:
                 best, least = trial, trial_cost
         if best is params:
@@ -47,14 +49,27 @@ def escape(
 
 
 def _candidates(far: Problem, params: Floats) -> list[Floats]:
-    """Return the most promising starts, the best first: each with one finger moved."""
-    here = far.cost(params)
-    best = []
+    """Return the most promising starts, the best first: each with one finger moved well away from where it is.
+
+    They may cost more than the pose that stands: put anywhere on a grid, a finger covers little of its own silhouette,
+    but the one that is lost loses least where it was. No two of a finger are near each other: one of them may lead back.
+    """
+    model, best = far.model, []
+
+    def tip(start: Floats, finger: str) -> Floats:
+        return model.joint_positions(model.bones(start))[model.joint_names.index(f"{finger}_tip")]
+
     for finger in FINGERS:
-        costs = [(far.cost(start), start) for start in _placements(far.model, params, finger)]
-        if costs:
-            best.append(min(costs, key=lambda pair: pair[0]))
-    best = [pair for pair in best if pair[0] < here]
+        starts = list(_placements(model, params, finger))
+        left = sorted(((far.cost(start), start) for start in starts), key=lambda pair: pair[0])
+        taken = [params] if left else []
+        for cost, start in left:
+            there = tip(start, finger)
+            if all(np.linalg.norm(there - tip(t, finger)) > _ELSEWHERE_M for t in taken):
+                taken.append(start)
+                best.append((cost, start))
+            if len(taken) > _PLACES:
+                break
     return [start for _, start in sorted(best, key=lambda pair: pair[0])[:_TRIED]]
 
 

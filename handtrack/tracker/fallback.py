@@ -1,8 +1,11 @@
-"""When a cloud is too poor for all joints: nine freedoms or six in place of all, the fingers held. 2004 paper, section 3.5."""
+"""When a cloud alone must hold the hand and is poor: its depths are doubted, and the frame says so.
+
+Or a simpler hand takes its place, as in the 2004 paper, section 3.5.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +16,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.transform import ParameterTransform
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.tracker.cloud_terms import SeenCloud
 from handtrack.tracker.initialize import carried_over
@@ -23,11 +25,8 @@ from handtrack.tracker.settings import TrackerSettings
 NEAR_M = 0.006
 """a point this near to the surface was measured on it: three times the usual error"""
 POOR, GOOD = 0.8, 0.88
-"""agreement below which a cloud is too poor for all joints, and above which it is good enough again"""
-_PATCH_MM = 16.0  # errors of a poor cloud hang together over the breadth of a matching window, not over a pixel or two
-_STEADIER = 4.0  # times the usual strength of the pull to where the hand was
-_CURL = {"mcp_flex": 1.0, "pip_flex": 1.0, "dip_flex": 2.0 / 3.0}
-_ALONE = ("thumb_cmc_flex", "thumb_cmc_abd", "wrist_flex", "wrist_abd")
+"""agreement below which a cloud's depths are doubted, and above which they are believed again"""
+_NOTE = "poor cloud: "
 
 
 @dataclass(frozen=True)
@@ -44,20 +43,15 @@ class Agreement:
         """Return the harmonic mean of both (the F-score of reconstructions): high only where both are."""
         return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
 
-    def is_poor(self, before: Sequence[FrameResult]) -> bool:
-        """Return whether all joints would be too many; once it is so, the cloud must be clearly better to end it."""
-        return self.share < (GOOD if before and is_simplified(before[-1]) else POOR)
-
-    def is_still_poor(self, before: Sequence[FrameResult]) -> bool:
-        """Return whether it was poor and has not become better: fingers are not worth looking for."""
-        return bool(before) and is_simplified(before[-1]) and self.share < POOR
-
-    @property
-    def note(self) -> str:
-        return (
-            f"poor cloud: {100 * self.measured:.0f} % of the hand in view was measured, "
+    def told(self, result: FrameResult) -> FrameResult:
+        """Return a frame that was solved with doubted depths as one that is in doubt itself, and why."""
+        note = (
+            f"{_NOTE}{100 * self.measured:.0f} % of the hand in view was measured, "
             f"{100 * self.explained:.0f} % of the points lie on it"
         )
+        if is_simplified(result):
+            note = f"{note}; {result.note}"
+        return replace(result, status=max(result.status, Status.DOUBTFUL), note=note)
 
 
 def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement | None:
@@ -84,6 +78,11 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     )
 
 
+def is_poor(result: FrameResult) -> bool:
+    """Return whether a frame was solved with doubted depths because the cloud is poor; saved results no longer tell."""
+    return result.note.startswith(_NOTE)
+
+
 def is_simplified(result: FrameResult) -> bool:
     """Return whether a frame was estimated without its fingers: it says nothing of any of them, and is not lost."""
     fingers = result.parameter_std[6:]
@@ -103,16 +102,7 @@ class Simplified:
 
 
 def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
-    """Return the simpler hand that stands where the whole one stands with joint parameters (S,).
-
-    kind: `auto` is the whole hand's own flesh with the freedoms of glove9: palm, the thumb's base, one bend of the four
-    fingers, which otherwise stay as they are. `glove9` and `ball6` are the definitions of that name.
-    """
-    if kind == "auto":
-        few = replace(model, coupling="9", transform=_nine(model, joint))
-        start = few.clipped(few.transform.solver_params(joint))
-        note = "palm, thumb's base and one bend of the fingers are estimated, the rest is held"
-        return Simplified(few, start, few.joint_params, note)
+    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters (S,)."""
     few = load_model(kind, model.side, model.scale)
 
     def whole(params: Floats) -> Floats:
@@ -127,16 +117,15 @@ def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
 
 
 def steadier(settings: TrackerSettings) -> TrackerSettings:
-    """Return the settings for a poor cloud: errors that hang together, and a hand that stays where it was.
+    """Return the settings for a poor cloud: doubted depths, and nothing extrapolated or looked for.
 
     A velocity from two poor poses would be mostly their errors; a lost finger cannot be looked for, nor a lost hand: among
     wrong points another pose often fits better.
     """
-    cloud = replace(settings.cloud, patch_mm=max(settings.cloud.patch_mm, _PATCH_MM))
+    cloud = replace(settings.cloud, doubt_depth=True)
     follow = replace(
         settings.tracker,
         prediction="none",
-        smoothing=_STEADIER * settings.tracker.smoothing,
         escape=False,
         jumps=False,
     )
@@ -145,7 +134,7 @@ def steadier(settings: TrackerSettings) -> TrackerSettings:
 
 
 def in_whole(
-    model: ArticulatedModel, found: FrameResult, joint: Floats, held: Simplified, note: str
+    model: ArticulatedModel, found: FrameResult, joint: Floats, held: Simplified
 ) -> FrameResult:
     """Return what the simpler hand found as a result of the whole one, whose joint parameters (S,) are given.
 
@@ -171,17 +160,5 @@ def in_whole(
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-        note=f"{note}; {held.note}",
+        note=held.note,
     )
-
-
-def _nine(model: ArticulatedModel, joint: Floats) -> ParameterTransform:
-    """Return glove9's freedoms on all joint parameters (S,) around where they are; a forearm keeps its own."""
-    names = [*model.parameter_names[:6], *(n for n in model.parameter_names if n in _ALONE), "curl"]
-    matrix, offset = np.zeros((len(joint), len(names))), joint.copy()
-    for s, name in enumerate(model.parameter_names):
-        if name in names:
-            matrix[s, names.index(name)], offset[s] = 1.0, 0.0
-        elif not name.startswith("thumb"):
-            matrix[s, -1] = _CURL.get(name.partition("_")[2], 0.0)
-    return ParameterTransform(tuple(names), matrix, offset)

@@ -19,7 +19,7 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber, Loss
+from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
@@ -32,12 +32,14 @@ from handtrack.tracker.appearance_terms import (
     see_appearance,
 )
 from handtrack.tracker.cloud_terms import SeenCloud, cloud_terms, see_cloud
+from handtrack.tracker.forearm import forearm_cut
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
+_ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
 _ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
 
 
@@ -66,6 +68,11 @@ class FrameTerms:
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
         return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))
+
+    def looked_at(self, bones: BonePoses) -> FrameTerms:
+        """Return the same observation, asking of the model what is in view at another pose."""
+        cloud = self.cloud and self.cloud.looked_at(self.model, bones)
+        return replace(self, cloud=cloud)
 
     @property
     def stages(self) -> int:
@@ -145,7 +152,8 @@ def frame_terms(
     prepared, scales = [], []
     looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
     for silhouette in looked_at:
-        prepared.append(prepare(silhouette, _forearm_cut(silhouette, model, start, settings)))
+        cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
+        prepared.append(prepare(silhouette, cut))
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []
     if settings.keypoints.weight > 0:
@@ -187,7 +195,8 @@ def _priors(
         terms.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
     together = posture_prior(model, prior.posture) if prior.posture > 0 else None
     if together is not None:
-        terms.append(together)
+        on_purpose = Quadratic() if model.kind == "body" else GemanMcClure(_ON_PURPOSE)
+        terms.append(replace(together, loss=on_purpose))
     if expected is not None and strength > 0:
         sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
         sigma[:3] = prior.motion_sigma_mm * _MM
@@ -200,25 +209,3 @@ def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
     camera = silhouette.camera
     depth = float(np.median(camera.to_camera(start.position)[:, 2]))
     return 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1]) / max(depth, 0.05)
-
-
-def _forearm_cut(
-    silhouette: Silhouette, model: ArticulatedModel, start: BonePoses, settings: TrackerSettings
-) -> tuple[float, float, float] | None:
-    """Return the line (a, b, c) across the forearm beyond which a silhouette does not count, or None.
-
-    There are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside the mask
-    would be pulled along the arm. Pixels with a u + b v + c < 0 are cut off.
-    """
-    if not model.has_forearm:
-        return None
-    bone = model.skeleton.bone("forearm")
-    reach = settings.silhouettes.forearm_seen_mm * _MM
-    ends = start.to_world(np.array([bone, bone]), np.array([[0.0, 0.0, 0.0], [0.0, reach, 0.0]]))
-    wrist, far = silhouette.camera.project(ends)
-    along = wrist - far
-    if (
-        not np.linalg.norm(along) > 5.0
-    ):  # seen along the arm, or behind the camera: no side to cut off
-        return None
-    return float(along[0]), float(along[1]), -float(along @ far)

@@ -11,8 +11,7 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Keypoints, Observation, PointCloud, Silhouette
+from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
@@ -100,83 +99,3 @@ def fit_scale(
     fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
     scale = scale_from_deviations(fitted[count:])
     return scale, fit_keypoints(build(scale), seen)
-
-
-def forearm_in_view(model: ArticulatedModel, params: Floats, seen: Observation) -> bool:
-    """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
-
-    params: solver parameters (P,) of the hand in that frame.
-    """
-    bones = model.bones(params)
-    return _forearm_in_silhouettes(bones, seen.silhouettes) or _forearm_in_cloud(bones, seen.cloud)
-
-
-def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
-    """Return whether behind the wrist, 5 to 9 cm from it, lie at least a quarter as many points as before it."""
-    if cloud is None:
-        return False
-    local = (cloud.points - bones.position[0]) @ bones.rotation[0]
-    far = np.linalg.norm(local, axis=1)
-    shell = (far > 0.05) & (far < 0.09)
-    behind = shell & (local[:, 1] < -0.5 * far)
-    return bool(behind.sum() > 0.25 * (shell & (local[:, 1] > 0)).sum() > 0)
-
-
-def _forearm_in_silhouettes(bones: BonePoses, silhouettes: tuple[Silhouette, ...]) -> bool:
-    """Return whether mask goes on behind the wrist in most views.
-
-    Looks 5 to 9 cm behind the wrist, in all directions that a wrist bends to, for the direction with most
-    mask; true when that is mask in most views.
-    """
-    bends = np.deg2rad(np.linspace(-70, 70, 15))
-    tilts = np.deg2rad(np.linspace(-35, 35, 7))
-    bend, tilt = np.meshgrid(bends, tilts, indexing="ij")
-    along = np.stack([np.sin(tilt), -np.cos(tilt) * np.cos(bend), -np.cos(tilt) * np.sin(bend)], -1)
-    reach = np.linspace(0.05, 0.09, 5)
-    points = bones.to_world(0, along.reshape(-1, 1, 3) * reach[None, :, None])  # (directions, 5, 3)
-    shares = []
-    for silhouette in silhouettes:
-        covered, known = _mask_at(silhouette, points)
-        if known.mean() > 0.5:
-            shares.append(
-                np.where(known, covered, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-            )
-    if not shares:
-        return False
-    together = np.mean(shares, axis=0)
-    best = int(np.argmax(together))
-    return float(np.mean([share[best] > 0.8 for share in shares])) > 0.5
-
-
-def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Floats, np.ndarray]:
-    camera = silhouette.camera
-    seen = camera.project(points)
-    pixel = np.rint(np.where(np.isfinite(seen), seen, -1)).astype(int)
-    width, height = camera.size
-    inside = (
-        (pixel[..., 0] >= 0)
-        & (pixel[..., 0] < width)
-        & (pixel[..., 1] >= 0)
-        & (pixel[..., 1] < height)
-    )
-    column = np.clip(pixel[..., 0], 0, width - 1)
-    row = np.clip(pixel[..., 1], 0, height - 1)
-    return silhouette.mask[row, column], inside
-
-
-def aimed_forearm(problem: Problem, params: Floats) -> Floats:
-    """Return params (P,) with the wrist's bend and tilt that cost least, the hand left as it is."""
-    names = problem.model.transform.names
-    if "wrist_flex" not in names:
-        return params
-    flex, abd = names.index("wrist_flex"), names.index("wrist_abd")
-    bounds = problem.bounds(params)
-    best, least = params, np.inf
-    for bend in np.linspace(bounds[flex, 0], bounds[flex, 1], 13):
-        for tilt in np.linspace(bounds[abd, 0], bounds[abd, 1], 7):
-            trial = params.copy()
-            trial[[flex, abd]] = bend, tilt
-            cost = problem.cost(trial)
-            if cost < least:
-                best, least = trial, cost
-    return best

@@ -24,6 +24,10 @@ _LOOKED_AT = 3000
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 
 
+PIECE_M = 0.03
+"""length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
+
+
 class StartSource(Protocol):
     """What one kind of observation says about where a hand may be."""
 
@@ -40,6 +44,10 @@ class StartSource(Protocol):
 
     def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
         """Return what pulls a pose (P,) from about band_m around it [m]."""
+        ...
+
+    def pieces(self, shape: StartShape, params: Floats) -> float:
+        """Return how many pieces of a hand are seen about a pose (P,): a phalanx's side in a view, or half its skin."""
         ...
 
 

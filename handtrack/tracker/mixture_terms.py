@@ -54,7 +54,7 @@ def _shared_out(prior: ParameterTerm) -> ParameterTerm:
     if isinstance(prior, GaussianPrior):
         return replace(prior, sigma=prior.sigma * np.sqrt(_MEMORY_FRAMES))
     if isinstance(prior, LinearPrior):
-        return replace(prior, rows=prior.rows / np.sqrt(_MEMORY_FRAMES))
+        return replace(prior, weight=prior.weight / _MEMORY_FRAMES)
     return prior
 
 

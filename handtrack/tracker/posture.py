@@ -66,5 +66,5 @@ def posture_prior(model: ArticulatedModel, strength: float) -> LinearPrior | Non
     for row, (name, ratio, other, sigma) in zip(rows, known, strict=True):
         row[names.index(name)] = 1.0
         row[names.index(other)] -= ratio
-        row *= np.sqrt(strength) / np.deg2rad(sigma)
-    return LinearPrior(rows)
+        row /= np.deg2rad(sigma)
+    return LinearPrior(rows, weight=strength)

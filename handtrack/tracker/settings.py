@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, get_args, get_origin, get_type_hints
 
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.tracker.mixture_settings import MixtureSettings
 
@@ -32,8 +32,8 @@ class ModelSettings:
     narrowing: bool = True
     """bent fingers spread less: the range of abduction shrinks with flexion"""
     fallback: str = "auto"
-    """what takes the place of all joints while a cloud alone is too poor for them: `auto` the same hand with nine freedoms,
-    `glove9` or `ball6` these models' palm, `none` nothing"""
+    """what is done while a cloud that alone holds the hand is poor: `auto` its depths are doubted, `glove9` or `ball6` these
+    models' palm takes the hand's place as well, `none` nothing"""
     fit_size: bool = True
     """where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone"""
 
@@ -73,8 +73,12 @@ class CloudSettings:
     part of the model lies where the cloud is empty"""
     sigma_mm: float = 2.0
     """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids"""
-    patch_mm: float = 4.0
-    """over how much of the surface that error stays the same: some pixels of a sensor"""
+    patch_mm: float = 20.0
+    """over how much of the surface that error stays the same: the breadth of a finger, since a hand's own shape is
+    most of it and a sensor's noise the least; of a mean adult's hand"""
+    doubt_depth: bool = False
+    """believe of each point only that the hand lies on its line of sight; its depth is right or anywhere, as where a stereo
+    pair mismatches. Clouds of one depth camera or one pair"""
     crop_mm: float = 40.0
     """points further than this from the predicted hand are not the hand's"""
 
@@ -200,9 +204,7 @@ class TrackerSettings:
         for dotted, value in values.items():
             group, _, name = dotted.partition(".")
             if dotted not in settings.flat():
-                raise HandtrackError(
-                    f"no setting '{dotted}'; known: {', '.join(sorted(settings.flat()))}"
-                )
+                raise unknown_name("setting", dotted, sorted(settings.flat()))
             table = getattr(settings, group)
             kind = get_type_hints(type(table))[name]
             changed = replace(table, **{name: _converted(value, kind, dotted)})

@@ -15,6 +15,7 @@ from handtrack.observation.observation import Silhouette
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracker.laid_shapes import PIECE_M
 from handtrack.tracker.start_kernels import silhouette_scores
 from handtrack.tracker.start_shapes import StartShape, palm_middle
 from handtrack.tracker.visual_hull import VisualHull, visual_hull
@@ -51,7 +52,9 @@ class SilhouetteStart:
         """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
         deep = self.hull.depth > min(_PALM_DEEP_M, 0.5 * float(self.hull.depth.max(initial=0.0)))
         order = np.argsort(-self.hull.depth[deep], kind="stable")
-        apart = _PLACE_M
+        # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
+        volume = int(deep.sum()) * self.hull.side**3
+        apart = max(_PLACE_M, (3 * volume / (4 * np.pi * _MOST_PLACES)) ** (1 / 3))
         chosen = _spread(self.hull.centres[deep][order], apart)
         while len(chosen) > _MOST_PLACES:
             apart *= 1.15
@@ -133,6 +136,24 @@ class SilhouetteStart:
         if not near:
             return []
         return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
+
+    def pieces(self, shape: StartShape, params: Floats) -> float:
+        """Return how many pieces of a hand's outline are seen about a pose (P,)."""
+        middle, count = palm_middle(shape.model, params), 0.0
+        for silhouette in self.whole:
+            boxed = _boxed(silhouette, middle, shape.reach)
+            if boxed is not None:
+                metre = _focal(silhouette.camera) / float(silhouette.camera.to_camera(middle)[2])
+                count += _outline_px(boxed) / (metre * PIECE_M)
+        return count
+
+
+def _outline_px(silhouette: Silhouette) -> float:
+    """Return how long the mask's outline is where it was observed [px]: Crofton, by crossings of rows and columns."""
+    mask, seen = silhouette.mask > 0.5, _looked_at(silhouette)
+    down = (mask[1:] != mask[:-1]) & seen[1:] & seen[:-1]
+    across = (mask[:, 1:] != mask[:, :-1]) & seen[:, 1:] & seen[:, :-1]
+    return 0.25 * np.pi * float(down.sum() + across.sum())
 
 
 def silhouette_start(silhouettes: Sequence[Silhouette]) -> SilhouetteStart | None:

@@ -14,13 +14,17 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracker.cloud_start import cloud_start
+from handtrack.tracker.finger_assignments import finger_assignments
 from handtrack.tracker.laid_shapes import Laid, StartSource
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.silhouette_start import silhouette_start
+from handtrack.tracker.start_shapes import palm_middle
 
 _WIDE_M, _NARROW_M = 0.012, 0.004
 _SAME_M = 0.012  # mean distance between joints of poses that count as one
+_PLACE_M = 0.07  # palms that are nearer are at one place
+_PROMISING = 2.0  # times the least cost, beyond which another place is not worth a look
 _REST_SIGMA = np.deg2rad(50.0)
 
 
@@ -61,9 +65,25 @@ def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> La
     return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
 
 
+def reassigned(sources: Sequence[StartSource], found: Sequence[Laid], most: int) -> list[Laid]:
+    """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
+    ways = []
+    for laid in found:
+        problem = _problem(sources, laid, _WIDE_M)
+        others = finger_assignments(laid.shape.model, laid.params)
+        tried = [replace(laid, params=params, cost=problem.cost(params)) for params in others]
+        ways += sorted(tried, key=lambda laid: laid.cost)[:2]
+    return distinct(ways, most)
+
+
 def narrowly_measured(sources: Sequence[StartSource], laid: Laid) -> Laid:
     """Return a pose with the cost by which finished ones are told apart: short arms, the same for all."""
-    return replace(laid, cost=_problem(sources, laid, _NARROW_M).cost(laid.params))
+    return replace(laid, cost=narrow_problem(sources, laid).cost(laid.params))
+
+
+def narrow_problem(sources: Sequence[StartSource], laid: Laid) -> Problem:
+    """Return the problem around a pose by which finished ones are told apart."""
+    return _problem(sources, laid, _NARROW_M)
 
 
 def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
@@ -79,12 +99,27 @@ def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Probl
 
 
 def distinct(found: Sequence[Laid], most: int) -> list[Laid]:
-    """Return the best, each pose once."""
-    kept: list[tuple[Laid, Floats]] = []
-    for laid in sorted(found, key=lambda laid: laid.cost):
+    """Return the best, at most `most`, each pose once.
+
+    No place takes more than half of them while another is promising: the end of an arm fits a fist in many variants,
+    each a little better than the hand, whose fingers are not in place yet.
+    """
+    chosen: list[tuple[Laid, Floats]] = []
+    spare: list[tuple[Laid, Floats]] = []
+    palms: list[Floats] = []  # of those chosen
+    ordered = sorted(found, key=lambda laid: laid.cost)
+    for laid in ordered:
         joints = laid.joints
-        if all(np.linalg.norm(joints - other, axis=1).mean() > _SAME_M for _, other in kept):
-            kept.append((laid, joints))
-        if len(kept) == most:
+        if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for _, j in [*chosen, *spare]):
+            continue
+        palm = palm_middle(laid.shape.model, laid.params)
+        here = sum(np.linalg.norm(palm - other) < _PLACE_M for other in palms)
+        if 2 * here < most and laid.cost <= _PROMISING * ordered[0].cost:
+            chosen.append((laid, joints))
+            palms.append(palm)
+        else:
+            spare.append((laid, joints))
+        if len(chosen) == most:
             break
-    return [laid for laid, _ in kept]
+    kept = [laid for laid, _ in [*chosen, *spare]][:most]
+    return sorted(kept, key=lambda laid: laid.cost)

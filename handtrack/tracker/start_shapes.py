@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Floats, Ints
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surface import SurfaceMesh, surface_mesh
 
-POSTURES = ("open", "rest", "curl", "fist")
+POSTURES = ("open", "curl", "fist", "point")
 _WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
 _MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
 REACH_M = 0.14
@@ -40,6 +40,8 @@ class StartShape:
     """(V, 3) evenly on the surface, within reach [m]"""
     normals: Floats
     """(V, 3) unit, outwards"""
+    is_arm: Array
+    """(V,) whether a point is on the forearm, which a sleeve may hide anywhere"""
     area: float
     """of the surface around each point [m²]"""
     spheres: Floats
@@ -116,12 +118,18 @@ def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape
         reach,
         np.ascontiguousarray(mesh.vertices[near]),
         np.ascontiguousarray(mesh.normals[near]),
+        is_arm(model, mesh.bone[near]),
         area,
         _balls(nodes.reshape(-1, 3), -signed),
         mesh,
         low,
         field.astype(np.float32),
     )
+
+
+def is_arm(model: ArticulatedModel, bone: Ints) -> Array:
+    """Return (V,) whether points that hang on these bones (V,) are the forearm's."""
+    return bone == (model.skeleton.bone("forearm") if model.has_forearm else -1)
 
 
 def _balls(nodes: Floats, depth: Floats) -> Floats:

@@ -21,15 +21,17 @@ from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
 from handtrack.tracker.fallback import (
+    GOOD,
+    POOR,
     Agreement,
     agreement,
     in_whole,
-    is_simplified,
+    is_poor,
     simplified,
     steadier,
 )
+from handtrack.tracker.forearm import aimed_forearm
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
-from handtrack.tracker.initialize import aimed_forearm
 from handtrack.tracker.mixture import Component, MixtureStep
 from handtrack.tracker.moving_hypothesis import MovingHypothesis
 from handtrack.tracker.prediction import predict
@@ -117,62 +119,76 @@ class Tracker:
             terms = self._terms(observation, params, expected, ahead, solved)
         if self.settings.tracker.hypotheses > 1:
             return self._mixed(observation, terms, params, previous, solved, should_stop)
+        if previous and is_poor(previous[-1]) and self._may_doubt(terms):  # most often it goes on so
+            held = self._held(observation, params, previous, should_stop, on_iteration)
+            params = self.model.transform.solver_params(held.parameters)
+            poor = self._poor(terms, params, GOOD)
+            if poor is not None:
+                return poor.told(held)
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
-        poor = self._poor(terms, summary.params, previous)
-        worth = poor is None or not poor.is_still_poor(previous)
         due = self._is_due(observation.frame) or is_suspicious(summary.cost, terms.views, previous)
-        if worth and due and self.settings.tracker.escape:
+        if due and self.settings.tracker.escape:
             free = terms.without_motion()
-            found = escape(
-                self._problem(free, 0, summary.params),
-                self._problem(free, free.stages - 1, summary.params),
-                summary.params,
-                lambda x: self._descend(free, x, should_stop, None)[0].params,
-                should_stop,
-            )
+            here = self.model.bones(summary.params)
+
+            def measured(x: Floats) -> float:
+                seen = free.looked_at(self.model.bones(x)).stage(free.stages - 1, here)
+                return Problem(self.model, seen, free.priors).cost(x)
+
+            def descended(x: Floats) -> Floats:
+                there = free.looked_at(self.model.bones(x))
+                return self._descend(there, x, should_stop, None)[0].params
+
+            far = self._problem(free, 0, summary.params)
+            found = escape(far, measured, summary.params, descended, should_stop)
             if found is not summary.params:
+                free = free.looked_at(self.model.bones(found))
                 summary, problem, more = self._descend(free, found, should_stop, on_iteration)
                 count += more
-                poor = self._poor(terms, summary.params, previous)
+        poor = self._poor(terms, summary.params, POOR)
         if poor is not None:
-            held = self.model.joint_params(params)
-            return self._simplified(observation, poor, held, previous, should_stop, on_iteration)
+            return poor.told(self._held(observation, params, previous, should_stop, on_iteration))
         return self._result(observation, terms, problem, summary.params, count, previous)
 
-    def _poor(
-        self, terms: FrameTerms, params: Floats, previous: Sequence[FrameResult]
-    ) -> Agreement | None:
-        """Return what is wrong with a cloud that alone must hold all joints and cannot, or None."""
-        if self.settings.model.fallback == "none" or not self.model.has_keypoints21:
-            return None
-        if terms.cloud is None or terms.views > 1 or terms.keypoints:
+    def _may_doubt(self, terms: FrameTerms) -> bool:
+        """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
+        allowed = self.settings.model.fallback != "none" and self.model.has_keypoints21
+        return allowed and terms.cloud is not None and terms.views == 1 and not terms.keypoints
+
+    def _poor(self, terms: FrameTerms, params: Floats, below: float) -> Agreement | None:
+        """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it, or None."""
+        if terms.cloud is None or not self._may_doubt(terms):
             return None
         found = agreement(terms.cloud, self.model, self.model.bones(params))
-        return found if found is not None and found.is_poor(previous) else None
+        return found if found is not None and found.share < below else None
 
-    def _simplified(
+    def _held(
         self,
         observation: Observation,
-        poor: Agreement,
-        joint: Floats,
+        params: Floats,
         previous: Sequence[FrameResult],
         should_stop: Callable[[], bool] | None,
         on_iteration: Watch | None,
     ) -> FrameResult:
-        """Return the frame with a simpler hand, from where the whole one was, joint parameters (S,)."""
-        few = simplified(self.model, joint, self.settings.model.fallback)
-        last = [replace(r, parameters=few.model.joint_params(few.start)) for r in previous[-1:]]
+        """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params."""
+        calm, kind, last = steadier(self.settings), self.settings.model.fallback, previous[-1:]
+        if kind == "auto":
+            start = None if last else params
+            return Tracker(self.model, calm).step(
+                observation, last, start, should_stop, on_iteration
+            )
+        joint = last[0].parameters if last else self.model.joint_params(params)
+        few = simplified(self.model, joint, kind)
+        last = [replace(r, parameters=few.model.joint_params(few.start)) for r in last]
 
         def watch(k: int, x: Floats, cost: float) -> None:
             if on_iteration is not None:
                 on_iteration(k, self.model.transform.solver_params(few.whole(x)), cost)
 
-        found = Tracker(few.model, steadier(self.settings)).step(
-            observation, last, few.start, should_stop, watch
-        )
+        found = Tracker(few.model, calm).step(observation, last, few.start, should_stop, watch)
         whole = few.whole(few.model.transform.solver_params(found.parameters))
         whole[3:6] = wrapped(whole[3:6])
-        return in_whole(self.model, found, whole, few, poor.note)
+        return in_whole(self.model, found, whole, few)
 
     def expected_bones(self, frame: int, previous: Sequence[FrameResult]) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
@@ -190,7 +206,7 @@ class Tracker:
         if not previous:
             return None
         known = None
-        steady = is_simplified(previous[-1])  # a velocity from poor poses is mostly their errors
+        steady = is_poor(previous[-1])  # a velocity from poor poses is mostly their errors
         if self.settings.tracker.prediction == "constant_velocity" and not steady:
             known = predict(self.model, previous, frame)
         return previous[-1].parameters.copy() if known is None else known

@@ -89,7 +89,13 @@ class FakeRun:
     def with_scale(self, scale: HandScale) -> FakeRun:
         return replace(self, model=load_model("hand26", coupling=self.model.coupling, scale=scale))
 
-    def fit_size(self, should_stop: Callable[[], bool] | None = None) -> FakeRun:
+    def fit_size(
+        self,
+        should_stop: Callable[[], bool] | None = None,
+        tell: Callable[[int, int], None] | None = None,
+    ) -> FakeRun:
+        if tell is not None:
+            tell(5, 10)
         time.sleep(self.sizing_s)  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 
@@ -123,7 +129,7 @@ class FakeRun:
             frame=frame, time_s=frame / self.session.fps, parameters=joint, status=status, energy=float(frame),
             iterations=5, parameter_std=np.full(len(joint), 0.02), joint_covariance=np.tile(np.eye(3), (count, 1, 1)),
             T_world_bone=bones.T_world_bone, joint_positions=self.model.joint_positions(bones),
-            keypoints21=self.model.keypoints21(bones),
+            keypoints21=self.model.keypoints21(bones) if self.model.has_keypoints21 else None,
         )  # fmt: skip
 
     def result(self, frames: Any) -> TrackResult:

@@ -99,7 +99,7 @@ def test_a_damaged_cloud_is_a_missing_one(handtrack: CommandLine, clouds: Path) 
     (clouds / "clouds/003.ply").write_bytes(part[:5000])
     ended = handtrack("track", clouds)
     assert statuses(ended, clouds) == [TRACKED, LOST, TRACKED, LOST, TRACKED]
-    assert "001.npz: not a readable .npz file" in ended.err
+    assert "001.npz: not a readable .npz" in ended.err
     assert "003.ply: announces 1000 points, but holds" in ended.err
     assert "the file is cut off. Write it again. Frame 3 counts as missing." in ended.err
 

@@ -150,7 +150,7 @@ SESSIONS: dict[str, tuple[Damage, list[str]]] = {
     ),
     "NaN in the first pose": (
         init(xyz=[[float("nan")] * 3] * 21),
-        ["init.json: cannot be read: NaN is no JSON number", "null"],
+        ["init.json: cannot be read as JSON: NaN is no JSON number", "null"],
     ),
     "first pose of 20 points": (
         init(xyz=[[0.0, 0.0, 0.01 * k] for k in range(20)]),
@@ -283,7 +283,7 @@ def test_missing_masks_are_misses(handtrack, session: Path) -> None:
     assert ended.code == 0
     assert read_npz(session / "tracks/poses.npz").status.tolist() == [0, 0, 2, 0, 0]
     assert "note: lost: frames 2; the first: no camera saw anything in this frame." in ended.err
-    assert "000003.png: the PNG is cut off; frame 3 counts as missing" in ended.err
+    assert "000003.png: not a readable image; frame 3 counts as missing" in ended.err
 
 
 def test_a_mirrored_camera_is_found(handtrack, session: Path) -> None:

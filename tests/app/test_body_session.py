@@ -55,6 +55,21 @@ def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
     assert (knee.min, knee.max) == (-8, 155)
 
 
+def test_what_is_for_hands_alone_is_not_offered(opened):
+    layout = opened.layout
+    assert not layout.guesses.find.visible
+    assert "model.coupling" not in layout.settings.knobs
+    assert "silhouettes.weight" in layout.settings.knobs
+    assert layout.session.toggles["tips"].label == "Limbs' ends"
+    assert layout.session.view.options == ("Body", "Everything")
+
+
+def test_a_part_is_drawn_in_its_limbs_colour(opened):
+    hand = opened.stage.hand
+    foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))
+    assert hand.parts[foot].color == colour_of("left_foot")
+
+
 def test_a_slider_moves_the_limb(opened):
     hand = opened.stage.hand
     foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))

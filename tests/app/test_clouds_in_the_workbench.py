@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack.capture.cloud_filters import FilterReport
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.model.metaballs import MetaballSurface
@@ -19,7 +20,9 @@ from handtrack.model.model_file import load_model
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracker.result import Status
 from handtrack_app import messages as m
-from handtrack_app.cloud_desk import changed_clouds
+from handtrack_app.aside import Aside
+from handtrack_app.cloud_desk import CloudDesk, changed_clouds
+from handtrack_app.cloud_making import CloudMaker, nothing_left
 from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.exporting import summary
 from handtrack_app.opening import open_document
@@ -153,10 +156,10 @@ def test_the_skins_colour_is_taken_from_a_box(desk: Desk) -> None:
     worker, listener, _ = desk
     worker.send(m.SetClouds((("crop_m", False),)))
     worker.send(m.WantCloud(points=True))
-    worker.send(m.SampleSkin("cam0", BOX, 3.0))
+    worker.send(m.SampleSkin(0, "cam0", BOX, 3.0))
     cloud = listener.wait(m.CloudSnapshot, lambda c: any(f.name == "skin" for f in c.counts))
     assert count(cloud, "skin").after == HAND  # the wall is of another colour
-    worker.send(m.SampleSkin("cam0", (0, 0, 2, 2), 3.0))
+    worker.send(m.SampleSkin(0, "cam0", (0, 0, 2, 2), 3.0))
     notice = listener.wait(m.Notice, lambda n: n.level == "error")
     assert "at least 20 sampled pixels" in notice.text
 
@@ -214,8 +217,8 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     document.results[1] = replace(whole, status=Status.DOUBTFUL, parameter_std=std, note=note)
     worker.send(m.ShowFrame(1))
     pose = listener.wait(m.PoseSnapshot, lambda p: p.frame == 1 and p.note)
-    assert pose.note == f"Fingers held. {note}."
-    assert "1 with the fingers held" in summary(document, range(2), 2, 1.0)
+    assert pose.note == f"Fingers held. {note.capitalize()}."
+    assert "1 with the fingers held" in summary([*document.results.values()], 2, 0, 1.0)
 
 
 @pytest.mark.parametrize("knob", [*CROP, *THIN, *STEREO], ids=lambda knob: knob.name)
@@ -332,3 +335,32 @@ def test_distances_are_told_by_colour() -> None:
     assert outside[0] > outside[2]
     assert max(on) - min(on) < 8
     assert unknown == on
+
+
+def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(
+    tmp_path: Path,
+) -> None:
+    folder = cloudy_session(tmp_path)
+    (folder / "init.json").unlink()
+    document = open_document(folder, {})
+    cloud = document.run.session.cloud(0)[0]
+    middle = np.median(cloud.points, axis=0)
+    assert np.linalg.norm(document.start[:3] + [0.0, 0.09, 0.0] - middle) < 0.01
+    desk = CloudDesk(document, Aside(lambda _: None))
+    assert desk._moment().previous is None
+    unposed = CloudMaker().cloud(desk._moment())
+    assert all(c.name != "crop" for c in unposed.counts)
+    assert unposed.words == "The hand has no place yet: nothing is cropped to it."
+    document.set_pose(0, tuple(document.shown))
+    assert count(CloudMaker().cloud(desk._moment()), "crop").before == HAND + WALL
+
+
+def test_the_filter_that_left_nothing_is_named() -> None:
+    reports = (
+        FilterReport("range", 50, 50, "0.1 to 1.5 m from a camera"),
+        FilterReport("crop", 50, 0, "within 100 mm of the hand"),
+        FilterReport("voxel", 0, 0, "1 in 3 mm"),
+    )
+    words = nothing_left(reports)
+    assert words.startswith("No point is left: the filter 'within 100 mm of the hand' dropped")
+    assert nothing_left(reports[2:]) == "Nothing was measured in this frame."

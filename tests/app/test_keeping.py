@@ -15,6 +15,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session.journal import Journal
 from handtrack.session.tables import read_npz
+from handtrack.session.versions import versions
 from handtrack_app.exporting import export
 from handtrack_app.keeping import WORK_FILE, Keeper
 from tests.app.fake_run import FRAMES, fake_document
@@ -82,6 +83,21 @@ def test_a_finished_run_moves_from_the_journal_to_a_file(tmp_path: Path) -> None
     assert len(read_npz(tmp_path / WORK_FILE)) == FRAMES
     again = Keeper.open(fake_document(tmp_path))
     assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
+
+
+def test_the_work_of_another_model_is_kept_beside(tmp_path: Path) -> None:
+    keeper = _tracked(tmp_path)
+    keeper.settle()
+    keeper.settle()
+    document = keeper.document
+    assert not versions(tmp_path / WORK_FILE), "the same model's is only brought up to date"
+    document.replace_run(document.run.with_values({"model.name": "glove9"}))
+    for result in document.run.track(document.frames, 3, document.model.rest_params()):
+        document.accept(result)
+    keeper.settle()
+    (kept,) = versions(tmp_path / WORK_FILE)
+    assert len(read_npz(kept).parameter_names) == 26
+    assert len(read_npz(tmp_path / WORK_FILE).parameter_names) == 9
 
 
 def test_what_the_command_line_tracked_is_shown(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pickle
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -271,6 +272,21 @@ def test_a_pose_of_the_library_moves_the_fingers_only(desk: tuple[Worker, Listen
 
 def session_index(listener: Listener, name: str) -> int:
     return listener.wait(m.SessionSnapshot).parameter_names.index(name)
+
+
+def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True, sizing_s=0.3):
+        document = worker._document
+        assert document is not None
+        document.run = replace(document.run, first=None)
+        worker.send(m.SetPose(5, _pose(listener, index_mcp_flex=0.3), 1))
+        worker.send(m.Track(0, FRAMES, 5, anew=True))
+        told = listener.wait(m.ProgressSnapshot, lambda p: "5 of 10 frames looked at" in p.text)
+        assert (told.done, told.total) == (40, 100)
+        listener.wait(m.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(m.Notice, lambda n: n.title == "Tracking finished")
+        assert document.run.first.frame == document.first_frame == 5
+        assert not (tmp_path / "init.json").exists()
 
 
 def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:

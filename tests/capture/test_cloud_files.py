@@ -127,7 +127,7 @@ PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float
         ),
         ("0.ply", PLY.replace("ascii", "xml").encode(), "no known format"),
         ("0.ply", PLY.replace("vertex", "face").encode(), "expected the vertices first"),
-        ("0.npz", b"no", "not a readable .npz file"),
+        ("0.npz", b"no", "not a readable .npz"),
         ("0.xyz", b"", "neither .ply nor .npz"),
     ],
 )

@@ -59,7 +59,7 @@ def test_layouts_name_each_point_once():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "cannot be read as JSON"),
+        ("{", "not valid JSON"),
         ('{"version": 1.3}', "no list 'people'; expected a file as OpenPose writes it."),
         (
             '{"people": [{"hand_left_keypoints_2d": []}]}',

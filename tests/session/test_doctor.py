@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.session.finding import SEVERITIES, listed
+from handtrack.capture.frame_notes import listed
+from handtrack.session.finding import SEVERITIES
 from handtrack.session.session import Session
 from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
 
@@ -51,10 +52,10 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "warning",
         "in 2 of 4 masks more than half of the image is hand, frames 1-2. Are they inverted?",
     ),
-    "ones instead of 255": (
-        lambda f: masks(f, "cam1", (EDGE > 0).astype(np.uint8)),
-        "error",
-        "camera 'cam1': the largest value in the masks is 1; expected 0 for background and 255",
+    "region of interest": (
+        lambda f: edit(f / "session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [0, 0, 18, 48]'),
+        "warning",
+        "camera 'cam1': in 4 of 4 masks most of the hand lies outside of roi = [0, 0, 18, 48], frames 0-3",
     ),
     "touching": (
         lambda f: masks(f, "cam1", EDGE),

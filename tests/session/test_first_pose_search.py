@@ -52,6 +52,21 @@ def test_the_bundled_session_needs_no_init(session):
     assert 1e3 * np.linalg.norm(again - points(session, frame), axis=1).mean() < 5.0
 
 
+def test_a_childs_hand_is_found_as_a_childs(session, tmp_path):
+    folder = tmp_path / "child"
+    shutil.copytree(session.folder, folder, ignore=shutil.ignore_patterns("tracks"))
+    text = (folder / "session.toml").read_text()
+    text = text.replace("world_unit_m = 1.0", "world_unit_m = 0.77")  # cameras and all
+    (folder / "session.toml").write_text(text.replace("scale = 1.0", 'scale = "fit"'))
+    run = TrackingRun.open(Session.open(folder), use_init=False)
+    best = find_first_poses(run, 0)[0]
+    assert "0.8 times the usual size" in best.note
+    assert error_mm(best, 0.77 * points(session, 0)) < 6.0
+    joints = best.first_pose.xyz
+    assert joints is not None
+    np.testing.assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
+
+
 def test_frames_are_tried_all_over_the_range():
     assert spread_order(range(10, 18)) == [10, 14, 12, 16, 11, 15, 13, 17]
     assert spread_order(range(5)) == [0, 2, 1, 3, 4]

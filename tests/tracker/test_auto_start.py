@@ -102,13 +102,14 @@ def test_it_stops_when_asked(rng):
 
 
 def test_a_tie_is_told_as_one():
-    assert shares(np.array([100.0, 100.0])) == pytest.approx([0.5, 0.5])
-    clear = shares(np.array([100.0, 150.0, 300.0]))
-    assert clear[0] > 0.99
+    assert shares(np.array([100.0, 100.0]), 20.0) == pytest.approx([0.5, 0.5])
+    costs = np.array([100.0, 150.0, 300.0])
+    clear = shares(costs, 20.0)
+    assert clear[0] > 0.95
     assert clear[0] > clear[1] > clear[2]
-    assert shares(np.array([7.0])) == pytest.approx([1.0])
-    scaled = shares(50 * np.array([100.0, 150.0, 300.0]))
-    assert scaled == pytest.approx(clear), "what errors are usual is not assumed"
+    assert shares(costs, 8.0)[0] < clear[0], "fewer measurements tell less"
+    assert shares(np.array([7.0]), 20.0) == pytest.approx([1.0])
+    assert shares(50 * costs, 20.0) == pytest.approx(clear), "what errors are usual is not assumed"
 
 
 @pytest.mark.parametrize(

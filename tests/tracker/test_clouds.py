@@ -11,7 +11,8 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surface import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracker.escape import _shifted
-from handtrack.tracker.initialize import carried_over, forearm_in_view
+from handtrack.tracker.forearm import forearm_in_view
+from handtrack.tracker.initialize import carried_over
 from handtrack.tracker.result import Status
 from handtrack.tracker.tracker import Tracker
 

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from handtrack.bench.simulated_views import mask_views
+from handtrack.capture.point_cloud import PointCloud
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.model.surface import sample_surface
+from handtrack.observation.observation import Observation
 from handtrack.session.simulate import simulated_rig
+from handtrack.terms.cloud_emptiness import seen_from
 from handtrack.tracker.escape import escape
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.settings import TrackerSettings
@@ -54,7 +59,7 @@ class Escape:
         return TRACKER._descend(self.terms, params, None, None)[0].params
 
     def __call__(self, **more):
-        return escape(self.far, self.near, self.params, self.descend, **more)
+        return escape(self.far, self.near.cost, self.params, self.descend, **more)
 
 
 def worst_mm(params, truth):
@@ -116,3 +121,24 @@ def test_the_tracker_escapes_in_a_first_frame():
     seen = mask_views(MODEL, truth, CAMERAS)
     result = Tracker(MODEL).step(seen, start=start)
     assert worst_mm(result.parameters, truth) < 3.0
+
+
+def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
+    """What was in view before it folded must not be asked for where it is hidden: it would never be folded."""
+    eye = np.array([0.0, 0.0, 0.5])
+    start = posed("open")
+    truth = with_finger_at(
+        start, "middle", 80
+    )  # its end behind the palm, which is seen from the back
+    bones = MODEL.bones(truth)
+    points, normals = sample_surface(
+        MetaballSurface.of(MODEL), bones, 6000, np.random.default_rng(3)
+    )
+    cloud = PointCloud(points[seen_from(points, normals, [eye[None]])])
+    seen = Observation(0, 0.0, cloud=cloud, cloud_views=(eye[None],))
+    terms = frame_terms(MODEL, TRACKER.settings, seen, MODEL.bones(start), None)
+    before, anew = (
+        sum(term.cost(bones) for term in t.stage(t.stages - 1, bones))
+        for t in (terms, terms.looked_at(bones))
+    )
+    assert anew < 0.05 * before

@@ -1,18 +1,16 @@
-"""First frame from keypoints: pose, hand size, forearm."""
+"""First frame from keypoints: pose, hand size."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from handtrack.diagnostics.render import render_mask
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Keypoints, Observation, Silhouette
-from handtrack.session.simulate import simulated_rig
-from handtrack.tracker.initialize import fit_keypoints, fit_scale, forearm_in_view
+from handtrack.observation.observation import Keypoints
+from handtrack.tracker.initialize import fit_keypoints, fit_scale
 
 
 def seen_pose(model, pose, rng, noise=0.0):
@@ -58,20 +56,3 @@ def test_the_hands_size_is_found_from_noisy_keypoints():
         scale, _ = fit_scale(lambda s: load_model(scale=s), seen)
         errors.append(scale.overall / truth.overall - 1)
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
-
-
-@pytest.mark.parametrize("forearm", [True, False])
-def test_a_forearm_is_noticed(forearm):
-    model = load_model(forearm=forearm)
-    joint = named_pose(model, "open")
-    if forearm:
-        joint[model.skeleton.parameter("wrist_flex")] = 0.4
-    joint[1] = -0.05
-    bones = model.bones(model.transform.solver_params(joint))
-    silhouettes = []
-    for camera in simulated_rig(3).cameras:
-        mask = render_mask(camera, model.flesh["fine"].posed(bones)).astype(np.float32) / 255
-        spans = np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))
-        silhouettes.append(Silhouette(camera, mask, spans))
-    params = model.transform.solver_params(joint)
-    assert forearm_in_view(model, params, Observation(0, 0.0, tuple(silhouettes))) is forearm

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from handtrack.capture.board_printing import page_size_mm, write_board
+from handtrack.capture.board_printing import FORMATS, page_size_mm, write_board
 from handtrack.capture.boards import parse_board
 from handtrack.errors import HandtrackError
+from handtrack.session.versions import keep_version
+from handtrack_app.commands.output_file import output_file
 
 _PAPERS_MM = {
     "A4": (210, 297),
@@ -22,14 +24,14 @@ def run(args: argparse.Namespace) -> int:
     board = parse_board(args.board)
     if not 50 <= args.dpi <= 2400:
         raise HandtrackError(f"--dpi {args.dpi:g}: expected 50 to 2400 dots an inch.")
-    if not args.out.parent.is_dir():
-        raise HandtrackError(f"--out {args.out}: there is no folder {args.out.parent}.")
+    output_file(args.out, FORMATS, "boards are")
     width, height = page_size_mm(board)
     if args.out.suffix.lower() == ".png" and width * height * (args.dpi / 25.4) ** 2 > 2e8:
         raise HandtrackError(
             f"--out {args.out}: {width:.0f} x {height:.0f} mm at {args.dpi:g} dpi is too large a picture; "
             "write .svg or .pdf, which are exact, or choose a smaller --dpi."
         )
+    keep_version(args.out)
     write_board(args.out, board, args.dpi)
     columns, rows = board.squares
     side = board.square_m * 1e3

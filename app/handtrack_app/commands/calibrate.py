@@ -28,9 +28,12 @@ from handtrack.capture.rig_calibration import CalibrationSettings, RigCalibratio
 from handtrack.capture.rig_picture import draw_residuals, draw_rig
 from handtrack.capture.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.versions import keep_version
+from handtrack_app.commands.output_file import output_file
 from handtrack_app.commands.progress import progress_bar, say
 
 _WILD = "*?["
+_LEAST_VIEWS = 3
 
 
 @dataclass(frozen=True)
@@ -56,9 +59,17 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.bayer and args.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
-    if not args.out.parent.is_dir():
-        raise HandtrackError(f"--out {args.out}: there is no folder {args.out.parent}.")
+    for option, count in (("--most-views", args.most_views), ("--most-images", args.most_images)):
+        if count < _LEAST_VIEWS:
+            raise HandtrackError(f"{option} {count}: expected at least {_LEAST_VIEWS}.")
+    output_file(args.out, (".toml",), "calibrations are")
     inputs = _inputs(args)
+    known = read_rig(args.known) if args.known else None
+    if known is not None and not {item.name for item in inputs} & set(known.names):
+        raise HandtrackError(
+            f"--known {args.known}: none of its cameras ({', '.join(known.names)}) is calibrated here; the names after "
+            "--camera must be the same."
+        )
     cameras = _searched(inputs, board, args)
     require_views(board, cameras, lambda: _some_images(inputs, cameras, args.bayer))
     settings = CalibrationSettings(
@@ -66,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         tangential=not args.no_tangential,
         most_views=args.most_views,
         world=args.world or "",
-        known=read_rig(args.known) if args.known else None,
+        known=known,
     )
     calibration = calibrate_rig(board, cameras, settings)
     _write_report(calibration, board, args)
@@ -74,8 +85,9 @@ def run(args: argparse.Namespace) -> int:
         raise HandtrackError(
             f"{' '.join(calibration.report.contradictions)} {args.out} was not written; the report was."
         )
+    previous = keep_version(args.out)
     write_rig(args.out, calibration.rig)
-    say(f"wrote {args.out}")
+    say(f"wrote {args.out}{f'; the one before is kept as {previous}' if previous else ''}")
     return 0
 
 

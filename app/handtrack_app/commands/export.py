@@ -7,6 +7,8 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import EXPORTS, read_npz
+from handtrack.session.versions import keep_version
+from handtrack_app.commands.output_file import output_file
 
 _LATER = ("bvh", "glb", "trc", "mot", "urdf", "anipose", "html")
 
@@ -19,15 +21,18 @@ def run(args: argparse.Namespace) -> int:
     write, suffix = EXPORTS[args.to]
     track = read_npz(args.poses)
     out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{suffix}")
+    output_file(out, (Path(f"poses{suffix}").suffix,), f"{args.to} exports are")
     if out.resolve() == args.poses.resolve():
         raise HandtrackError(
             f"--out {out}: that is the file that is read; nothing was written. Name another one."
         )
     try:
+        previous = keep_version(out)
         write(out, track)
     except OSError as error:
         raise HandtrackError(
             f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."
         ) from None
-    print(f"{len(track)} frames written to {out}")
+    kept = f"; the file before is kept as {previous}" if previous else ""
+    print(f"{len(track)} frames written to {out}{kept}")
     return 0

@@ -69,6 +69,13 @@ def parse_videos(pairs: list[str]) -> dict[str, Path]:
             )
         if camera in videos:
             raise HandtrackError(f"--video {pair}: a second video of the camera '{camera}'.")
+        other = next(
+            (name for name, path in videos.items() if path.resolve() == Path(file).resolve()), None
+        )
+        if other is not None:
+            raise HandtrackError(
+                f"--video {pair}: that is the video of the camera '{other}' already; expected another one."
+            )
         videos[camera] = Path(file)
     return videos
 

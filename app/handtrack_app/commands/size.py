@@ -12,9 +12,9 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import dotted
-from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.commands.auto_init import found_first_pose
 from handtrack_app.commands.compiling import compiling_told
+from handtrack_app.commands.output_file import output_file
 from handtrack_app.commands.progress import say, stoppable
 from handtrack_app.commands.track_options import (
     check_seen,
@@ -32,14 +32,10 @@ def run(args: argparse.Namespace) -> int:
     """Track the frames asked for, fit one size of hand to some of them, and save it; return the exit code."""
     session = Session.open(args.session)
     overrides: dict[str, Any] = dict(parse_settings(args.set))
-    settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
+    settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
-    if args.init == "auto":
-        raise HandtrackError(
-            "--init auto: sizing starts from a known first pose; track once with --init auto, or give a file."
-        )
     first = first_pose(args.init, session, settings)
     frames = parse_frames(args.frames, session)
     if args.count < 1:
@@ -48,10 +44,14 @@ def run(args: argparse.Namespace) -> int:
         )
     out = _new_file(args.out or session.folder / _FILE)
     with stoppable() as stop, compiling_told():
+        if args.init == "auto":
+            first = found_first_pose(session, overrides, frames, stop)
         say(f"tracking {len(frames)} frames, and fitting the hand's size to {args.count} of them …")
-        before = TrackingRun.open(session, overrides, first, stop)
-        after = before if stop() else before.fit_size(stop, frames, args.count)
-        if stop():
+        before = after = None
+        if not stop():
+            before = TrackingRun.open(session, overrides, first, stop)
+            after = before.fit_size(stop, frames, args.count)
+        if stop() or after is None:
             say("handtrack size: interrupted; nothing was saved.")
             return _INTERRUPTED
     if after is before:
@@ -81,12 +81,9 @@ def _words(scale: HandScale) -> str:
 
 
 def _new_file(out: Path) -> Path:
-    if out.suffix != ".json":
-        raise HandtrackError(f"--out {out}: a person's hand is a .json file; expected such a name.")
+    output_file(out, (".json",), "hands of persons are")
     if out.exists():
         raise HandtrackError(
             f"{out} exists, and a person's hand is not written over. Name another file with --out, or move it away."
         )
-    if not out.parent.is_dir():
-        raise HandtrackError(f"--out {out}: there is no folder {out.parent}.")
     return out

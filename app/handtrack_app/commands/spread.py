@@ -14,8 +14,9 @@ from handtrack_app.commands.progress import say
 
 def run(args: argparse.Namespace) -> int:
     """Print the four settings as lines of [tracking], and how well they explain what was seen."""
+    track = read_npz(args.poses)
     try:
-        found = spread_of_track(read_npz(args.poses))
+        found = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{args.poses}: {error}") from None
     for name, value in found.settings().items():

@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.capture.cloud_files import write_cloud
 from handtrack.capture.rectification import rectified
 from handtrack.errors import HandtrackError
+from handtrack.session.check_synchrony import check_synchrony
 from handtrack.session.clouds import StereoClouds, stereo_settings
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
@@ -36,6 +37,9 @@ def run(args: argparse.Namespace) -> int:
     names = settings.stereo or _pairs(session)
     pairs = tuple((session.view(a), session.view(b)) for a, b in names)
     source = StereoClouds(pairs, stereo_settings(settings))
+    for finding in check_synchrony(session):
+        if finding.severity == "warning":
+            say(f"note: {finding.text}")
     say("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
     out.mkdir(parents=True, exist_ok=True)
     counts: list[int] = []

@@ -11,16 +11,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from handtrack.capture.frame_notes import listed
 from handtrack.errors import HandtrackError
-from handtrack.session.finding import listed
+from handtrack.session.doctor import examine_start
 from handtrack.session.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import dotted
 from handtrack.session.tables import write_result
 from handtrack.tracker.result import FrameResult, Status, TrackResult
 from handtrack.tracker.sequence import track_frames
-from handtrack.tracker.settings import TrackerSettings
 from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
 from handtrack_app.commands.compiling import compiling_told
 from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
@@ -42,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
     overrides: dict[str, Any] = dict(parse_settings(args.set))
-    settings = TrackerSettings().with_values(dotted(session.file.tracking)).with_values(overrides)
+    settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
@@ -50,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
     frames = parse_frames(args.frames, session)
     check_recording(args, frames)
     out = writable(args.out, session.folder)
+    for text in examine_start(session) if args.init is None else ():
+        say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size
     with stoppable() as stop, compiling_told():
         if args.init == "auto":

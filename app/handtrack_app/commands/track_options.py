@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
-import tempfile
+import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, listed_names
 from handtrack.model.model_file import load_model
 from handtrack.session.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.session import Session
 from handtrack.tracker.settings import TrackerSettings
+from handtrack_app.commands.output_file import output_file
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
@@ -43,7 +44,7 @@ def parse_sources(text: str | None, settings: TrackerSettings) -> dict[str, floa
     for name in names:
         if name not in _SOURCES:
             raise HandtrackError(
-                f"--use {name}: no such observation; known: {', '.join(_SOURCES)}."
+                f"--use {name}: no such observation; {listed_names(name, _SOURCES)}"
             )
     weights = {f"{name}.weight": 0.0 for name in _SOURCES if name not in names}
     flat = settings.flat()
@@ -142,19 +143,18 @@ def check_recording(args: argparse.Namespace, frames: range) -> None:
 
 def writable(asked: Path | None, folder: Path) -> Path:
     """Return where the result goes. Raises HandtrackError unless it can be written there; writes nothing."""
-    out = folder / POSES_FILE if asked is None else asked
-    if out.suffix != ".npz":
-        raise HandtrackError(f"--out {out}: results are .npz files; expected such a name.")
-    if out.is_dir():
-        raise HandtrackError(f"--out {out}: that is a folder; expected the name of a file.")
-    standing = next(path for path in (out.parent, *out.parent.resolve().parents) if path.exists())
-    try:
-        handle, name = tempfile.mkstemp(dir=standing, prefix=".handtrack_", suffix=".part")
-        os.close(handle)
-        os.unlink(name)
-    except OSError as error:
-        raise HandtrackError(
-            f"results cannot be written to {out}: {standing}: {error.strerror}. Nothing was tracked; name "
-            "another place with --out."
-        ) from None
+    out = output_file(
+        folder / POSES_FILE if asked is None else asked,
+        (".npz",),
+        "results are",
+        makes_folders=True,
+    )
+    with suppress(
+        zipfile.BadZipFile, OSError
+    ):  # what cannot be read may be an earlier result, and is kept as a version
+        if not any(name.startswith("T_world_bone") for name in zipfile.ZipFile(out).namelist()):
+            raise HandtrackError(
+                f"--out {out}: there is another .npz file already, which is no tracked sequence; nothing was tracked. Name "
+                "another file with --out."
+            )
     return out

@@ -16,8 +16,10 @@ from handtrack_app.cloud_messages import (
     CloudSnapshot,
     FilterCount,
     RestoreClouds,
+    SampleSkin,
     SaveClouds,
     SetClouds,
+    UseClouds,
 )
 from handtrack_app.panels.cloud_filters import FilterKnobs, StereoKnobs
 from handtrack_app.panels.page import Page, number
@@ -92,7 +94,7 @@ class CloudPanel:
             )
             self.legend = gui.add_html(ramp_legend())
         self.filters = FilterKnobs(page, self.set)
-        self.skin = SkinKnobs(page, self.set, self.mark)
+        self.skin = SkinKnobs(page, self.set, self.change, self.mark)
         self.stereo = StereoKnobs(page, self.set)
         for knobs in (self.filters, self.skin, self.stereo):
             knobs.fit(card)
@@ -120,7 +122,9 @@ class CloudPanel:
             page.from_user(lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
         )
         save.on_click(page.from_user(lambda _: page.send(SaveClouds())))
-        back.on_click(page.from_user(lambda _: page.send(RestoreClouds())))
+        back.on_click(
+            page.from_user(lambda _: self.change("Filters of session.toml", RestoreClouds()))
+        )
         self.widgets = {
             "picture": picture, "wide": wide, "on": on, "colour": colour, "size": size, "dropped": dropped,
             "save": save, "back": back,
@@ -128,7 +132,12 @@ class CloudPanel:
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
-        self.page.send(SetClouds(tuple(values.items())))
+        self.change(f"Clouds: {', '.join(values)}", SetClouds(tuple(values.items())))
+
+    def change(self, words: str, command: SetClouds | SampleSkin | RestoreClouds) -> None:
+        """Send a change of [clouds]; undo goes back to all that holds now."""
+        if self.card is not None:
+            self.page.change(words, (UseClouds(self.card.settings),), (command,))
 
     def _show(self, name: str, value: object) -> None:
         if value is None:
@@ -257,7 +266,9 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
     if cloud is not None and np.isfinite(cloud.residual_mm).any():
         off = np.abs(cloud.residual_mm[np.isfinite(cloud.residual_mm)])
         middle, most = np.quantile(off, [0.5, 0.9])
-        said = f"<div style='opacity:.8'>off by {middle:.1f} mm in the middle, 90 % below {most:.1f} mm</div>"
+        said = (
+            f"<div style='opacity:.8'>half within {middle:.1f} mm, 90 % within {most:.1f} mm</div>"
+        )
     return (
         "<div style='padding:.3em .9em .4em;font-size:.8em;line-height:1.4'>"
         f"<div style='height:.7em;border-radius:3px;background:linear-gradient(90deg,{stops})'></div>"

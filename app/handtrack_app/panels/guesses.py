@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.guess_messages import FindHand, GuessesSnapshot, TakeGuess
-from handtrack_app.messages import Cancel, ProgressSnapshot
+from handtrack_app.messages import Cancel, ProgressSnapshot, SessionSnapshot
 from handtrack_app.panels.page import Page
 from handtrack_app.scene.palette import GHOSTS
 
@@ -23,6 +23,8 @@ class GuessesPanel:
     page: Page
     guesses: GuessesSnapshot | None = None
     folder: viser.GuiFolderHandle | None = None
+    possible: bool = True
+    """only hands can be found"""
 
     def build(self) -> None:
         """Add the widgets where the page builds now."""
@@ -93,8 +95,14 @@ class GuessesPanel:
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         if self.cancel.visible != searching:
             self.cancel.visible = searching
-        if self.find.visible == busy:
-            self.find.visible = not busy
+        if self.find.visible != (self.possible and not busy):
+            self.find.visible = self.possible and not busy
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Offer the search where there is one."""
+        self.possible = session.kind == "hand"
+        if not self.possible:
+            self.find.visible = False
 
 
 def _percent(share: float) -> str:

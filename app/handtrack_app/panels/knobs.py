@@ -16,24 +16,27 @@ class Knob:
     """page's word → setting's value"""
     span: tuple[float, float, float] | None = None
     """low, high, step of a slider"""
+    hands: bool = False
+    """means nothing to a body"""
 
 
 _WEIGHT = (0.0, 4.0, 0.05)
 _SPREAD = (-2.0, 3.0, 0.05)
-OPEN = ("Hand", "Weights")
+OPEN = ("Model", "Weights")
 """folders that are open at first"""
 
 KNOBS: dict[str, tuple[Knob, ...]] = {
-    "Hand": (
+    "Model": (
         Knob("model.name", "Model", "glove9: thumb and one mitten; ball6: the palm alone, for poor clouds.",
-             {"as session.toml": "", "hand26": "hand26", "glove9": "glove9", "ball6": "ball6"}),
-        Knob("model.fallback", "Poor data", "A simpler model that takes over where the data are too poor for this one.",
-             {"automatic": "auto", "glove9": "glove9", "ball6": "ball6", "never": "none"}),
+             {"as session.toml": "", "hand26": "hand26", "glove9": "glove9", "ball6": "ball6"}, hands=True),
+        Knob("model.fallback", "Poor cloud", "Where a cloud is poor: its depths are doubted, or a simpler hand takes over as well.",
+             {"doubt depths": "auto", "glove9": "glove9", "ball6": "ball6", "nothing": "none"}, hands=True),
         Knob("model.coupling", "Freedoms", "How many joint angles move on their own.",
-             {"26, all free": "26", "21, tips follow": "21", "18, spread linked": "18"}),
+             {"26, all free": "26", "21, tips follow": "21", "18, spread linked": "18"}, hands=True),
         Knob("model.forearm", "Forearm", "Whether the model has a forearm: yes where the arm is bare and in view.",
-             {"automatic": "auto", "with": "true", "without": "false"}),
-        Knob("model.narrowing", "Narrowing", "Bent fingers spread less: abduction's range shrinks with flexion."),
+             {"automatic": "auto", "with": "true", "without": "false"}, hands=True),
+        Knob("model.narrowing", "Narrowing", "Bent fingers spread less: abduction's range shrinks with flexion.",
+             hands=True),
         Knob("solver.limits", "Limits as", "Bounds inside the solver, or by projection at each step, as in 2004.",
              {"bounds": "bounds", "projection": "projection"}),
     ),
@@ -46,17 +49,18 @@ KNOBS: dict[str, tuple[Knob, ...]] = {
         Knob("intensity.weight", "Intensity", "How strongly the texture of the last frame pulls.", span=_WEIGHT),
     ),
     "Linked spread (18 freedoms)": (
-        Knob("model.spread_index", "Index ×", "The person's own share of the common spread.", span=_SPREAD),
-        Knob("model.spread_middle", "Middle ×", "Positive: towards the thumb.", span=_SPREAD),
-        Knob("model.spread_ring", "Ring ×", "The person's own share of the common spread.", span=_SPREAD),
-        Knob("model.spread_little", "Little ×", "The person's own share of the common spread.", span=_SPREAD),
+        Knob("model.spread_index", "Index ×", "The person's own share of the common spread.", span=_SPREAD, hands=True),
+        Knob("model.spread_middle", "Middle ×", "Positive: towards the thumb.", span=_SPREAD, hands=True),
+        Knob("model.spread_ring", "Ring ×", "The person's own share of the common spread.", span=_SPREAD, hands=True),
+        Knob("model.spread_little", "Little ×", "The person's own share of the common spread.", span=_SPREAD, hands=True),
     ),
     "Silhouettes": (
         Knob("silhouettes.term", "Term", "coverage: unbiased, wide basin. conic field: the 2007 paper's.",
              {"coverage": "coverage", "conic field (2007)": "conic_field"}),
         Knob("silhouettes.outline_sigma_mm", "Outline error mm", "How far the model's outline is from a real one.",
              span=(0.2, 6.0, 0.1)),
-        Knob("silhouettes.forearm_seen_mm", "Forearm seen mm", "The arm beyond this is ignored.", span=(20, 250, 5)),
+        Knob("silhouettes.forearm_seen_mm", "Forearm seen mm", "The arm beyond this is ignored.", span=(20, 250, 5),
+             hands=True),
     ),
     "Point cloud": (
         Knob("cloud.sigma_mm", "Point error mm", "How far a point is from the model's surface: noise, and a hand that "

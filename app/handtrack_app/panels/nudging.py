@@ -12,20 +12,24 @@ import viser.transforms as vtf
 
 from handtrack.arrays import Floats
 from handtrack_app.messages import SetPose
+from handtrack_app.panels.keys import Keys
 from handtrack_app.panels.page import Page
 from handtrack_app.placing import NUDGES, nudged
 
-_STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0)}
+_STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0),
+          "50 mm, 10°": (5e-2, 10.0)}  # fmt: skip
 _ROWS: dict[str, dict[str, str]] = {
-    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down", "near": "nearer", "far": "farther"},
+    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
+    "Depth": {"nearer": "nearer", "farther": "farther"},
     "Turn": {
         "↺": "roll left", "↻": "roll right", "⤒": "tilt up", "⤓": "tilt down",
         "⇤": "turn left", "⇥": "turn right",
     },
 }  # fmt: skip
 _HINTS = {
-    "Move": "Across the view; near and far keep the hand in its place in this camera's image. Keys J L I K, Y H.",
-    "Turn": "Roll, tilt and turn about the hand's middle, as seen. Keys U O; with Shift I K J L.",
+    "Move": "Across the view. Keys J L I K.",
+    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
+    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
 }
 _KEYS: tuple[tuple[Any, Any, str], ...] = (
     ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
@@ -43,11 +47,12 @@ class NudgePanel:
     """the hand's middle (3,) world [m]"""
     axes: Callable[[], Floats | None]
     """the axes (3, 3) of the camera looked through, camera → world, if any"""
+    keys: Keys
 
     def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
         gui, page = self.page.gui, self.page
-        with gui.add_folder("Nudge the hand as you see it", expand_by_default=True):
+        with gui.add_folder("Nudge as you see it", expand_by_default=True):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
                 row.on_click(
@@ -60,8 +65,8 @@ class NudgePanel:
                 hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",
             )  # fmt: skip
         for key, modifier, name in _KEYS:
-            command: Any = gui.add_command(f"Hand {name}", hotkey=key, modifier=modifier)
-            command.on_trigger(page.from_user(lambda e, name=name: self.nudge(name, e.client)))
+            act = page.from_user(lambda e, name=name: self.nudge(name, e.client))
+            self.keys.add(f"Nudge: {name}", key, act, modifier)
 
     def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""

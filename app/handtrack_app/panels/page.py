@@ -11,8 +11,8 @@ from typing import Any
 
 import viser
 
-from handtrack_app.messages import Command
-from handtrack_app.state import UserState
+from handtrack_app.messages import Command, SetPose
+from handtrack_app.state import ChangeStep, PoseStep, UserState
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +38,29 @@ class Page:
     @property
     def gui(self) -> viser.GuiApi:
         return self.server.gui
+
+    def change(self, words: str, back: tuple[Command, ...], forth: tuple[Command, ...]) -> None:
+        """Send a change of settings, limits or filters (`forth`), which undo takes back by `back`."""
+        if not self.state.tracking:  # while tracking runs, settings stay as they are
+            self.state.changes(ChangeStep(words, back, forth))
+        for command in forth:
+            self.send(command)
+
+    def travel(self, back: bool) -> None:
+        """Undo or redo the last pose, setting, limit or filter."""
+        if self.state.waits_for_settings(back):
+            self.tell("info", "Tracking runs", "Settings stay fixed until it is done or cancelled.")
+            return
+        step = self.state.travel(back)
+        if step is None:
+            end = "Nothing to undo" if back else "Nothing to redo"
+            self.tell("info", end, "The history of edits ends here.")
+        elif isinstance(step, PoseStep):
+            self.send(SetPose(step.frame, step.values, self.state.version))
+        else:
+            for command in step.back if back else step.forth:
+                self.send(command)
+            self.tell("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
 
     def tell(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None

@@ -83,7 +83,11 @@ class PosePanel:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.card = gui.add_html("")
-            self.edit_buttons = gui.add_button_group("Edit", ("Undo", "Redo"))
+            self.edit_buttons = gui.add_button_group(
+                "Edit",
+                ("Undo", "Redo"),
+                hint="Poses, settings, limits and filters. Ctrl-Z, Ctrl-Shift-Z.",
+            )
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(
                 "Fingers as",
@@ -102,8 +106,9 @@ class PosePanel:
             self.guesses.build()
             self.nudges.build()
         fit.on_click(page.from_user(lambda _: self._fit()))
+        self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))
         self.edit_buttons.on_click(
-            page.from_user(lambda event: travel(page, event.target.value == "Undo"))
+            page.from_user(lambda event: page.travel(event.target.value == "Undo"))
         )
         take.on_click(page.from_user(lambda event: self._take(event.target.value)))
         self.library.on_update(page.from_user(self._choose))
@@ -111,6 +116,8 @@ class PosePanel:
 
     def _fit(self) -> None:
         state = self.page.state
+        if state.tracking:
+            return
         frame, version = state.frame, state.begin_edit("fit")
         state.follow = True
         self.page.send(Track(frame, frame + 1, frame, version=version))
@@ -136,6 +143,7 @@ class PosePanel:
         """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
         if session.parameter_names != self.names:
             self._rebuild(session)
+        self.guesses.fit(session)
         self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
         self.library.options = (_KEEP, *session.pose_names)
         for s, name in enumerate(session.parameter_names):
@@ -203,19 +211,6 @@ class PosePanel:
         self.card.content = pose_card(pose)
 
 
-def travel(page: Page, back: bool) -> None:
-    """Undo or redo a pose edit."""
-    step = page.state.travel(back)
-    if step is None:
-        page.tell(
-            "info",
-            "Nothing to undo" if back else "Nothing to redo",
-            "The history of pose edits ends here.",
-        )
-        return
-    page.send(SetPose(step.frame, step.values, page.state.version))
-
-
 def pose_card(pose: PoseSnapshot) -> str:
     """Return the lines above the sliders: frame, where the pose comes from, error against the truth."""
     word, colour = STATUS.get(pose.status, STATUS[-1])
@@ -251,14 +246,14 @@ def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
     """Return how well each parameter is seen, as a table of fingers by joints."""
     if std is None or len(std) != len(names):
         return (
-            "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Track this frame to see how well its "
-            "silhouettes determine each joint.</div>"
+            "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Track this frame to see how well "
+            "each joint is seen.</div>"
         )
     cells: dict[str, list[str]] = {}
     for name, value in zip(names, std.tolist(), strict=True):
-        row = {"root_t": "Place", "root_r": "Turn"}.get(name[:6], group_of(name))
+        row = {"root_t": "Place mm", "root_r": "Turn"}.get(name[:6], group_of(name))
         cells.setdefault(row, []).append(_cell(name, value))
-    heads = {"Place": ("x", "y", "z"), "Thumb": ("flex", "spread", "2nd", "3rd")}
+    heads = {"Place mm": ("x", "y", "z"), "Thumb": ("flex", "spread", "2nd", "3rd")}
     rows = ""
     for group, row in cells.items():
         if group in heads:
@@ -272,7 +267,7 @@ def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
         "<div style='opacity:.75;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
         "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
         "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
-        f"<colgroup><col style='width:5.4em'></colgroup>{rows}</table></div>"
+        f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table></div>"
     )
 
 
@@ -287,7 +282,7 @@ def _dot(group: str) -> str:
 
 def _cell(name: str, std: float) -> str:
     shown = std / unit_of(name)
-    unit = " mm" if name.startswith("root_t") else "°"
+    unit = "" if name.startswith("root_t") else "°"
     text = (
         "unseen"
         if not math.isfinite(std)

@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from handtrack_app.messages import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.panels.keys import Keys
 from handtrack_app.panels.page import Page, number
 from handtrack_app.panels.tracking import progress_words
 from handtrack_app.pictures import contact_sheet
@@ -18,7 +19,7 @@ from handtrack_app.state import MODES, PAINTS
 
 FREE = "free view"
 _MODE_WORDS = {
-    "ellipsoids": "Flesh",
+    "flesh": "Flesh",
     "surface": "Surface",
     "skeleton": "Skeleton",
     "field in a camera": "Field",
@@ -49,6 +50,7 @@ class SessionPanel:
     tab: viser.GuiTabHandle
     look: Callable[..., None]
     """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
+    keys: Keys
     built: bool = False
     toggles: dict[str, Any] = field(default_factory=dict)
 
@@ -63,8 +65,8 @@ class SessionPanel:
             blank = np.full((8, 8, 3), 36, np.uint8)
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
             self.mode = gui.add_dropdown(
-                "Hand", tuple(_MODE_WORDS), initial_value=_word_of(display.mode),
-                hint="Surface: the merged one that the solver fits to clouds; in motion, ellipsoids stand for it.",
+                "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(display.mode),
+                hint="Surface: the merged one that the solver fits to clouds; in motion, flesh stands for it.",
             )  # fmt: skip
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
@@ -85,18 +87,35 @@ class SessionPanel:
                     "Show each camera's image of this frame, in the scene and above.",
                 )
             with gui.add_folder("Show"):
-                self._toggle("Handle", "handle", "Drag the whole hand.")
-                self._toggle("Fingertips", "tips", "Drag a fingertip; its finger follows.")
+                self._toggle(
+                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it."
+                )
+                if session.kind == "body":
+                    self._toggle(
+                        "Limbs' ends", "tips", "Drag a wrist or an ankle; its limb follows."
+                    )
+                else:
+                    self._toggle("Fingertips", "tips", "Drag a fingertip; its finger follows.")
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
                 self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
-            self.view = gui.add_button_group("Look at", ("Hand", "Everything"))
+            self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
+            self._look_by_keys(cameras)
+            with gui.add_folder("Keys", expand_by_default=False):
+                gui.add_html(self.keys.table())
         self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
         self.mode.on_update(page.from_user(lambda event: self._set_mode(event.target.value)))
         self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
         self.through.on_update(page.from_user(self._look))
         self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
         self.view.on_click(page.from_user(self._free))
+
+    def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
+        look = self.page.from_user
+        for i, name in enumerate(cameras[:9], start=1):
+            act = look(lambda event, name=name: self.look(name, event.client))
+            self.keys.add(f"Look through {name}", str(i), act)
+        self.keys.add("Look freely", "0", look(lambda event: self.look(None, event.client)))
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""

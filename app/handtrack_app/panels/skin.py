@@ -22,8 +22,14 @@ _LATER = "no box marked yet"
 class SkinKnobs:
     """Where the colour is taken from, and how far from it counts."""
 
-    def __init__(self, page: Page, set_: Callable[..., None], mark: Callable[..., None]) -> None:
-        self.page, self.set, self.mark = page, set_, mark
+    def __init__(
+        self,
+        page: Page,
+        set_: Callable[..., None],
+        change: Callable[[str, SampleSkin], None],
+        mark: Callable[..., None],
+    ) -> None:
+        self.page, self.set, self.change, self.mark = page, set_, change, mark
         self.card: CloudCard | None = None
         self.folder: viser.GuiFolderHandle | None = None
 
@@ -122,7 +128,8 @@ class SkinKnobs:
         if box is not None:
             self._show_box(box)
             size = number(self.size.value, *_SIZE[:2]) or 2.5
-            self.page.send(SampleSkin(str(self.camera.value), box, size))
+            sample = SampleSkin(self.page.state.frame, str(self.camera.value), box, size)
+            self.change("Colour of skin", sample)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force; without images there is no colour."""

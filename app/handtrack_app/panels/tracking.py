@@ -15,10 +15,14 @@ from handtrack_app.messages import (
     ProgressSnapshot,
     SaveTrack,
     SessionSnapshot,
+    StripSnapshot,
     Track,
 )
 from handtrack_app.panels.constraints import clean_interval
 from handtrack_app.panels.page import Page
+from handtrack_app.scene.palette import STATUS
+
+_NAMED = 12  # frames that are named one by one
 
 
 @dataclass
@@ -29,6 +33,7 @@ class TrackingPanel:
     tab: viser.GuiTabHandle
     session: SessionSnapshot | None = None
     progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
+    strip: StripSnapshot | None = None
     starters: list[Any] = field(default_factory=list)
     rerun: viser.GuiMarkdownHandle | None = None
     range: viser.GuiMultiSliderHandle[int] | None = None
@@ -52,7 +57,8 @@ class TrackingPanel:
             )
             everything = gui.add_button(
                 "Track all frames", icon=icon.PLAYER_PLAY,
-                hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`.",
+                hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
+                "by hand elsewhere stay, and tracking starts again from each.",
             )  # fmt: skip
             here = gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
                                   hint="Fit the pose you see to this frame.")  # fmt: skip
@@ -68,14 +74,22 @@ class TrackingPanel:
                 )
                 ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
             self.follow = gui.add_checkbox(
-                "Follow the tracker", True, visible=False, hint="Show each frame as it is tracked."
+                "Follow", True, visible=False, hint="Show each frame as it is tracked."
             )
+            self.marked = gui.add_html("", visible=False)
+            self.odd = gui.add_button(
+                "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
+                hint="Key: Shift N.",
+            )  # fmt: skip
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
+        self.odd.on_click(page.from_user(lambda _: self.go_to_odd()))
         everything.on_click(page.from_user(lambda _: self._start("all")))
         here.on_click(page.from_user(lambda _: self._start("here")))
         onward.on_click(page.from_user(lambda event: self._start(event.target.value)))
         ranged.on_click(page.from_user(lambda _: self._start("range")))
+        self.range.on_update(lambda _: self._name_range())  # whoever moved it
+        self._name_range()
         self.pause.on_click(
             page.from_user(lambda _: page.send(Pause(self.progress.state != "paused")))
         )
@@ -83,6 +97,24 @@ class TrackingPanel:
         self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
         save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
         self.starters = [everything, here, onward, span]
+
+    def show_strip(self, strip: StripSnapshot) -> None:
+        """Say which frames are set by hand, and offer the way to those that are doubtful."""
+        if self.session is None:
+            return
+        self.strip = strip
+        self.marked.content = keyframe_words(strip.by_hand)
+        self.marked.visible = bool(strip.by_hand)
+        some = bool(len(odd_frames(strip)))
+        if self.odd.visible != some:
+            self.odd.visible = some
+
+    def go_to_odd(self) -> None:
+        """Show the next frame that is doubtful or lost; after the last one the first again."""
+        frames = odd_frames(self.strip) if self.strip is not None else []
+        if frames:
+            here = self.page.state.frame
+            self.page.go_to(next((f for f in frames if f > here), frames[0]))
 
     def show_rerun(self, url: str) -> None:
         """Show where the residuals of what is tracked can be seen."""
@@ -103,6 +135,12 @@ class TrackingPanel:
             self.page.play(False)
             self.page.send(order)
             self._follow(True)
+
+    def _name_range(self) -> None:
+        """The slider itself shows no numbers: they stand in its label."""
+        order = self.order("range")
+        if order is not None and self.range is not None:
+            self.range.label = f"{order.start}\u2060…\u2060{order.stop - 1}"
 
     def order(self, which: str) -> Track | None:
         """Return the tracking command of a button."""
@@ -142,6 +180,25 @@ class TrackingPanel:
         for button in self.starters:
             if button.visible == busy:
                 button.visible = not busy
+
+
+def odd_frames(strip: StripSnapshot) -> list[int]:
+    """Return the frames that are doubtful or lost, but for those set right by hand."""
+    odd = [strip.start + i for i, status in enumerate(strip.status.tolist()) if status in (1, 2)]
+    return [frame for frame in odd if frame not in strip.by_hand]
+
+
+def keyframe_words(frames: tuple[int, ...]) -> str:
+    """Return what becomes of the frames that are set by hand."""
+    some = ", ".join(str(frame) for frame in frames[:_NAMED])
+    if len(frames) > _NAMED:
+        some += f" and {len(frames) - _NAMED} more"
+    word = "Frame" if len(frames) == 1 else "Frames"
+    return (
+        f"<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'><span style='color:{STATUS[3][1]}'>◆</span> "
+        f"{word} {some} set by hand. Tracking leaves them, and starts again from each. In the tab Pose, <i>Pose from: "
+        "Tracked</i> lets one go.</div>"
+    )
 
 
 def _where(session: SessionSnapshot) -> str:

@@ -13,7 +13,7 @@ from handtrack.arrays import Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.messages import PoseSnapshot, SessionSnapshot
 from handtrack_app.model_card import HAND_REACH_M
-from handtrack_app.scene.palette import TRUTH, colour_of, colours_of, linear
+from handtrack_app.scene.palette import TRUTH, colour_of, colours_of
 from handtrack_app.state import Display
 
 _BONE_RADIUS = 0.0028  # [m]
@@ -127,13 +127,11 @@ def _add_part(
     server: viser.ViserServer, name: str, session: SessionSnapshot, index: int
 ) -> viser.MeshHandle:
     part = session.parts[index]
-    red, green, blue = linear(colour_of(session.bone_names[part.bone])).tolist()
-    colour = (red, green, blue)
     return server.scene.add_mesh_simple(
         name,
         part.vertices.astype(np.float32),
         part.faces.astype(np.uint32),
-        color=colour,
+        color=colour_of(session.bone_names[part.bone]),
         visible=False,
     )
 

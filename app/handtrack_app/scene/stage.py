@@ -83,7 +83,7 @@ class Stage:
         scene = page.server.scene
         scene.world_axes.visible = False
         scene.configure_default_lights(enabled=False)
-        scene.configure_environment_map("studio", environment_intensity=0.3)
+        scene.configure_environment_map("studio", environment_intensity=0.15)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the scene of a session; only the hand is rebuilt when its model changes."""

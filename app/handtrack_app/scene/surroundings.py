@@ -36,9 +36,9 @@ def add_surroundings(
     frame = np.stack([side, np.cross(up, side), up], axis=1)
     wxyz = vtf.SO3.from_matrix(frame).wxyz
     scene.add_light_hemisphere(
-        "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 130), intensity=1.1
+        "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 130), intensity=0.6
     )
-    for name, way, strength in (("key", (0.4, -0.5, 1.0), 1.4), ("fill", (-0.8, 0.6, 0.3), 0.7)):
+    for name, way, strength in (("key", (0.4, -0.5, 1.0), 1.4), ("fill", (-0.8, 0.6, 0.3), 0.5)):
         scene.add_light_directional(
             f"/light/{name}", intensity=strength, position=tuple(frame @ np.array(way))
         )

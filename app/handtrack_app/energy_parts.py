@@ -1,0 +1,35 @@
+"""The energy's parts of every frame, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.tracker.result import FrameResult
+
+_TERM_WORDS = {
+    "coverage": "silhouettes",
+    "conic_field": "silhouettes",
+    "cloud_distance": "cloud→model",
+    "cloud_emptiness": "model→cloud",
+    "rest": "priors",
+    "posture": "priors",
+    "motion": "priors",
+    "stabilise": "priors",
+    "collision": "priors",
+}
+
+
+def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats]:
+    """Return the energy's parts (F,) of frames in words, NaN where a frame has none."""
+    parts: dict[str, Floats] = {}
+    for frame, result in results.items():
+        if frame not in frames:
+            continue
+        for name, cost in result.energies.items():
+            row = parts.setdefault(_TERM_WORDS.get(name, name), np.full(len(frames), np.nan))
+            i = frame - frames.start
+            row[i] = np.nan_to_num(row[i]) + cost
+    return parts

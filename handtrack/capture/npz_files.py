@@ -1,0 +1,69 @@
+"""Arrays in .npz files: read in one place, without pickles, and without believing what a header announces."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from handtrack.arrays import Array
+from handtrack.errors import HandtrackError
+
+_MOST_BYTES = 2 << 30  # of one array: ninety million points, seven hours of tracked frames
+_ENDING = ".npy"
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays of an .npz by their names. Raises HandtrackError for whatever is no .npz of plain arrays."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {
+                entry.filename.removesuffix(_ENDING): _array(archive, entry, path)
+                for entry in archive.infolist()
+                if entry.filename.endswith(_ENDING)
+            }
+    except FileNotFoundError:
+        raise HandtrackError(f"{path}: no such file.") from None
+    except IsADirectoryError:
+        raise HandtrackError(f"{path} is a folder; expected an .npz file.") from None
+    # what zipfile and numpy raise for damaged, encrypted or foreign files
+    except (
+        zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, RuntimeError, NotImplementedError,
+    ) as error:  # fmt: skip
+        raise HandtrackError(
+            f"{path}: not a readable .npz of plain arrays ({error}). Was it cut off while it was written or copied, or is "
+            "it another kind of file?"
+        ) from None
+
+
+def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Array:
+    with archive.open(entry) as file:
+        shape, dtype = _announced(file)
+        count = 1
+        for length in shape:
+            count *= length
+        size = count * dtype.itemsize
+        name = entry.filename.removesuffix(_ENDING)
+        if size > _MOST_BYTES:
+            raise HandtrackError(
+                f"{path}: `{name}` would take {size / 1e9:.0f} GB of memory (shape {shape} of {dtype}); expected at most "
+                f"{_MOST_BYTES / 1e9:.0f} GB. Split it, or thin it."
+            )
+        if size > entry.file_size:
+            raise ValueError(f"`{name}` is cut off")
+    with archive.open(entry) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
+
+
+def _announced(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
+    version = np.lib.format.read_magic(file)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read(file)
+    return shape, dtype

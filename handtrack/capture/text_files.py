@@ -1,0 +1,48 @@
+"""Text files that people and other programs write: read in one place, so that all say the same of a bad one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from handtrack.errors import HandtrackError
+
+_LONGEST_WHOLE = 18  # digits: what 64 bits hold; longer ones become floats
+
+
+def read_text(path: Path, what: str) -> str:
+    """Return a file's text, without the mark that some editors put before it.
+
+    what: a few words for the error, such as `the calibration`. Raises HandtrackError.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise HandtrackError(f"{path}: no such file; expected {what} there.") from None
+    except UnicodeDecodeError as error:
+        raise HandtrackError(
+            f"{path}: not UTF-8 text ({error.reason} at byte {error.start}). Save it as UTF-8."
+        ) from None
+    except OSError as error:
+        raise HandtrackError(f"{path}: cannot read {what}: {error.strerror}.") from None
+
+
+def read_json(path: Path, what: str) -> Any:
+    """Return what a JSON file says; NaN and infinity are refused, as JSON does. Raises HandtrackError."""
+    try:
+        return json.loads(read_text(path, what), parse_constant=_no_constant, parse_int=_whole)
+    except json.JSONDecodeError as error:
+        raise HandtrackError(
+            f"{path}: not valid JSON at line {error.lineno}: {error.msg}; expected {what} there."
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise HandtrackError(f"{path}: cannot be read as JSON: {error}.") from None
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no JSON number; write null where a value is unknown")
+
+
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) <= _LONGEST_WHOLE else float(digits)

@@ -1,0 +1,180 @@
+"""The forearm: whether one is in view, which way it points, and from where on it does not count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation, PointCloud, Silhouette
+from handtrack.solver.problem import Problem
+
+_STEP_M = 0.002
+_LOOKED_AT_M = 0.1
+_LEAST_M = 0.03  # so little arm hardly tells its direction; to ignore it is better
+_SHOWN_M = 0.02  # of a forearm beside the hand; less tells nothing of where it ends
+_ROUND_M = 0.008  # a visible end is round, or cut at a slant
+_HAND_MARGIN = 1.25  # a line of sight that passes an ellipsoid this much larger may show the hand
+_USUAL_BEND = np.deg2rad(30.0)
+_BEND_COSTS_M = 0.005  # that much less of an arm a straight wrist may explain
+_LEAST_PX = 1.0
+
+
+def forearm_in_view(model: ArticulatedModel, params: Floats, seen: Observation) -> bool:
+    """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
+
+    params: solver parameters (P,) of the hand in that frame.
+    """
+    bones = model.bones(params)
+    long = forearm_length(model, bones, seen.silhouettes) >= _LEAST_M
+    return long or _forearm_in_cloud(bones, seen.cloud)
+
+
+def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
+    """Return whether behind the wrist, 2 to 6 cm from it, lie at least a quarter as many points as before it.
+
+    A stretch of wrist before a sleeve is enough: a hand without a forearm would slide back to cover it.
+    """
+    if cloud is None:
+        return False
+    local = (cloud.points - bones.position[0]) @ bones.rotation[0]
+    far = np.linalg.norm(local, axis=1)
+    shell = (far > 0.02) & (far < 0.06)
+    behind = shell & (local[:, 1] < -0.5 * far)
+    return bool(behind.sum() > 0.25 * (shell & (local[:, 1] > 0)).sum() > 0)
+
+
+def forearm_length(
+    model: ArticulatedModel, bones: BonePoses, silhouettes: Sequence[Silhouette]
+) -> float:
+    """Return how far from the wrist masks show a forearm [m], at most 10 cm; 0 where they show none.
+
+    Follows the axis of a forearm in all directions that a wrist bends to, until it leaves the mask. Only beside the hand
+    does a mask tell: an arm before or behind the hand is covered by every mask. The direction that explains most of the
+    mask counts, of two that explain as much the straighter wrist; its length is the median of the views that tell.
+    """
+    bend, tilt, along = _directions()
+    reach = np.arange(0.0, _LOOKED_AT_M + _STEP_M / 2, _STEP_M)
+    points = bones.to_world(0, along[:, None, :] * reach[:, None])  # (directions, steps, 3)
+    hand = _hand(model, bones)
+    lengths, extents = [], []
+    for silhouette in silhouettes:
+        camera = silhouette.camera
+        covered, known = _mask_at(silhouette, points)
+        beside = known & ~_before(camera.centre, points, hand)
+        out = ~(known & covered)
+        end = np.where(out.any(axis=1), out.argmax(axis=1), len(reach) - 1)
+        shown = _STEP_M * (beside & (np.arange(len(reach)) < end[:, None])).sum(axis=1)
+        length = np.where(shown >= 0.5 * _SHOWN_M, reach[end], 0.0)
+        tells = _STEP_M * beside.sum(axis=1) >= _SHOWN_M
+        pixel = np.nan_to_num(camera.project(points))
+        wide = np.linalg.norm(pixel[np.arange(len(end)), end] - pixel[:, 0], axis=1)
+        lengths.append(np.where(tells, length, np.nan))
+        extents.append(
+            np.where(tells & (length > 0), wide / _pixels_per_m(camera, bones.position[0]), 0.0)
+        )
+    if not lengths or np.isnan(lengths).all():
+        return 0.0
+    costs = _BEND_COSTS_M * ((bend / _USUAL_BEND) ** 2 + (tilt / _USUAL_BEND) ** 2)
+    told = np.array(lengths)[:, np.argmax(np.mean(extents, axis=0) - costs)]
+    return 0.0 if np.isnan(told).all() else float(np.nanmedian(told))
+
+
+def _directions() -> tuple[Floats, Floats, Floats]:
+    """Return bends and tilts (D,) of a wrist [rad], and where the forearm then points (D, 3) from the hand's root."""
+    bends, tilts = np.deg2rad(np.linspace(-70, 70, 15)), np.deg2rad(np.linspace(-35, 35, 7))
+    bend, tilt = (a.ravel() for a in np.meshgrid(bends, tilts, indexing="ij"))
+    along = [np.sin(tilt), -np.cos(tilt) * np.cos(bend), -np.cos(tilt) * np.sin(bend)]
+    return bend, tilt, np.stack(along, axis=1)
+
+
+def aimed_forearm(problem: Problem, params: Floats) -> Floats:
+    """Return params (P,) with the wrist's bend and tilt that cost least, the hand left as it is."""
+    names = problem.model.transform.names
+    if "wrist_flex" not in names:
+        return params
+    flex, abd = names.index("wrist_flex"), names.index("wrist_abd")
+    bounds = problem.bounds(params)
+    best, least = params, np.inf
+    for bend in np.linspace(bounds[flex, 0], bounds[flex, 1], 13):
+        for tilt in np.linspace(bounds[abd, 0], bounds[abd, 1], 7):
+            trial = params.copy()
+            trial[[flex, abd]] = bend, tilt
+            cost = problem.cost(trial)
+            if cost < least:
+                best, least = trial, cost
+    return best
+
+
+def forearm_cut(
+    silhouette: Silhouette, model: ArticulatedModel, start: BonePoses, most_m: float
+) -> tuple[float, float, float] | None:
+    """Return the line (a, b, c) across the arm beyond which a silhouette does not count, or None.
+
+    There are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside the mask would be
+    pulled along the arm. So the line is most_m from the wrist, and nearer where the mask ends earlier: a forearm that goes
+    on there would be pulled away from where it has no image. Without a forearm it runs behind the hand. It never
+    cuts the hand, whichever way the arm points: fingers that do not count could be anywhere. Pixels with
+    a u + b v + c < 0 are cut off.
+    """
+    if not model.has_keypoints21:
+        return None
+    camera = silhouette.camera
+    bone, axis = 0, np.array([0.0, -1.0, 0.0])
+    if model.has_forearm:
+        bone, axis = model.skeleton.bone("forearm"), np.array([0.0, 1.0, 0.0])
+    reach = np.arange(0.0, most_m + _STEP_M / 2, _STEP_M)
+    points = start.to_world(bone, reach[:, None] * axis)
+    wrist, far = camera.project(points[[0, -1]])
+    along, long = wrist - far, float(np.linalg.norm(wrist - far))
+    hand = _hand(model, start)
+    centre = camera.project(hand.centre)
+    # seen along the arm, or behind the camera: there is no side to cut off
+    if not long > _LEAST_PX or np.isnan(centre).any():
+        return None
+    covered, known = _mask_at(silhouette, points)
+    out = known & ~covered & ~_before(camera.centre, points, hand)
+    end = max(reach[out.argmax()] - _ROUND_M, 0.0) if out.any() else most_m
+    at = camera.project(start.to_world(bone, (end if model.has_forearm else 0.0) * axis))
+    across = camera.rotation[:2].T @ (along / long)  # in the world, nearly
+    half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, across) * hand.radii, axis=1)
+    hand_ends = centre @ along - long * half * _pixels_per_m(camera, hand.centre)
+    return float(along[0]), float(along[1]), -float(min(along @ at, hand_ends.min()))
+
+
+def _hand(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
+    flesh = model.flesh["fine"]
+    if model.has_forearm:
+        flesh = flesh.subset(flesh.bone != model.skeleton.bone("forearm"))
+    return flesh.posed(bones)
+
+
+def _before(camera: Floats, points: Floats, hand: PosedEllipsoids) -> Array:
+    """Return (...,) whether the line of sight from a camera (3,) to each point (..., 3) passes the hand."""
+    to_ball = np.swapaxes(hand.rotation, 1, 2) / (_HAND_MARGIN * hand.radii)[:, :, None]
+    start = np.einsum("eij,ej->ei", to_ball, camera - hand.centre)
+    way = np.einsum("eij,...j->...ei", to_ball, points - camera)
+    nearest = -(way * start).sum(axis=-1) / (way**2).sum(axis=-1)
+    off = ((start + nearest[..., None] * way) ** 2).sum(axis=-1)
+    return (off < 1.0).any(axis=-1)
+
+
+def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Array, Array]:
+    """Return (...,) whether the mask covers points (..., 3), and whether it was observed there."""
+    pixel = np.rint(np.nan_to_num(silhouette.camera.project(points), nan=-1.0)).astype(int)
+    height, width = silhouette.mask.shape
+    row, column = np.clip(pixel[..., 1], 0, height - 1), np.clip(pixel[..., 0], 0, width - 1)
+    begin, end = np.moveaxis(silhouette.valid[row], -1, 0)
+    known = (pixel[..., 1] == row) & (begin <= pixel[..., 0]) & (pixel[..., 0] < end)
+    return silhouette.mask[row, column] > 0.5, known
+
+
+def _pixels_per_m(camera: Camera, points: Floats) -> Floats:
+    """Return (...,) how many pixels a metre is at points (..., 3)."""
+    depth = np.maximum(camera.to_camera(points)[..., 2], 0.05)
+    return 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth

@@ -1,0 +1,149 @@
+"""How sure a first pose is said to be: as often as it is right, for hands that are not the model's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.bench.simulated_views import mask_views
+from handtrack.model.articulated import FINGERS, HandScale
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.session.simulate import simulated_rig
+from handtrack.tracker.finger_assignments import finger_assignments
+from handtrack.tracker.laid_shapes import Laid
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.start_confidence import (
+    BASIN_M,
+    KNOWN_SIZE_SIGMA,
+    SIZE_SIGMA,
+    independent_errors,
+    nearness,
+    shares,
+)
+from handtrack.tracker.start_search import (
+    descended,
+    distinct,
+    narrow_problem,
+    narrowly_measured,
+    reassigned,
+    start_sources,
+)
+from handtrack.tracker.start_shapes import shape_of
+
+MODEL = load_model()
+
+
+def another_hand(rng):
+    """Return a hand of another size, with fingers of other lengths and girths."""
+    parts = dict(zip(FINGERS, np.exp(0.03 * rng.normal(size=5)).tolist(), strict=True))
+    scale = HandScale(float(np.exp(SIZE_SIGMA * rng.normal())), parts)
+    girth = np.exp(0.06 * rng.normal(size=MODEL.skeleton.bone_count))
+    filmed = load_model(scale=scale)
+    flesh = {k: replace(e, radii=e.radii * girth[e.bone][:, None]) for k, e in filmed.flesh.items()}
+    return replace(filmed, flesh=flesh)
+
+
+def seen_by(cameras, rng, pose="point"):
+    """Return what cameras see of another hand, its joints, and the same pose of the model's."""
+    filmed = another_hand(rng)
+    joint = named_pose(filmed, pose)
+    joint[6:] += np.deg2rad(8.0) * rng.normal(size=len(joint) - 6)
+    joint[3:6] = rng.uniform(-1.0, 1.0, size=3)
+    params = filmed.clipped(filmed.transform.solver_params(joint))
+    params[:3] -= filmed.keypoints21(filmed.bones(params)).mean(axis=0)
+    seen = mask_views(filmed, params, simulated_rig(cameras, (320, 240)).cameras)
+    shape = shape_of(MODEL, filmed.joint_params(params), pose)
+    sources = start_sources(seen, TrackerSettings())
+    true = filmed.keypoints21(filmed.bones(params))
+    laid = Laid(shape, params, 0.0)
+    shift = (true - laid.joints).mean(axis=0)
+    return sources, true, replace(laid, params=params + np.r_[shift, np.zeros(len(params) - 3)])
+
+
+def test_they_are_as_sure_as_they_are_right():
+    """Fingers of two dozen hands are looked for in one, two or three views; nothing is told of place and turn."""
+    said, right = [], []
+    for seed in range(24):
+        rng = np.random.default_rng(500 + seed)
+        sources, true, laid = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
+        starts = [laid, *reassigned(sources, [laid], 2)]
+        ends = [narrowly_measured(sources, descended(sources, start, 12)) for start in starts]
+        best, *_ = kept = distinct(ends, 5)
+        count = independent_errors(sources, best)
+        share = shares(np.array([end.cost for end in kept]), count)[0]
+        near = nearness(narrow_problem(sources, best), best.params, count, SIZE_SIGMA)
+        said.append(share * near)
+        right.append(np.linalg.norm(best.joints - true, axis=1).mean() < BASIN_M)
+    sure = np.array(said)
+    spread = np.sqrt((sure * (1.0 - sure)).sum())
+    assert abs(sure.sum() - np.sum(right)) < 3.0 * spread
+    assert np.array(right)[sure > 0.9].mean() > 0.8
+    assert np.array(right)[sure < 0.3].mean() < 0.5
+
+
+def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
+    sources, _, laid = seen_by(1, rng, "open")
+    there = descended(sources, laid, 12)
+    problem, count = narrow_problem(sources, there), independent_errors(sources, there)
+    unknown, known = (
+        nearness(problem, there.params, count, sigma) for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
+    )
+    assert unknown < 0.4 < known
+    more, _, laid = seen_by(3, rng, "open")
+    there = descended(more, laid, 12)
+    count = independent_errors(more, there)
+    assert nearness(narrow_problem(more, there), there.params, count, SIZE_SIGMA) > 0.9
+
+
+def test_more_views_are_more_measurements_but_one_hand(rng):
+    counts = []
+    for cameras in (1, 3, 6):
+        sources, _, laid = seen_by(cameras, rng, "open")
+        counts.append(independent_errors(sources, laid))
+    assert 4.0 < counts[0] < counts[1] < counts[2] < 30.0
+
+
+def test_pieces_of_a_circle():
+    """A disc's outline is π times as long as it is wide."""
+    from handtrack.observation.observation import Silhouette
+    from handtrack.tracker.silhouette_start import _outline_px
+
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    row, column = np.mgrid[:240, :320]
+    mask = (np.hypot(row - 120, column - 160) < 60).astype(np.float32)
+    everything = np.tile(np.array([0, 320], np.int32), (240, 1))
+    assert _outline_px(Silhouette(camera, mask, everything)) == pytest.approx(120 * np.pi, rel=0.03)
+    left = everything.copy()
+    left[:, 1] = 160
+    assert _outline_px(Silhouette(camera, mask, left)) == pytest.approx(60 * np.pi, rel=0.05)
+
+
+def test_sixteen_ways_to_hold_four_fingers():
+    params = MODEL.rest_params()
+    ways = finger_assignments(MODEL, params)
+    assert len({way.tobytes() for way in ways}) == 16
+    thumb = [p for p, name in enumerate(MODEL.transform.names) if "thumb" in name or "root" in name]
+    index = MODEL.transform.names.index("index_pip_flex")
+    for way in ways:
+        np.testing.assert_allclose(way[thumb], params[thumb])
+        np.testing.assert_allclose(MODEL.clipped(way), way, atol=1e-12)
+    assert len({round(way[index], 6) for way in ways}) == 2
+
+
+def test_a_pointing_finger_is_found_among_bent_ones(rng):
+    """Started as a fist that is rightly turned: the descent alone keeps the index bent."""
+    sources, true, laid = seen_by(3, rng, "point")
+    joint = named_pose(MODEL, "fist")
+    joint[:6] = MODEL.joint_params(laid.params)[:6]
+    fist = replace(laid, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
+    alone = descended(sources, fist, 12)
+    found = min(
+        (descended(sources, way, 12) for way in reassigned(sources, [fist], 2)),
+        key=lambda laid: laid.cost,
+    )
+    index = [5, 6, 7, 8]
+    off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
+    assert off[0] > 25.0 and off[1] < 12.0
