@@ -23,9 +23,11 @@ WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "hand26": ("hand26", {"model.fallback": "none"}),
     "glove9": ("glove9", {}),
     "ball6": ("ball6", {}),
+    "glove9_doubted": ("glove9", {"cloud.doubt_depth": True}),
+    "ball6_doubted": ("ball6", {"cloud.doubt_depth": True}),
     "auto": ("hand26", {}),
 }
-"""model and settings: alone as the paper had them, and what is fallen back on where the cloud is poor"""
+"""model and settings: alone as the paper had them; with doubted depths; and what is done by itself where a cloud is poor"""
 PALM = ("wrist", "middle_mcp")
 """the joints that all of the models have"""
 BAR_MM = 15.0

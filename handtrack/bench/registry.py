@@ -31,6 +31,9 @@ BENCHMARKS = {
     "jump_polish_1024": Benchmark("handtrack.bench.jump_polish", "jump_polish_1024"),
     "jumps": Benchmark("handtrack.bench.jumps", "jumps", quick=False),
     "auto_start": Benchmark("handtrack.bench.auto_start", "auto_start", quick=False),
+    "start_confidence": Benchmark(
+        "handtrack.bench.start_confidence", "start_confidence", quick=False
+    ),
     "recovery": Benchmark("handtrack.bench.recovery", "recovery", quick=False),
     "sr305": Benchmark("handtrack.bench.sr305", "sr305", quick=False),
     "body_retarget": Benchmark("handtrack.bench.body_retarget", "body_retarget", quick=False),

@@ -25,7 +25,7 @@ def field_views(
     seen = []
     for camera in cameras:
         field = field_image(camera, flesh, depth_scaled=depth_scaled)
-        silhouette = Silhouette(camera, (field < 0).astype(np.float32), _everything(camera))
+        silhouette = Silhouette(camera, (field < 0).astype(np.float32), everything(camera))
         seen.append(prepare(silhouette, observation=field))
     return seen
 
@@ -36,12 +36,12 @@ def mask_views(
     """Return the binary masks of a pose (P,), decided at pixel centres."""
     flesh = model.flesh["fine"].posed(model.bones(params))
     seen = tuple(
-        Silhouette(camera, model_mask(camera, flesh).astype(np.float32), _everything(camera))
+        Silhouette(camera, model_mask(camera, flesh).astype(np.float32), everything(camera))
         for camera in cameras
     )
     return Observation(frame, frame / 25.0, seen)
 
 
-def _everything(camera: Camera) -> Array:
+def everything(camera: Camera) -> Array:
     """Return the spans (H, 2) of a camera whose every pixel is observed."""
     return np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))

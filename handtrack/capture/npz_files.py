@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
 from pathlib import Path
 from typing import IO
 
@@ -29,10 +28,9 @@ def read_arrays(path: Path) -> dict[str, Array]:
         raise HandtrackError(f"{path}: no such file.") from None
     except IsADirectoryError:
         raise HandtrackError(f"{path} is a folder; expected an .npz file.") from None
-    # what zipfile and numpy raise for damaged, encrypted or foreign files
-    except (
-        zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, RuntimeError, NotImplementedError,
-    ) as error:  # fmt: skip
+    except (HandtrackError, MemoryError):
+        raise
+    except Exception as error:  # zipfile, zlib and numpy's parser of headers fail in many ways on damaged bytes
         raise HandtrackError(
             f"{path}: not a readable .npz of plain arrays ({error}). Was it cut off while it was written or copied, or is "
             "it another kind of file?"
@@ -55,7 +53,9 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Arra
         if size > entry.file_size:
             raise ValueError(f"`{name}` is cut off")
     with archive.open(entry) as file:
-        return np.lib.format.read_array(file, allow_pickle=False)
+        array = np.lib.format.read_array(file, allow_pickle=False)
+        file.read()  # only at the end are the bytes checked
+        return array
 
 
 def _announced(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:

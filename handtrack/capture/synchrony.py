@@ -92,7 +92,7 @@ def lag_of(alike: Floats) -> Lag | None:
     if np.isnan(alike[:, _MOST_LATE]).any():
         return None
     together = np.mean(alike, axis=0)
-    best, *each = (int(np.nanargmax(curve)) - _MOST_LATE for curve in (together, *alike))
+    best, *each = (int(np.argmax(curve)) - _MOST_LATE for curve in (together, *alike))
     as_numbered, at_best = float(together[_MOST_LATE]), float(together[best + _MOST_LATE])
     agree = all(lag * best > 0 and abs(lag - best) <= 1 for lag in each)
     if agree and at_best >= _LEAST_ALIKE and at_best - as_numbered >= _LEAST_GAIN:
@@ -124,7 +124,9 @@ def _alike(first: Motion, second: Motion) -> Floats:
         m.by_plane(np.nan_to_num(a, nan=high + 1), edges)
         for m, a in zip((first, second), angles, strict=True)
     ]
-    return np.array([_correlation(rows[0], rows[1], k) for k in range(-_MOST_LATE, _MOST_LATE + 1)])
+    lags = range(-_MOST_LATE, _MOST_LATE + 1)
+    curve = np.array([_correlation(rows[0], rows[1], k) for k in lags])
+    return unknown if np.isnan(curve[_MOST_LATE]) else np.nan_to_num(curve, nan=-1.0)
 
 
 def _correlation(first: Floats, second: Floats, late: int) -> float:

@@ -20,7 +20,9 @@ def replacing(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         yield path
         return
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    handle, name = tempfile.mkstemp(
+        dir=path.parent, prefix=f".{path.name}.", suffix=f".part{path.suffix}"
+    )
     os.close(handle)
     part = Path(name)
     try:
@@ -28,6 +30,10 @@ def replacing(path: Path) -> Iterator[Path]:
         _sync(part)
         part.chmod(_usual_mode())
         part.replace(path)
+    except OSError as error:
+        if error.filename is None:  # of a full disk, Python does not say where
+            error.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)
     _sync_folder(path.parent)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.capture.frames import FrameSource
-from handtrack.capture.synchrony import Motion, agreement, lag_of
+from handtrack.capture.synchrony import Lag, Motion, agreement, lag_of
 from handtrack.session.finding import Finding
 from handtrack.session.views import View
 
@@ -52,7 +52,10 @@ def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[str]:
     left, texts = list(range(count)), []
     while len(left) > 1:
         # one pair may err: of several, the mean counts
-        lags = {k: lag_of(np.nanmean([alike[i, k] for i in left if i != k], axis=0)) for k in left}
+        lags: dict[int, Lag | None] = {}
+        for k in left:
+            curves = [alike[i, k] for i in left if i != k and not np.isnan(alike[i, k]).any()]
+            lags[k] = lag_of(np.mean(curves, axis=0)) if curves else None
         apart = {k: lag for k, lag in lags.items() if lag is not None and lag.frames}
         if not apart:
             break

@@ -9,12 +9,15 @@ from handtrack.errors import HandtrackError
 from handtrack.session.check_cameras import check_cameras
 from handtrack.session.check_clouds import check_clouds
 from handtrack.session.check_hand import check_init, check_model, check_truth
+from handtrack.session.check_outlines import check_outlines
 from handtrack.session.check_synchrony import check_synchrony
 from handtrack.session.check_views import check_files, check_lengths, check_view
 from handtrack.session.finding import Finding
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
+
+_START = 5  # frames from the first pose on
 
 
 def examine(session: Session) -> list[Finding]:
@@ -41,6 +44,7 @@ def examine(session: Session) -> list[Finding]:
         check_lengths,
         check_synchrony,
         check_cameras,
+        check_outlines,
         check_clouds,
         check_model,
         check_init,
@@ -54,10 +58,12 @@ def examine(session: Session) -> list[Finding]:
 
 def examine_start(session: Session) -> list[str]:
     """Return what is odd about the cameras and the first pose, in sentences: quickly seen, and in vain all tracking else."""
-    checks = [check_cameras, check_init]
+    first = 0 if session.init is None else session.init.frame
+    begin = range(first, min(first + _START, session.frame_count))
+    checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
     if session.file.clouds is not None and session.file.clouds.stereo:
-        checks.append(check_synchrony)
-    found = [finding for check in checks for finding in _all_of(check(session))]
+        checks.append(check_synchrony(session))
+    found = [finding for check in checks for finding in _all_of(check)]
     return [finding.text for finding in found if finding.severity in ("warning", "error")]
 
 

@@ -23,6 +23,10 @@ _LEAST_USUAL = (
 )
 _SUSPICIOUS = 1.4  # times the usual energy: worth looking for a lost finger
 _DOUBTFUL = 2.0  # times the usual energy: say so
+_LEAST_INSIDE = (
+    0.5  # of a part's outline; where more of it is outside the mask, the part is elsewhere
+)
+_LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
 
 def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> float:
@@ -43,6 +47,27 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
 def is_suspicious(energy: float, views: int, previous: Sequence[FrameResult]) -> bool:
     """Return whether a frame fits worse than usual, or is one of the first, which nothing vouches for."""
     return len(previous) < _FEWEST or energy_ratio(energy, views, previous) > _SUSPICIOUS
+
+
+def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
+    """Return, in words, which part of the model lies outside a silhouette; empty where none does.
+
+    A part that is hidden in a view is still inside the outline of what hides it; so wherever it really is, each mask
+    covers all of it. The overlap of the whole outlines hardly changes when a finger or a body's arm is lost.
+    """
+    flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
+    worst, words = terms.settings.tracker.doubtful_part, ""
+    for bone in np.unique(flesh.bone):
+        if terms.model.has_forearm and bone == skeleton.bone("forearm"):
+            continue  # nobody knows how much of it a sleeve hides
+        found = outline_overlap(terms.prepared, flesh.subset(flesh.bone == bone), bones)
+        inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
+        view = int(np.argmin(inside))
+        if inside[view] < worst:
+            worst = inside[view]
+            part = skeleton.bone_names[bone].replace("_", " ")
+            words = f"{100 * (1 - worst):.0f} % of the {part} lie outside the silhouette in {terms.prepared[view].camera.name}"
+    return words
 
 
 def assess(
@@ -72,15 +97,20 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
     if not terms.prepared:
         return Status.TRACKED, ""
     limits = terms.settings.tracker
-    share = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones).iou
+    found = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones)
+    filled = found.model + found.mask > 0
+    if not filled.any():
+        return Status.LOST, "neither model nor silhouette is in any view"
+    share = found.iou
     worst = int(np.argmin(share))
     camera = terms.prepared[worst].camera.name
     overlap = f"model and silhouette overlap by {100 * share[worst]:.0f} % in {camera}"
-    if np.median(share) < limits.lost_overlap:
+    if np.median(share[filled]) < limits.lost_overlap:
         return Status.LOST, overlap
     if share[worst] < limits.doubtful_overlap:
         return Status.DOUBTFUL, overlap
-    return Status.TRACKED, ""
+    outside = part_outside(terms, bones)
+    return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, "")
 
 
 def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:

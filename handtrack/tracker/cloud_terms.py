@@ -24,10 +24,9 @@ _MM = 1e-3
 _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
 _SIGMA_BANDS = 0.5  # of depths, in bands: beyond three of them a doubted depth counts as wrong
 _FEWEST = 30
-_CELL_M = 0.004  # of the grid that measures a surface, and of the one that the model's mesh is made on
-_CELL_AREA = _CELL_M**2 / 1.5  # of the surface in each cell: a plane meets 1.5 cells per a² (mean of all directions)
-_EMPTY_ROBUST = 3.0  # sigmas; a part further from all points was rather not measured than misplaced
-_EMPTY_SIGMAS = 2.0  # the nearest cloud point is rarely the one measured there
+_CELL_M = 0.004  # of the grid that measures a surface, and of the model's mesh
+_CELL_AREA = _CELL_M**2 / 1.5  # in each cell: a plane meets 1.5 of them per a² (mean of directions)
+_EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,11 @@ def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptin
 def cloud_terms(
     seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
 ) -> list[ObservationTerm]:
-    """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted."""
-    chosen = settings.cloud
+    """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
+
+    Both ask after the same error, from either side, so their weights add up to one.
+    """
+    chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
     if _is_doubted(seen.views, settings):
         return [
             CloudRaysTerm(
@@ -130,9 +132,9 @@ def cloud_terms(
         CloudDistanceTerm(
             seen.prepared,
             MetaballSurface.of(model),
-            sigma_m=chosen.sigma_mm * _MM,
+            sigma_m=sigma_m,
             loss=robust,
-            weight=2 * chosen.balance * chosen.weight * seen.share,
+            weight=chosen.balance * chosen.weight * seen.share,
         )
     ]
     if seen.emptiness is not None:
@@ -143,9 +145,9 @@ def cloud_terms(
             replace(
                 seen.emptiness,
                 local=seen.emptiness.local * stretch,
-                sigma_m=_EMPTY_SIGMAS * chosen.sigma_mm * _MM,
-                loss=GemanMcClure(_EMPTY_ROBUST),
-                weight=2 * (1 - chosen.balance) * chosen.weight * share,
+                sigma_m=sigma_m,
+                loss=GemanMcClure(_EMPTY_FAR_M / sigma_m),
+                weight=(1 - chosen.balance) * chosen.weight * share,
             )
         )
     return terms

@@ -19,7 +19,7 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.conic_field import ConicFieldTerm
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
+from handtrack.terms.loss import GemanMcClure, Huber, Loss
 from handtrack.terms.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
@@ -161,15 +161,17 @@ def frame_terms(
             KeypointTerm(model, seen, settings.keypoints.weight, _keypoint_loss(seen))
             for seen in observation.keypoints
         ]
+    cloud = see_cloud(observation, model, start, settings)
+    fingers_seen = model.kind == "hand" and bool(prepared or cloud)
     return FrameTerms(
         model,
         settings,
         tuple(prepared),
         tuple(scales),
-        see_cloud(observation, model, start, settings),
+        cloud,
         see_appearance(observation, model, settings, before),
         tuple(keypoints),
-        tuple(_priors(model, settings, expected, frames_ahead)),
+        tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
         (CollisionTerm.of(model),) if model.kind == "body" and settings.prior.collision else (),
     )
 
@@ -182,7 +184,11 @@ def _keypoint_loss(seen: Keypoints | ImageKeypoints) -> Loss:
 
 
 def _priors(
-    model: ArticulatedModel, settings: TrackerSettings, expected: Floats | None, frames_ahead: int
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    expected: Floats | None,
+    frames_ahead: int,
+    fingers_seen: bool,
 ) -> list[ParameterTerm]:
     prior, strength = settings.prior, settings.tracker.smoothing
     count = len(model.parameter_names)
@@ -195,8 +201,9 @@ def _priors(
         terms.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
     together = posture_prior(model, prior.posture) if prior.posture > 0 else None
     if together is not None:
-        on_purpose = Quadratic() if model.kind == "body" else GemanMcClure(_ON_PURPOSE)
-        terms.append(replace(together, loss=on_purpose))
+        terms.append(
+            replace(together, loss=GemanMcClure(_ON_PURPOSE)) if fingers_seen else together
+        )
     if expected is not None and strength > 0:
         sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
         sigma[:3] = prior.motion_sigma_mm * _MM

@@ -11,7 +11,9 @@ from handtrack.terms.priors import LinearPrior
 # (parameter, ratio, other, sigma in degrees): parameter ≈ ratio · other. The last two joints of a finger share
 # a tendon (2/3: the 2004 paper; Lin, Wu & Huang 2000). Neighbouring fingers move each other, index and thumb
 # least, ring most: Häger-Ross & Schieber (2000), "Quantifying the independence of human finger movements",
-# J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures.
+# J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures. Knuckle and middle joint
+# bend together in the first synergy of grasping (Santello, Flanders & Soechting 1998, J. Neurosci. 18(23)), though a hook or a
+# flat hand bent at the knuckles parts them: a wide bell, so that what a fist hides is closed where its knuckles are bent.
 _TOGETHER = (
     [("thumb_ip_flex", 2 / 3, "thumb_mcp_flex", 25.0)]
     + [
@@ -27,6 +29,7 @@ _TOGETHER = (
         )
         for joint in ("mcp", "pip")
     ]
+    + [(f"{f}_pip_flex", 1.0, f"{f}_mcp_flex", 45.0) for f in ("index", "middle", "ring", "little")]
 )
 
 # (parameter, sigma in degrees): trunk, neck and hips of a body are upright and straight more often than not. Our own round

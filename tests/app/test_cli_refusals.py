@@ -84,6 +84,23 @@ LINES: dict[str, Words] = {
     "truth as poses": Words("evaluate {s}/truth.npz --truth {s}/truth.npz", ["truth.npz: no array `format`"]),
     "poses as truth": Words("evaluate {p} --truth {s}/init.json", ["init.json: not a readable .npz"]),
     "no truth": Words("evaluate {p} --truth {t}/none.npz", ["none.npz: no such file"]),
+    "export over something else": Words("export {p} --to csv --out {s}/session.toml", ["session.toml", ".csv files"]),
+    "export onto a folder": Words("export {p} --to npz --out {s}/x.npz", ["x.npz", "that is a folder"]),
+    "result over the truth": Words(
+        "track {s} --out {s}/truth.npz", ["truth.npz", "no tracked sequence", "nothing was tracked"]
+    ),
+    "use nearly right": Words("track {s} --use clouds", ["--use clouds", "Did you mean 'cloud'?"]),
+    "setting nearly right": Words("track {s} --set solver.iteration=3", ["Did you mean 'solver.iterations'?"]),
+    "calibrate without views": Words(
+        "calibrate --out {t}/c.toml --board chessboard:9x6:25mm --most-views 0", ["--most-views 0", "at least 3"]
+    ),
+    "calibrate onto a session": Words(
+        "calibrate --out {s}/init.json --board chessboard:9x6:25mm", ["init.json", ".toml files"]
+    ),
+    "new with one video for two": Words(
+        "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --video cam1={v}",
+        ["--video cam1=", "the video of the camera 'cam0' already"],
+    ),
     "simulate on a session": Words("simulate --out {s}", ["is not empty", "nothing was written", "--out"]),
     "simulate on a file": Words("simulate --out {p}", ["poses.npz is a file", "new folder"]),
     "simulate below a file": Words(

@@ -127,6 +127,17 @@ PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float
         ),
         ("0.ply", PLY.replace("ascii", "xml").encode(), "no known format"),
         ("0.ply", PLY.replace("vertex", "face").encode(), "expected the vertices first"),
+        (
+            "0.ply",
+            PLY.replace("vertex 2", "vertex 99999999999999999999999").encode(),
+            "announces 99999999999999999999999 points, but holds fewer",
+        ),
+        (
+            "0.ply",
+            PLY.replace("float y", "float y\nproperty float x").encode(),
+            "a vertex property is named twice: x, y, x, z",
+        ),
+        ("0.ply", (PLY + "1,2,3\n1,2,3\n").encode(), "Expected numbers with spaces between them."),
         ("0.npz", b"no", "not a readable .npz"),
         ("0.xyz", b"", "neither .ply nor .npz"),
     ],

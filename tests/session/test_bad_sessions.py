@@ -86,6 +86,50 @@ SETTINGS: dict[str, tuple[str, str, list[str]]] = {
         'forearm = "maybe"',
         ['forearm = "maybe"', 'true, false or "auto"'],
     ),
+    "key nearly right": (
+        "fps = 10.0",
+        "fsp = 10.0",
+        ["session.toml, [session]: unknown key 'fsp'", "Did you mean 'fps'?"],
+    ),
+    "setting nearly right": (
+        "[hand]",
+        "[tracking]\nsolver.iteration = 3\n\n[hand]",
+        [
+            "session.toml, [tracking]: no setting 'solver.iteration'",
+            "Did you mean 'solver.iterations'?",
+        ],
+    ),
+    "model nearly right": (
+        '"hand26"',
+        '"hand62"',
+        ["session.toml, [hand]: model", "Did you mean 'hand26'?"],
+    ),
+    "no pattern": (
+        '"masks/cam0/*.png"',
+        '"masks/**.png"',
+        ["camera 'cam0', masks", "no pattern of files"],
+    ),
+    "no path": ('"masks/cam0/*.png"', '"\\u0000"', ["camera 'cam0', masks", "is no path"]),
+    "other slashes": (
+        '"masks/cam0/*.png"',
+        "'masks\\cam0\\*.png'",
+        ["nothing matches", "write / between folders"],
+    ),
+    "another suffix": (
+        '"masks/cam0/*.png"',
+        '"masks/cam0/*.PNG"',
+        ["nothing matches", "there is 000.png, 001.png, 002.png, …"],
+    ),
+    "no such folder": (
+        '"masks/cam0/*.png"',
+        '"mask/cam0/*.png"',
+        ["nothing matches", "there is no folder"],
+    ),
+    "no images in the pattern": (
+        'images = "cam0/*.png"',
+        'images = "*.toml"',
+        ["which is no image", "A video is named"],
+    ),
     "TOML": ('name = "small"', "name = small", ["session.toml: not valid TOML", "line 4"]),
     "camera without calibration": (
         'name = "cam1"',
@@ -302,6 +346,7 @@ TIMES: dict[str, tuple[str, list[str]]] = {
     "twice": ("camera,frame,time_s\ncam0,1,0.1\ncam0,1,0.2", ["line 3: a second time", "frame 1"]),
     "backwards": ("camera,frame,time_s\ncam0,0,0.2\ncam0,1,0.1", ["time of frame 1 is not later"]),
     "one": ("camera,frame,time_s\ncam0,0,0.2", ["times of 1 frames; expected at least two"]),
+    "decimal comma": ("camera,frame,time_s\ncam0,0,0,2", ["line 2: 'cam0,0,0,2'", "and seconds"]),
 }
 
 

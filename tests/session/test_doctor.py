@@ -35,6 +35,15 @@ def test_a_sound_session_is_all_ok(folder: Path) -> None:
 EMPTY, FULL = np.zeros((48, 64), np.uint8), np.full((48, 64), 255, np.uint8)
 EDGE = EMPTY.copy()
 EDGE[5:43, :30] = 255
+
+
+def with_a_cloud_in_centimetres(folder: Path) -> None:
+    (folder / "clouds").mkdir()
+    np.savez(folder / "clouds/0.npz", points=100 * keypoints() + (0, 0, 1))
+    with (folder / "session.toml").open("a") as file:
+        file.write('\n[clouds]\nfiles = "clouds/*.npz"\n')
+
+
 ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "all masks empty": (
         lambda f: masks(f, "cam1", EMPTY),
@@ -127,6 +136,31 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         ),
         "warning",
         "of the keypoints lie on the mask of camera 'cam0'. Do calibration, side, unit and",
+    ),
+    "parameters outside the image": (
+        lambda f: write_init(f, xyz=None, convention=None, unit=None, parameters={"root_tx": 1.0}),
+        "warning",
+        "init.json, frame 0: 21 of 21 keypoints lie outside the image of camera 'cam0'.",
+    ),
+    "a cloud elsewhere": (
+        with_a_cloud_in_centimetres,
+        "warning",
+        "m away from the nearest points of the cloud (median). Is the unit right",
+    ),
+    "the same images twice": (
+        lambda f: edit(f / "session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam0/*.png"'),
+        "warning",
+        "cameras 'cam0' and 'cam1' are given the same images, \"cam0/*.png\".",
+    ),
+    "images shorter than masks": (
+        lambda f: (f / "cam0/003.png").unlink(),
+        "warning",
+        "Lengths differ: camera 'cam0', images 3, camera 'cam0', masks 4, camera 'cam1' 4 frames.",
+    ),
+    "no saved hand": (
+        lambda f: edit(f / "session.toml", 'scale = "fit"', 'scale = "init.json"'),
+        "error",
+        "init.json: a saved hand is a JSON file like",
     ),
     "truth too long": (
         lambda f: write_truth(f, frame=np.array([2, 3, 4, 5]), time_s=None),

@@ -112,6 +112,8 @@ def test_written_files_have_the_usual_mode(rng, tmp_path):
         ({"status": np.full(5, 9)}, "status has values other than 0 to 4"),
         ({"frame": np.array([0, 1, 1, 2, 3])}, "frame numbers do not ascend"),
         ({"model": np.array(3)}, "model holds int64; expected text"),
+        ({"frame": np.array([-1, 1, 2, 3, 4])}, "frame -1; expected numbers from 0"),
+        ({"time_s": np.array([0, 1, np.nan, 3, 4])}, "time_s of frame "),
         ({"settings": np.array({"a": 1}, dtype=object)}, "not a readable .npz of plain arrays"),
     ],
 )

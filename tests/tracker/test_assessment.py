@@ -12,7 +12,7 @@ from handtrack.bench.simulated_views import mask_views
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.simulate import simulated_rig
-from handtrack.tracker.assessment import assess, energy_ratio, is_suspicious
+from handtrack.tracker.assessment import assess, energy_ratio, is_suspicious, part_outside
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.result import Status
 from handtrack.tracker.settings import TrackerSettings
@@ -72,7 +72,37 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
 
 def test_the_bounds_are_settings(seen):
     bounds = {"tracker.doubtful_overlap": 0.1, "tracker.lost_overlap": 0.05}
+    assert (
+        assessed(seen, shifted(0.016), **bounds)[0] == Status.DOUBTFUL
+    )  # fingers are beside theirs
+    bounds["tracker.doubtful_part"] = 0.0
     assert assessed(seen, shifted(0.016), **bounds)[0] == Status.TRACKED
+
+
+def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen):
+    params = POSE.copy()
+    params[MODEL.skeleton.parameter("index_mcp_flex")] -= 0.5
+    params[MODEL.skeleton.parameter("index_mcp_abd")] += 0.6
+    assert assessed(seen, params, **{"tracker.doubtful_part": 0.0})[0] == Status.TRACKED
+    status, note = assessed(seen, params)
+    assert status == Status.DOUBTFUL
+    assert "% of the index " in note
+    assert "outside the silhouette in cam" in note
+
+
+def test_a_forearm_longer_than_the_mask_is_no_lost_part(seen):
+    """Nobody knows where a sleeve begins."""
+    whole = load_model(forearm=True)
+    params = np.insert(POSE, 6, [0.0, 0.0])
+    terms = frame_terms(whole, TrackerSettings(), seen, whole.bones(params), None)
+    assert part_outside(terms, whole.bones(params)) == ""
+
+
+def test_a_hand_out_of_all_views_is_lost(seen):
+    nothing = [replace(s, mask=np.zeros_like(s.mask)) for s in seen.silhouettes]
+    status, note = assessed(replace(seen, silhouettes=tuple(nothing)), shifted(2.0))
+    assert status == Status.LOST
+    assert note == "neither model nor silhouette is in any view"
 
 
 def test_keypoints_alone_are_doubtful():

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.bench.simulated_views import mask_views
-from handtrack.model.articulated import FINGERS, HandScale
+from handtrack.bench.simulated_views import everything, mask_views
+from handtrack.bench.start_frames import another_hand
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.observation.observation import Silhouette
 from handtrack.session.simulate import simulated_rig
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.tracker.finger_assignments import finger_assignments
 from handtrack.tracker.laid_shapes import Laid
 from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.silhouette_start import _outline_px
 from handtrack.tracker.start_confidence import (
     BASIN_M,
     KNOWN_SIZE_SIGMA,
@@ -36,16 +39,6 @@ from handtrack.tracker.start_shapes import shape_of
 MODEL = load_model()
 
 
-def another_hand(rng):
-    """Return a hand of another size, with fingers of other lengths and girths."""
-    parts = dict(zip(FINGERS, np.exp(0.03 * rng.normal(size=5)).tolist(), strict=True))
-    scale = HandScale(float(np.exp(SIZE_SIGMA * rng.normal())), parts)
-    girth = np.exp(0.06 * rng.normal(size=MODEL.skeleton.bone_count))
-    filmed = load_model(scale=scale)
-    flesh = {k: replace(e, radii=e.radii * girth[e.bone][:, None]) for k, e in filmed.flesh.items()}
-    return replace(filmed, flesh=flesh)
-
-
 def seen_by(cameras, rng, pose="point"):
     """Return what cameras see of another hand, its joints, and the same pose of the model's."""
     filmed = another_hand(rng)
@@ -63,6 +56,17 @@ def seen_by(cameras, rng, pose="point"):
     return sources, true, replace(laid, params=params + np.r_[shift, np.zeros(len(params) - 3)])
 
 
+def settled(sources, laid):
+    """Return where a pose comes to rest, wide and then narrow, and its cost there."""
+    near = descended(sources, laid, 12)
+    for _ in range(2):  # what counts around a pose is taken anew
+        params = solve(
+            narrow_problem(sources, near), near.params, SolverSettings(iterations=8)
+        ).params
+        near = replace(near, params=params)
+    return narrowly_measured(sources, near)
+
+
 def test_they_are_as_sure_as_they_are_right():
     """Fingers of two dozen hands are looked for in one, two or three views; nothing is told of place and turn."""
     said, right = [], []
@@ -70,7 +74,7 @@ def test_they_are_as_sure_as_they_are_right():
         rng = np.random.default_rng(500 + seed)
         sources, true, laid = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
         starts = [laid, *reassigned(sources, [laid], 2)]
-        ends = [narrowly_measured(sources, descended(sources, start, 12)) for start in starts]
+        ends = [settled(sources, start) for start in starts]
         best, *_ = kept = distinct(ends, 5)
         count = independent_errors(sources, best)
         share = shares(np.array([end.cost for end in kept]), count)[0]
@@ -85,17 +89,18 @@ def test_they_are_as_sure_as_they_are_right():
 
 
 def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
-    sources, _, laid = seen_by(1, rng, "open")
-    there = descended(sources, laid, 12)
-    problem, count = narrow_problem(sources, there), independent_errors(sources, there)
-    unknown, known = (
-        nearness(problem, there.params, count, sigma) for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
-    )
-    assert unknown < 0.4 < known
-    more, _, laid = seen_by(3, rng, "open")
-    there = descended(more, laid, 12)
-    count = independent_errors(more, there)
-    assert nearness(narrow_problem(more, there), there.params, count, SIZE_SIGMA) > 0.9
+    found = {}
+    for cameras in (1, 3):
+        sources, _, laid = seen_by(cameras, rng, "open")
+        there = settled(sources, laid)
+        problem, count = narrow_problem(sources, there), independent_errors(sources, there)
+        found[cameras] = [
+            nearness(problem, there.params, count, sigma)
+            for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
+        ]
+    assert found[1][0] < 0.5
+    assert found[1][0] < found[1][1]
+    assert found[3][0] > 0.9
 
 
 def test_more_views_are_more_measurements_but_one_hand(rng):
@@ -108,15 +113,12 @@ def test_more_views_are_more_measurements_but_one_hand(rng):
 
 def test_pieces_of_a_circle():
     """A disc's outline is π times as long as it is wide."""
-    from handtrack.observation.observation import Silhouette
-    from handtrack.tracker.silhouette_start import _outline_px
-
     camera = simulated_rig(1, (320, 240)).cameras[0]
     row, column = np.mgrid[:240, :320]
     mask = (np.hypot(row - 120, column - 160) < 60).astype(np.float32)
-    everything = np.tile(np.array([0, 320], np.int32), (240, 1))
-    assert _outline_px(Silhouette(camera, mask, everything)) == pytest.approx(120 * np.pi, rel=0.03)
-    left = everything.copy()
+    whole = everything(camera)
+    assert _outline_px(Silhouette(camera, mask, whole)) == pytest.approx(120 * np.pi, rel=0.03)
+    left = whole.copy()
     left[:, 1] = 160
     assert _outline_px(Silhouette(camera, mask, left)) == pytest.approx(60 * np.pi, rel=0.05)
 

@@ -7,6 +7,7 @@ import argparse
 from handtrack.capture.board_printing import FORMATS, page_size_mm, write_board
 from handtrack.capture.boards import parse_board
 from handtrack.errors import HandtrackError
+from handtrack.session.atomic import replacing
 from handtrack.session.versions import keep_version
 from handtrack_app.commands.output_file import output_file
 
@@ -32,7 +33,8 @@ def run(args: argparse.Namespace) -> int:
             "write .svg or .pdf, which are exact, or choose a smaller --dpi."
         )
     keep_version(args.out)
-    write_board(args.out, board, args.dpi)
+    with replacing(args.out) as part:
+        write_board(part, board, args.dpi)
     columns, rows = board.squares
     side = board.square_m * 1e3
     fits = [

@@ -28,6 +28,7 @@ from handtrack.capture.rig_calibration import CalibrationSettings, RigCalibratio
 from handtrack.capture.rig_picture import draw_residuals, draw_rig
 from handtrack.capture.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.atomic import replacing
 from handtrack.session.versions import keep_version
 from handtrack_app.commands.output_file import output_file
 from handtrack_app.commands.progress import progress_bar, say
@@ -86,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
             f"{' '.join(calibration.report.contradictions)} {args.out} was not written; the report was."
         )
     previous = keep_version(args.out)
-    write_rig(args.out, calibration.rig)
+    with replacing(args.out) as part:
+        write_rig(part, calibration.rig)
     say(f"wrote {args.out}{f'; the one before is kept as {previous}' if previous else ''}")
     return 0
 
@@ -255,7 +257,8 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
         ].tobytes(),
     }
     for path, content in files.items():
-        path.write_bytes(content)
+        with replacing(path) as part:
+            part.write_bytes(content)
     if args.json:
         print(json.dumps(calibration.report.as_dict(), indent=1))
     else:

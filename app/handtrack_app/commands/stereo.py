@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.capture.cloud_files import write_cloud
 from handtrack.capture.rectification import rectified
 from handtrack.errors import HandtrackError
+from handtrack.session.atomic import replacing
 from handtrack.session.check_synchrony import check_synchrony
 from handtrack.session.clouds import StereoClouds, stereo_settings
 from handtrack.session.session import Session
@@ -50,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
             cloud = source.read(frame)
             if cloud is not None:
                 path = out / f"{frame:06d}.ply"
-                write_cloud(path, cloud, session.file.session.world_unit_m)
+                with replacing(path) as part:
+                    write_cloud(part, cloud, session.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
     _tell(session, out, frames, counts)
@@ -68,6 +70,8 @@ def _tell(session: Session, out: Path, frames: range, counts: list[int]) -> None
     print(
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
     )
+    if not max(counts):
+        say("note: not a single point: do the cameras have empty masks? `handtrack doctor` looks at them.")
     if out.resolve().is_relative_to(session.folder.resolve()):
         place = out.resolve().relative_to(session.folder.resolve()).as_posix()
         print(f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".')
