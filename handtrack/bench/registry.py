@@ -27,6 +27,7 @@ BENCHMARKS = {
     "poor_clouds": Benchmark("handtrack.bench.poor_clouds", "poor_clouds", quick=False),
     "freedoms": Benchmark("handtrack.bench.freedoms", "freedoms", quick=False),
     "combined": Benchmark("handtrack.bench.combined", "combined", quick=False),
+    "forearms": Benchmark("handtrack.bench.forearms", "forearms", quick=False),
     "jump_tree_1024": Benchmark("handtrack.bench.jump_tree", "jump_tree_1024"),
     "jump_polish_1024": Benchmark("handtrack.bench.jump_polish", "jump_polish_1024"),
     "jumps": Benchmark("handtrack.bench.jumps", "jumps", quick=False),

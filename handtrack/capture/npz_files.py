@@ -30,7 +30,9 @@ def read_arrays(path: Path) -> dict[str, Array]:
         raise HandtrackError(f"{path} is a folder; expected an .npz file.") from None
     except (HandtrackError, MemoryError):
         raise
-    except Exception as error:  # zipfile, zlib and numpy's parser of headers fail in many ways on damaged bytes
+    except (
+        Exception
+    ) as error:  # zipfile, zlib and numpy's parser of headers fail in many ways on damaged bytes
         raise HandtrackError(
             f"{path}: not a readable .npz of plain arrays ({error}). Was it cut off while it was written or copied, or is "
             "it another kind of file?"

@@ -22,6 +22,7 @@ _NOISE = 6.0  # grey levels: smaller changes are the sensor's
 _LEAST_OVERLAP = 10  # frames that both show
 _MOST_LATE = 12  # frames
 _LEAST_ALIKE = 0.3
+_LEAST_APART_M = 1e-4
 _LEAST_GAIN = 0.1  # of the correlation, over that of the frames as numbered
 
 
@@ -60,28 +61,33 @@ class Motion:
         return np.array(rows)[:, 1:-1].T
 
 
-def plane_angles(camera: Camera, other: Camera, shape: tuple[int, int]) -> Floats:
-    """Return (H, W) the angle of each pixel's plane through both centres [rad]; NaN where the lens shows nothing.
+def plane_angles(camera: Camera, other: Camera, pixels: Floats) -> Floats:
+    """Return (...) the angle of each pixel's plane through both centres [rad]; NaN where the lens shows nothing, or the
+    centres are one.
 
-    shape: of the reduced picture. 0 is where the two look on average.
+    pixels: (..., 2) of the camera's real image. 0 is where the two look on average.
     """
-    names = sorted(
-        (camera, other), key=lambda c: c.name
-    )  # one line, one zero, whichever is asked for
-    line = names[1].centre - names[0].centre
-    line = line / np.linalg.norm(line)
-    sight = camera.rotation[2] + other.rotation[2]
+    first, second = sorted((camera, other), key=lambda c: c.name)  # one line, one zero for both
+    line = second.centre - first.centre
+    length = float(np.linalg.norm(line))
+    if length < _LEAST_APART_M:
+        return np.full(pixels.shape[:-1], np.nan)
+    line = line / length
+    sight = first.rotation[2] + second.rotation[2]
     ahead = sight - (sight @ line) * line
-    if np.linalg.norm(ahead) < 1e-6:
-        ahead = np.cross(line, camera.rotation[0])
+    if np.linalg.norm(ahead) < 1e-6:  # they look at each other
+        ahead = np.cross(line, first.rotation[0])
     ahead = ahead / np.linalg.norm(ahead)
+    rays = camera.rays(pixels)
+    return np.arctan2(rays @ np.cross(line, ahead), rays @ ahead)
+
+
+def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
+    """Return (H, W, 2) the places in the real image of a reduced picture's pixels."""
     height, width = shape
     scale = camera.size[0] / width
-    u, v = np.meshgrid(
-        (np.arange(width) + 0.5) * scale - 0.5, (np.arange(height) + 0.5) * scale - 0.5
-    )
-    rays = camera.rays(np.stack([u, v], axis=-1))
-    return np.arctan2(rays @ np.cross(line, ahead), rays @ ahead)
+    across, down = (np.arange(width) + 0.5) * scale - 0.5, (np.arange(height) + 0.5) * scale - 0.5
+    return np.stack(np.meshgrid(across, down), axis=-1)
 
 
 def lag_of(alike: Floats) -> Lag | None:
@@ -111,18 +117,21 @@ def _alike(first: Motion, second: Motion) -> Floats:
     shapes = [next((c.shape for c in m.changes if c is not None), None) for m in (first, second)]
     if shapes[0] is None or shapes[1] is None:
         return unknown
+    a, b = first.camera, second.camera
     angles = (
-        plane_angles(first.camera, second.camera, shapes[0]),
-        plane_angles(second.camera, first.camera, shapes[1]),
+        plane_angles(a, b, _grid(a, shapes[0])),
+        plane_angles(b, a, _grid(b, shapes[1])),
     )
-    low = max(float(np.nanmin(a)) for a in angles)
-    high = min(float(np.nanmax(a)) for a in angles)
+    if not all(np.isfinite(part).any() for part in angles):
+        return unknown
+    low = max(float(np.nanmin(part)) for part in angles)
+    high = min(float(np.nanmax(part)) for part in angles)
     if low >= high:
         return unknown
     edges = np.linspace(low, high, _BINS + 1)
     rows = [
-        m.by_plane(np.nan_to_num(a, nan=high + 1), edges)
-        for m, a in zip((first, second), angles, strict=True)
+        motion.by_plane(np.nan_to_num(part, nan=high + 1), edges)
+        for motion, part in zip((first, second), angles, strict=True)
     ]
     lags = range(-_MOST_LATE, _MOST_LATE + 1)
     curve = np.array([_correlation(rows[0], rows[1], k) for k in lags])

@@ -53,36 +53,35 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
 def _pixels_apart(pair: tuple[View, View], masks: tuple[list[Bytes | None], ...]) -> float | None:
     """Return how far two cameras' outlines miss common planes [px], the median over frames; None where too few can tell."""
     cameras = (pair[0].camera, pair[1].camera)
-    if np.linalg.norm(cameras[0].centre - cameras[1].centre) < 1e-4:
-        return None
-    angles = [plane_angles(one, other, one.size[::-1]) for one, other in (cameras, cameras[::-1])]
     missed = []
     for a, b in zip(*masks, strict=True):
         if a is None or b is None:
             continue
-        ends = [_ends(m, v, ang) for m, v, ang in zip((a, b), pair, angles, strict=True)]
+        ends = _ends(a, pair[0], cameras[1]), _ends(b, pair[1], cameras[0])
         apart = np.abs(ends[0] - ends[1]) * min(_focal(camera) for camera in cameras)
         if np.isfinite(apart).any():
             missed.append(float(np.nanmax(apart)))
     return float(np.median(missed)) if len(missed) >= _FEWEST else None
 
 
-def _ends(mask: Bytes, view: View, angles: Floats) -> Floats:
+def _ends(mask: Bytes, view: View, other: Camera) -> Floats:
     """Return (2,) the least and the largest angle of a mask's pixels [rad]; NaN where the image or its region cuts them off."""
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
-    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((_SPECK_PX, _SPECK_PX), np.uint8))
-    rows, columns = np.nonzero((np.asarray(opened) >= 128) & np.isfinite(angles))
-    if not len(rows):
+    hand = np.where(mask >= 128, np.uint8(255), np.uint8(0))
+    hand = cv2.morphologyEx(hand, cv2.MORPH_OPEN, np.ones((_SPECK_PX, _SPECK_PX), np.uint8))
+    outlines, _ = cv2.findContours(hand, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not outlines:
         return np.full(2, np.nan)
-    seen = angles[rows, columns]
-    ends = []
-    for at in (int(np.argmin(seen)), int(np.argmax(seen))):
-        inside = (
-            x + _BORDER_PX <= columns[at] < x + width - _BORDER_PX
-            and y + _BORDER_PX <= rows[at] < y + height - _BORDER_PX
-        )
-        ends.append(seen[at] if inside else np.nan)
-    return np.array(ends)
+    pixels = np.concatenate(outlines)[:, 0].astype(float)
+    angles = plane_angles(view.camera, other, pixels)
+    if not np.isfinite(angles).any():
+        return np.full(2, np.nan)
+    touching = pixels[[np.nanargmin(angles), np.nanargmax(angles)]]
+    least = np.array([x, y]) + _BORDER_PX
+    inside = ((touching >= least) & (touching < least + (width, height) - 2 * _BORDER_PX)).all(
+        axis=1
+    )
+    return np.where(inside, [np.nanmin(angles), np.nanmax(angles)], np.nan)
 
 
 def _focal(camera: Camera) -> float:

@@ -20,7 +20,7 @@ class ModelSettings:
     coupling: str = "26"
     """`26` all freedoms, `21` distal joints follow by 2/3, `18` abductions linked as well"""
     forearm: str = "auto"
-    """`true`, `false`, or `auto`: true where the silhouette goes on beyond the wrist"""
+    """`true`, `false`, or `auto`: true where silhouettes go on beyond the wrist by 3 cm"""
     spread_index: float = 1.0
     """a person's own c of coupling 18, where the index' abduction is c · spread; `handtrack spread` measures all four"""
     spread_middle: float = 0.1
@@ -60,7 +60,7 @@ class SilhouetteSettings:
     outline_correlation_mm: float = 10.0
     """along how much of the outline that error stays the same"""
     forearm_seen_mm: float = 100.0
-    """the forearm is looked at up to this far from the wrist; what lies beyond is ignored"""
+    """the forearm is looked at up to this far from the wrist, or to where the mask ends; what lies beyond is ignored"""
 
 
 @dataclass(frozen=True)

@@ -65,9 +65,7 @@ def test_the_hand_is_found_taken_and_can_be_undone(
     before = state.values
     press(bench, panel.find, "any frame")
     eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
-    eventually(
-        lambda: bench.layout.progress.text == "Looking for the hand … 40 of 100 starts", "progress"
-    )
+    eventually(lambda: bench.layout.progress.text == "40 of 100 starts", "progress")
     assert (bench.layout.progress.done, bench.layout.progress.total) == (40, 100)
     search.set()
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")

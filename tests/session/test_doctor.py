@@ -162,6 +162,15 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "error",
         "init.json: a saved hand is a JSON file like",
     ),
+    "a lens of another size": (
+        lambda f: edit(
+            f / "calibration.toml",
+            "[[80.0, 0.0, 31.5], [0.0, 80.0",
+            "[[40.0, 0.0, 31.5], [0.0, 40.0",
+        ),
+        "warning",
+        "silhouettes do not fit together by this calibration: those of cameras 'cam0' and 'cam1' by ",
+    ),
     "truth too long": (
         lambda f: write_truth(f, frame=np.array([2, 3, 4, 5]), time_s=None),
         "warning",

@@ -52,7 +52,7 @@ def test_the_posture_prior_is_about_fingers_alone(rng):
     assert prior is not None
     assert not prior.rows[:, : model.parameter_names.index("thumb_cmc_flex")].any()
     evenly = np.zeros(len(model.parameter_names))
-    for name, value in (("mcp_flex", 0.5), ("pip_flex", 0.6), ("dip_flex", 0.4)):
+    for name, value in (("mcp_flex", 0.6), ("pip_flex", 0.6), ("dip_flex", 0.4)):
         for finger in ("index", "middle", "ring", "little"):
             evenly[model.parameter_names.index(f"{finger}_{name}")] = value
     assert prior.cost(evenly) == pytest.approx(0.0)

@@ -33,15 +33,21 @@ def error_mm(model, result, joint):
     return 1e3 * np.linalg.norm(result.joint_positions - truth, axis=1).mean()
 
 
+EXACT = {"cloud.sigma_mm": 0.5, "cloud.balance": 1.0}
+"""what may be said of points all over the model's very shape: no misfit, and nothing of it unmeasured"""
+
+
 @pytest.mark.parametrize("pose", ["open", "curl", "pinch"])
-def test_a_cloud_alone_gives_the_pose(rng, pose):
+@pytest.mark.parametrize(("told", "most"), [(EXACT, 0.25), ({}, 1.0)])
+def test_a_cloud_alone_gives_the_pose(rng, pose, told, most):
     model = load_model()
     joint, observation = seen(model, pose, rng)
     start = joint + rng.normal(size=26) * ([0.006] * 3 + [np.deg2rad(4)] * 23)
-    own = TrackerSettings().with_values({"cloud.sigma_mm": 0.5})  # it is the model's very shape
-    result = Tracker(model, own).step(observation, start=model.clipped(start))
+    tracker = Tracker(model, TrackerSettings().with_values(told))
+    result = tracker.step(observation, start=model.clipped(start))
     assert result.status == Status.TRACKED
-    assert error_mm(model, result, joint) < 0.25  # measured 0.10 to 0.12 mm
+    # measured 0.06 to 0.11 mm, and untold 0.24 to 0.61: then 2 mm of misfit are allowed for
+    assert error_mm(model, result, joint) < most
 
 
 def test_a_cloud_far_from_the_hand_is_not_the_hands(rng):
