@@ -22,13 +22,11 @@ from handtrack.session.session import Session
 from handtrack.session.truth import Truth, read_truth
 from handtrack.tracker.sequence import track_frames
 
-RUNS: dict[str, tuple[str, dict[str, str]]] = {
-    "stereo": ("webxr_stereo_768", {}),
-    "stereo_no_forearm": ("webxr_stereo_768", {"model.forearm": "false"}),
-    "exact_depth": ("webxr_exact_depth_768", {}),
-    "depth": ("webxr_depth_640", {}),
+RUNS = {
+    "stereo": "webxr_stereo_768",
+    "exact_depth": "webxr_exact_depth_768",
+    "depth": "webxr_depth_640",
 }
-"""recording and settings; the stereo pair's arm ends some centimetres behind the wrist"""
 KINDS = ("silhouettes", "cloud", "keypoints")
 SIGMA_M = 0.008
 """noise of the simulated keypoints, each coordinate: the tracker's `keypoints.sigma_mm`"""
@@ -46,9 +44,8 @@ def combined(frames: int = FRAMES) -> dict[str, float | int | str]:
 
 def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
     """Yield what is looked at and the mean joint error [mm] of one of RUNS, all with one first pose and one hand size."""
-    recording, values = RUNS[name]
-    folder = _data() / "sessions" / recording
-    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False} | values)
+    folder = _data() / "sessions" / RUNS[name]
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
     truth = read_truth(folder / "truth.npz")
     first, start = run.initial()
     rng = np.random.default_rng(0)

@@ -84,7 +84,7 @@ def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
     """
     by_frame: dict[int, Path] = {}
     for path in sorted(paths):
-        frame = frame_number(path.name)
+        frame = frame_number(str(path))
         if frame in by_frame:
             raise HandtrackError(
                 f"{path.parent}: '{by_frame[frame].name}' and '{path.name}' are both frame "

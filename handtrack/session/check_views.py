@@ -187,10 +187,10 @@ def _looks(view: View) -> Iterator[_MaskLook]:
         mask = view.mask(frame)
         if mask is not None:
             hand = mask > 0
-            inside = view.hand_pixels(frame) if view.settings.roi else mask
-            outside = 1 - np.count_nonzero(inside) / max(np.count_nonzero(mask), 1)
-            kept = 0.0 if not hand.any() else outside
-            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), kept)
+            inside = view.hand_pixels(frame)
+            kept = hand if inside is None else hand & (inside > 0)
+            outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0
+            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), float(outside))
 
 
 def _touches_border(mask: Bytes) -> bool:

@@ -151,14 +151,12 @@ def _check_rows(path: Path, track: TrackResult) -> None:
         raise HandtrackError(f"{path}: frame {track.frame[0]}; expected numbers from 0.")
     for name in _FINITE:
         rows = getattr(track, name)
-        bad = (
-            ()
-            if rows is None
-            else np.flatnonzero(~np.isfinite(rows.reshape(len(rows), -1)).all(axis=1))
-        )
-        if len(bad):
+        if rows is None:
+            continue
+        bad = ~np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
+        if bad.any():
             raise HandtrackError(
-                f"{path}: {name} of frame {track.frame[bad[0]]} is not finite; a lost frame holds the last estimate."
+                f"{path}: {name} of frame {track.frame[bad][0]} is not finite; a lost frame holds the last estimate."
             )
     known = [int(status) for status in Status]
     if not np.isin(track.status, known).all():

@@ -254,6 +254,15 @@ def fill_masks(session: Path, change: Callable[[np.ndarray], np.ndarray]) -> Non
         cv2.imwrite(str(file), change(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)))
 
 
+def test_a_truth_in_millimetres_is_asked_about(handtrack, session: Path) -> None:
+    with np.load(session / "truth.npz") as truth:
+        np.savez(session / "mm.npz", keypoints21=1000 * truth["keypoints21"])
+    ended = handtrack("evaluate", session / "tracks/poses.npz", "--truth", session / "mm.npz")
+    assert ended.code == 0
+    assert "m apart (median). Is " in ended.err
+    assert "mm.npz in metres, and in the world of the calibration?" in ended.err
+
+
 def test_empty_masks_are_lost_frames(handtrack, session: Path) -> None:
     fill_masks(session, np.zeros_like)
     ended = handtrack("track", session)

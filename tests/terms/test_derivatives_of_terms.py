@@ -120,8 +120,9 @@ def test_gaussian_prior(rng, model):
 
 def test_linear_prior(rng, model):
     count = len(model.parameter_names)
-    term = LinearPrior(rng.normal(size=(5, count)))
-    check_parameter_term(term, rng.normal(size=count), model.parameter_names)
+    rows = rng.normal(size=(5, count))
+    for term in (LinearPrior(rows), LinearPrior(rows, GemanMcClure(3.0), weight=0.4)):
+        check_parameter_term(term, rng.normal(size=count), model.parameter_names)
 
 
 def test_bell_prior(rng, model):

@@ -9,6 +9,9 @@ from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import read_npz
 from handtrack.session.truth import read_truth
+from handtrack_app.commands.progress import say
+
+_FAR_MM = 1000.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -18,6 +21,12 @@ def run(args: argparse.Namespace) -> int:
         metrics = evaluate(track, truth)
     except HandtrackError as error:
         raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
+    median = metrics["mpjpe_median_mm"]
+    if median is not None and median > _FAR_MM:
+        say(
+            f"note: result and truth are {median / 1000:.3g} m apart (median). Is {args.truth} in metres, and in the world of "
+            "the calibration?"
+        )
     if args.json:
         print(json.dumps(metrics, indent=1, allow_nan=False))
         return 0

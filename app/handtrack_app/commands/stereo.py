@@ -71,7 +71,9 @@ def _tell(session: Session, out: Path, frames: range, counts: list[int]) -> None
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
     )
     if not max(counts):
-        say("note: not a single point: do the cameras have empty masks? `handtrack doctor` looks at them.")
+        say(
+            "note: not a single point: do the cameras have empty masks? `handtrack doctor` looks at them."
+        )
     if out.resolve().is_relative_to(session.folder.resolve()):
         place = out.resolve().relative_to(session.folder.resolve()).as_posix()
         print(f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".')
