@@ -54,19 +54,23 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
 
     A part that is hidden in a view is still inside the outline of what hides it; so wherever it really is, each mask
     covers all of it. The overlap of the whole outlines hardly changes when a finger or a body's arm is lost.
+    Of three and more views two must say so: a mask may lack a finger.
     """
     flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
     worst, words = terms.settings.tracker.doubtful_part, ""
     for bone in np.unique(flesh.bone):
         if terms.model.has_forearm and bone == skeleton.bone("forearm"):
             continue  # nobody knows how much of it a sleeve hides
-        found = outline_overlap(terms.prepared, flesh.subset(flesh.bone == bone), bones)
+        # with the bone it hangs on: a fingertip alone is as small as a mask's errors
+        part = (flesh.bone == bone) | (flesh.bone == skeleton.parent[bone])
+        found = outline_overlap(terms.prepared, flesh.subset(part), bones)
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
-        view = int(np.argmin(inside))
+        view = int(np.argsort(inside)[1 if len(inside) > 2 else 0])
         if inside[view] < worst:
             worst = inside[view]
-            part = skeleton.bone_names[bone].replace("_", " ")
-            words = f"{100 * (1 - worst):.0f} % of the {part} lie outside the silhouette in {terms.prepared[view].camera.name}"
+            name, camera = skeleton.bone_names[bone].replace("_", " "), terms.prepared[view].camera
+            outside = f"{100 * (1 - worst):.0f} % of the {name} and the bone before it"
+            words = f"{outside} lie outside the silhouette in {camera.name}"
     return words
 
 

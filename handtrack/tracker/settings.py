@@ -162,7 +162,7 @@ class FollowSettings:
     lost_overlap: float = 0.45
     """and less than this: lost"""
     doubtful_part: float = 0.5
-    """a frame in which less of a part (a finger's bone, a limb) lies inside a silhouette is doubtful; 0: never"""
+    """a frame in which less of two neighbouring bones lies inside a silhouette is doubtful; 0: never"""
     doubtful_cloud: float = 0.7
     """a frame with a smaller share of its points within 6 mm of the surface is doubtful"""
     lost_cloud: float = 0.35

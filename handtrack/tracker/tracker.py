@@ -119,7 +119,7 @@ class Tracker:
             terms = self._terms(observation, params, expected, ahead, solved)
         if self.settings.tracker.hypotheses > 1:
             return self._mixed(observation, terms, params, previous, solved, should_stop)
-        if previous and is_poor(previous[-1]) and self._may_doubt(terms):  # most often it goes on so
+        if previous and is_poor(previous[-1]) and self._may_doubt(terms):
             held = self._held(observation, params, previous, should_stop, on_iteration)
             params = self.model.transform.solver_params(held.parameters)
             poor = self._poor(terms, params, GOOD)
