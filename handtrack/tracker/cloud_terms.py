@@ -26,6 +26,9 @@ _SIGMA_BANDS = 0.5  # of depths, in bands: beyond three of them a doubted depth 
 _FEWEST = 30
 _CELL_M = 0.004  # of the grid that measures a surface, and of the model's mesh
 _CELL_AREA = _CELL_M**2 / 1.5  # in each cell: a plane meets 1.5 of them per a² (mean of directions)
+_NORMAL_MEDIAN = 1.4826  # σ of a normal distribution by the median of its absolute values
+_BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that is taken as found,
+_EXACT = 0.1  # but for no more exact than this
 _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
 
 
@@ -42,6 +45,18 @@ class SeenCloud:
     """(B,) bone lengths of the model that `emptiness` was made for [m]"""
     views: tuple[Floats, ...] = ()
     """what can have seen the surface, as in `seen_from`"""
+    sigma_m: float | None = None
+    """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
+
+    def measured(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
+        """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
+
+        What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.
+        """
+        points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
+        off = np.abs(MetaballSurface.of(model).distance(bones, points))
+        found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
+        return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
 
     def looked_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
         """Return the same points, asking of the model what is in view at another pose.
@@ -127,12 +142,12 @@ def cloud_terms(
                 weight=chosen.weight * seen.share,
             )
         ]
-    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm / chosen.sigma_mm, 2.0))
+    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
     terms: list[ObservationTerm] = [
         CloudDistanceTerm(
             seen.prepared,
             MetaballSurface.of(model),
-            sigma_m=sigma_m,
+            sigma_m=seen.sigma_m or sigma_m,
             loss=robust,
             weight=chosen.balance * chosen.weight * seen.share,
         )

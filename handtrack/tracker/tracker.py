@@ -148,7 +148,24 @@ class Tracker:
         poor = self._poor(terms, summary.params, POOR)
         if poor is not None:
             return poor.told(self._held(observation, params, previous, should_stop, on_iteration))
-        return self._result(observation, terms, problem, summary.params, count, previous)
+        params, exact, more = self._refined(terms, summary.params, should_stop)
+        return self._result(observation, terms, problem, params, count + more, previous, exact)
+
+    def _refined(
+        self, terms: FrameTerms, params: Floats, should_stop: Callable[[], bool] | None
+    ) -> tuple[Floats, Problem | None, int]:
+        """Return the pose that a cloud gives which lies nearer than usual, its problem, iterations; what is given elsewhere.
+
+        Poses are compared before, as energies are: with the same spread for all of them.
+        """
+        fine = terms.measured(self.model.bones(params))
+        if fine is terms:
+            return params, None, 0
+        exact = self._problem(fine, fine.stages - 1, params)
+        share = max(self.settings.solver.iterations // fine.stages, 1)
+        settings = replace(self.settings.solver, iterations=share)
+        summary = solve(exact, params, settings, should_stop)
+        return summary.params, exact, summary.iterations
 
     def _may_doubt(self, terms: FrameTerms) -> bool:
         """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
@@ -320,11 +337,14 @@ class Tracker:
         params: Floats,
         iterations: int,
         previous: Sequence[FrameResult],
+        exact: Problem | None = None,
     ) -> FrameResult:
         params = params.copy()
         system = problem.linearize(params)
-        alone = Problem(self.model, problem.observation_terms).linearize(params)
-        spread = uncertainty(self.model, params, system.hessian, alone.hessian)
+        known = system if exact is None else exact.linearize(params)
+        seen = (exact or problem).observation_terms
+        alone = Problem(self.model, seen).linearize(params)
+        spread = uncertainty(self.model, params, known.hessian, alone.hessian)
         status, note = assess(terms, self.model.bones(params), system.cost, previous)
         std = (
             np.full_like(spread.parameter_std, np.inf)
