@@ -227,7 +227,8 @@ class Keeper:
         try:
             said = self._keep_hand_size()
             keep_version(path)
-            pose = FirstPose(document.frame, values)
+            size = document.run.scale if document.size_pending else None
+            pose = FirstPose(document.frame, values, scale=size)
             write_first_pose(path, pose)
         except OSError as error:
             raise HandtrackError(

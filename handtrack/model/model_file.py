@@ -67,7 +67,11 @@ def load_model(
 
 def read_scale(path: Path) -> HandScale:
     """Return a person's saved hand or body: JSON with `overall`, `parts`, `proportions`. Raises HandtrackError."""
-    data = read_json(path, "a saved hand")
+    return scale_from(read_json(path, "a saved hand"), path)
+
+
+def scale_from(data: Any, path: Path) -> HandScale:
+    """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
         odd = sorted(set(data) - {"overall", "parts", "proportions"})
         if odd:

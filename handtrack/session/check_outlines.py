@@ -67,9 +67,10 @@ def _pixels_apart(pair: tuple[View, View], masks: tuple[list[Bytes | None], ...]
 def _ends(mask: Bytes, view: View, other: Camera) -> Floats:
     """Return (2,) the least and the largest angle of a mask's pixels [rad]; NaN where the image or its region cuts them off."""
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
-    hand = np.where(mask >= 128, np.uint8(255), np.uint8(0))
-    hand = cv2.morphologyEx(hand, cv2.MORPH_OPEN, np.ones((_SPECK_PX, _SPECK_PX), np.uint8))
-    outlines, _ = cv2.findContours(hand, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    found, _ = cv2.findContours(
+        (mask >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    outlines = [outline for outline in found if max(cv2.boundingRect(outline)[2:]) > _SPECK_PX]
     if not outlines:
         return np.full(2, np.nan)
     pixels = np.concatenate(outlines)[:, 0].astype(float)

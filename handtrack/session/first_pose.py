@@ -14,6 +14,8 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.capture.text_files import read_json
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import scale_from, scale_table
 
 CONVENTIONS = ("openpose21",)
 _PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
@@ -43,6 +45,8 @@ class FirstPose:
     """order of the keypoints: openpose21."""
     pixels: Mapping[str, Floats] = field(default_factory=dict)
     """(21, 2) by camera, in the image as it was taken [px], NaN rows where unknown."""
+    scale: HandScale | None = None
+    """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
 
 
 def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:
@@ -63,7 +67,9 @@ def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) ->
     if len(forms) > 1:
         raise HandtrackError(f"{path}: both {' and '.join(forms)}; expected one of them.")
     if "parameters" in data:
-        return FirstPose(frame, _parameters(data["parameters"], parameter_names, path))
+        parameters = _parameters(data["parameters"], parameter_names, path)
+        scale = scale_from(data["scale"], path) if "scale" in data else None
+        return FirstPose(frame, parameters, scale=scale)
     if "xyz" in data:
         return _keypoints(data, frame, path)
     if "cameras" in data:
@@ -82,6 +88,8 @@ def write_first_pose(path: Path, pose: FirstPose) -> None:
         data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "px", "cameras": rows_of}
     elif pose.xyz is None:
         data["parameters"] = dict(pose.parameters)
+        if pose.scale is not None:
+            data["scale"] = scale_table(pose.scale)
     else:
         rows = _written(pose.xyz)
         data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}

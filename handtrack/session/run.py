@@ -331,8 +331,8 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
             f'{session.folder}: scale = "fit" is for hands; give a body\'s size as a factor on 1.75 m, or the path of '
             "a saved body."
         )
-    if first is None or first.xyz is None:
-        return HandScale()  # nothing to fit to: an adult's mean hand
+    if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
+        return first.scale if first is not None and first.scale is not None else HandScale()
     seen = _keypoints(first, settings)
     return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)[0]
 
