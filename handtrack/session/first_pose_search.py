@@ -55,7 +55,7 @@ def find_first_poses(
                 tell((n + share) / (len(sizes) * _MOST_TRIED), f"frame {at}: {text}")
 
             found = _found(run, models, seen, stop, tell_here)
-            if found and (not best or found[0].settled > best[0].settled):
+            if found and (not best or found[0].confidence > best[0].confidence):
                 best = found if size == 1.0 else [_of_size(row, size) for row in found]
     tell(1.0, "done")
     return best

@@ -11,6 +11,7 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.tracker.finger_assignments import finger_swaps
 from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.settings import TrackerSettings
@@ -108,6 +109,10 @@ def finished(
     best, _ = min(done, key=lambda pair: pair[0].cost)
     if settings.tracker.escape and not stop():
         done.append(_fitted(sources, best, settings, seen, stop))
+    best, _ = min(done, key=lambda pair: pair[0].cost)
+    swaps = [replace(best, params=x) for x in finger_swaps(best.shape.model, best.params)]
+    ends = [descended(sources, laid, _MORE) for laid in swaps if not stop()]
+    done += [_fitted(sources, end, plain, seen, stop) for end in ends if not stop()]
     results = {id(laid): result for laid, result in done}
     kept = distinct([laid for laid, _ in done], FINALISTS)
     quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)

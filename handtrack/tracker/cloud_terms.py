@@ -52,7 +52,10 @@ class SeenCloud:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
 
         What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.
+        Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
         """
+        if self.share * self.prepared.count < len(model.transform.names):
+            return self
         points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
         off = np.abs(MetaballSurface.of(model).distance(bones, points))
         found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)

@@ -1,14 +1,15 @@
-"""Which fingers are stretched and which are bent: a pose with its four fingers in all sixteen ways."""
+"""A pose with its four fingers stretched or bent in all sixteen ways, or with two neighbours exchanged."""
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.pose_library import named_pose
 
 _STRETCHED, _BENT = "open", "fist"
+_FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 
 
 def finger_assignments(model: ArticulatedModel, params: Floats) -> list[Floats]:
@@ -23,5 +24,18 @@ def finger_assignments(model: ArticulatedModel, params: Floats) -> list[Floats]:
         joint = model.joint_params(params)
         for at, end in zip(bends, way, strict=True):
             joint[at] = end[at]
+        poses.append(model.clipped(model.transform.solver_params(joint)))
+    return poses
+
+
+def finger_swaps(model: ArticulatedModel, params: Floats) -> list[Floats]:
+    """Return solver parameters (P,) of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+    poses = []
+    for pair in pairwise(FINGERS[1:]):
+        joint = model.joint_params(params)
+        one, other = (
+            [model.skeleton.parameter(f"{finger}_{name}") for name in _FREEDOMS] for finger in pair
+        )
+        joint[one], joint[other] = joint[other], joint[one]
         poses.append(model.clipped(model.transform.solver_params(joint)))
     return poses

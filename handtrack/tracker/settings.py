@@ -72,7 +72,8 @@ class CloudSettings:
     """K of F = K·E1 + (1 − K)·E2: 1 asks only that the cloud lies on the model, 0 only that no visible
     part of the model lies where the cloud is empty"""
     sigma_mm: float = 2.0
-    """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids"""
+    """how far a point is from the model's surface: noise, and a hand that is not made of ellipsoids; a cloud that is found to
+    lie nearer counts for as exact as it lies"""
     patch_mm: float = 20.0
     """over how much of the surface that error stays the same: the breadth of a finger, since a hand's own shape is
     most of it and a sensor's noise the least; of a mean adult's hand"""

@@ -14,7 +14,6 @@ from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Silhouette
 from handtrack.session.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.tracker.finger_assignments import finger_assignments
 from handtrack.tracker.laid_shapes import Laid
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.silhouette_start import _outline_px
@@ -121,18 +120,6 @@ def test_pieces_of_a_circle():
     left = whole.copy()
     left[:, 1] = 160
     assert _outline_px(Silhouette(camera, mask, left)) == pytest.approx(60 * np.pi, rel=0.05)
-
-
-def test_sixteen_ways_to_hold_four_fingers():
-    params = MODEL.rest_params()
-    ways = finger_assignments(MODEL, params)
-    assert len({way.tobytes() for way in ways}) == 16
-    thumb = [p for p, name in enumerate(MODEL.transform.names) if "thumb" in name or "root" in name]
-    index = MODEL.transform.names.index("index_pip_flex")
-    for way in ways:
-        np.testing.assert_allclose(way[thumb], params[thumb])
-        np.testing.assert_allclose(MODEL.clipped(way), way, atol=1e-12)
-    assert len({round(way[index], 6) for way in ways}) == 2
 
 
 def test_a_pointing_finger_is_found_among_bent_ones(rng):
