@@ -57,6 +57,7 @@ def find_first_poses(
             found = _found(run, models, seen, stop, tell_here)
             if found and (not best or found[0].confidence > best[0].confidence):
                 best = found if size == 1.0 else [_of_size(row, size) for row in found]
+        looked_at = [seen for seen in looked_at if not best or seen.frame == best[0].frame]
     tell(1.0, "done")
     return best
 

@@ -5,13 +5,14 @@ Or a simpler hand takes its place, as in the 2004 paper, section 3.5.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats
+from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
@@ -133,7 +134,36 @@ def steadier(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
-def in_whole(
+def held(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    params: Floats,
+    last: Sequence[FrameResult],
+    step: Callable[..., FrameResult],
+    on_iteration: Callable[[int, Floats, float], None] | None = None,
+) -> FrameResult:
+    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params (P,).
+
+    step: solves the frame with a model and settings, from the last results or a start, telling its iterations.
+    """
+    calm, kind = steadier(settings), settings.model.fallback
+    if kind == "auto":
+        return step(model, calm, last, None if last else params, on_iteration)
+    joint = last[0].parameters if last else model.joint_params(params)
+    few = simplified(model, joint, kind)
+    last = [replace(r, parameters=few.model.joint_params(few.start)) for r in last]
+
+    def watch(k: int, x: Floats, cost: float) -> None:
+        if on_iteration is not None:
+            on_iteration(k, model.transform.solver_params(few.whole(x)), cost)
+
+    found = step(few.model, calm, last, few.start, watch)
+    whole = few.whole(few.model.transform.solver_params(found.parameters))
+    whole[3:6] = wrapped(whole[3:6])
+    return _in_whole(model, found, whole, few)
+
+
+def _in_whole(
     model: ArticulatedModel, found: FrameResult, joint: Floats, held: Simplified
 ) -> FrameResult:
     """Return what the simpler hand found as a result of the whole one, whose joint parameters (S,) are given.

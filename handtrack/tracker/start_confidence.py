@@ -24,7 +24,7 @@ SIZE_SIGMA, KNOWN_SIZE_SIGMA = 0.06, 0.02
 """share by which adults' hands differ in size (ANSUR II: 5–95 % is ±10 %), and by which a measured one may be wrong"""
 _NEAR_M = 0.006  # as in assessment
 _SHAPE_ERRORS = (
-    30.0  # in which a hand can differ from the model: length and girth of fifteen phalanges
+    30.0  # in which a hand differs from the model: length and girth of fifteen phalanges
 )
 _DRAWS = 300  # of a pose from its spread
 _RIDGE = 1e-9  # of the largest diagonal entry: directions of which nothing is seen at all
@@ -59,9 +59,7 @@ def nearness(problem: Problem, params: Floats, count: float, size_sigma: float) 
     model = problem.model
     bones, twist, joint = model.linearize(params)
     growth = np.zeros((*twist.shape[:2], 1))
-    growth[:, :3, 0] = (
-        bones.position - bones.reference
-    )  # bones move apart; their girth is left as it is
+    growth[:, :3, 0] = bones.position - bones.reference  # bones move apart, as thick as they were
     seen = sum(
         (term.linearize(bones) for term in problem.observation_terms),
         BoneSystem.zero(len(bones.position)),

@@ -25,10 +25,8 @@ from handtrack.tracker.fallback import (
     POOR,
     Agreement,
     agreement,
-    in_whole,
+    held,
     is_poor,
-    simplified,
-    steadier,
 )
 from handtrack.tracker.forearm import aimed_forearm
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
@@ -120,11 +118,11 @@ class Tracker:
         if self.settings.tracker.hypotheses > 1:
             return self._mixed(observation, terms, params, previous, solved, should_stop)
         if previous and is_poor(previous[-1]) and self._may_doubt(terms):
-            held = self._held(observation, params, previous, should_stop, on_iteration)
-            params = self.model.transform.solver_params(held.parameters)
+            doubted = self._held(observation, params, previous, should_stop, on_iteration)
+            params = self.model.transform.solver_params(doubted.parameters)
             poor = self._poor(terms, params, GOOD)
             if poor is not None:
-                return poor.told(held)
+                return poor.told(doubted)
         summary, problem, count = self._descend(terms, params, should_stop, on_iteration)
         due = self._is_due(observation.frame) or is_suspicious(summary.cost, terms.views, previous)
         if due and self.settings.tracker.escape:
@@ -187,25 +185,18 @@ class Tracker:
         should_stop: Callable[[], bool] | None,
         on_iteration: Watch | None,
     ) -> FrameResult:
-        """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params."""
-        calm, kind, last = steadier(self.settings), self.settings.model.fallback, previous[-1:]
-        if kind == "auto":
-            start = None if last else params
-            return Tracker(self.model, calm).step(
-                observation, last, start, should_stop, on_iteration
-            )
-        joint = last[0].parameters if last else self.model.joint_params(params)
-        few = simplified(self.model, joint, kind)
-        last = [replace(r, parameters=few.model.joint_params(few.start)) for r in last]
+        """Return the frame by a poor cloud."""
 
-        def watch(k: int, x: Floats, cost: float) -> None:
-            if on_iteration is not None:
-                on_iteration(k, self.model.transform.solver_params(few.whole(x)), cost)
+        def step(
+            model: ArticulatedModel,
+            settings: TrackerSettings,
+            last: Sequence[FrameResult],
+            start: Floats | None,
+            watch: Watch | None,
+        ) -> FrameResult:
+            return Tracker(model, settings).step(observation, last, start, should_stop, watch)
 
-        found = Tracker(few.model, calm).step(observation, last, few.start, should_stop, watch)
-        whole = few.whole(few.model.transform.solver_params(found.parameters))
-        whole[3:6] = wrapped(whole[3:6])
-        return in_whole(self.model, found, whole, few)
+        return held(self.model, self.settings, params, previous[-1:], step, on_iteration)
 
     def expected_bones(self, frame: int, previous: Sequence[FrameResult]) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
