@@ -23,9 +23,6 @@ _LEAST_USUAL = (
 )
 _SUSPICIOUS = 1.4  # times the usual energy: worth looking for a lost finger
 _DOUBTFUL = 2.0  # times the usual energy: say so
-_LEAST_INSIDE = (
-    0.5  # of a part's outline; where more of it is outside the mask, the part is elsewhere
-)
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
 
