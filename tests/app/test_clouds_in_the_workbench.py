@@ -250,7 +250,7 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> No
     with WireClient(page.port) as client:
         client.set_value(panel.filters.sliders.known["voxel_m"][1], 8.0)
         eventually(lambda: len(view.points.points) < before, "fewer points")
-        assert "cells" in panel.counts.content
+        eventually(lambda: "cells" in panel.counts.content, "counted")
         eventually(lambda: "voxel_m" in panel.saved.content, "told as not saved")
         client.set_value(panel.filters.sliders.known["voxel_m"][1], math.nan)
         client.set_value(panel.widgets["colour"], "plain")
@@ -264,10 +264,10 @@ def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
     assert document is not None
     document.saved_clouds = None
     page.send(m.RestoreClouds())
-    eventually(lambda: not view.points.visible, "hidden")
-    assert not page.layout.cloud.scene.visible
+    scene = page.layout.cloud.scene
+    eventually(lambda: not view.points.visible and not scene.visible, "hidden")
     page.send(m.SetClouds((("stereo", (("cam0", "cam1"),)),)))
-    eventually(lambda: page.layout.cloud.scene.visible, "clouds of the pair")
+    eventually(lambda: bool(scene.visible), "clouds of the pair")
     assert page.layout.cloud.card is not None
     assert page.layout.cloud.card.source == "stereo"
 

@@ -65,14 +65,17 @@ def test_the_hand_is_found_taken_and_can_be_undone(
     before = state.values
     press(bench, panel.find, "any frame")
     eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
-    eventually(lambda: bench.layout.progress.text == "40 of 100 starts", "progress")
-    assert (bench.layout.progress.done, bench.layout.progress.total) == (40, 100)
+    shown = bench.layout.progress
+    eventually(
+        lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100), "progress"
+    )
     search.set()
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")
     eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
-    assert panel.takes.options == ("1", "2")
-    assert "90 %" in panel.list.content
-    assert "turned by 170°" in panel.list.content
+    eventually(lambda: panel.takes.options == ("1", "2"), "two to take")
+    eventually(
+        lambda: "90 %" in panel.list.content and "turned by 170°" in panel.list.content, "told"
+    )
     eventually(lambda: bool(bench.stage.ghosts.bones.visible), "ghosts")
     press(bench, panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
@@ -93,10 +96,8 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(
     panel = bench.layout.guesses
     bench.send(m.FindHand(9))
     eventually(lambda: bool(panel.cancel.visible), "it runs")
-    asked = time.monotonic()
     bench.send(m.Cancel())
-    eventually(lambda: not panel.cancel.visible, "cancelled")
-    assert time.monotonic() - asked < 0.5
+    eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
     bench.send(m.FindHand(9))
     eventually(lambda: any(n.title == "No hand found" for n in bench._unread), "told")

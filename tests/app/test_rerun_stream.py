@@ -116,7 +116,7 @@ def test_the_oldest_entries_go_when_the_queue_is_full(tmp_path, monkeypatch):
     began = time.monotonic()
     for k in range(10):
         stream.log(frame_entry(k))
-    assert time.monotonic() - began < 0.2
+    assert time.monotonic() - began < 0.5, "logging waited for rerun"
     stream.close()
     assert stream.dropped == 6
     assert sorted(scalars(path, "/energy/total")) == [6, 7, 8, 9]

@@ -69,7 +69,7 @@ def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Work
     with WireClient(bench.port) as client:
         client.set_value(knob, 2.0)
         eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
-        assert knob.label == "Cloud •" and panel.back.visible
+        eventually(lambda: knob.label == "Cloud •" and bool(panel.back.visible), "marked")
         client.set_value(iterations, 7)
         eventually(lambda: iterations.label == "Iterations •", "marked")
         client.set_value(undo, "Undo")
@@ -77,7 +77,7 @@ def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Work
         assert knob.value == 2.0
         client.set_value(panel.back, True)
         eventually(lambda: knob.value == 1.0 and not panel.back.visible, "as session.toml")
-        assert knob.label == "Cloud"
+        eventually(lambda: knob.label == "Cloud", "no longer marked")
         client.set_value(undo, "Undo")
         eventually(lambda: knob.value == 2.0, "that can be undone, too")
 
@@ -92,7 +92,7 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
         eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
         eventually(lambda: tuple(slider.value) == before, "undone")
-        assert not slider.label.endswith("•")
+        eventually(lambda: not slider.label.endswith("•"), "no longer marked")
 
 
 @pytest.fixture

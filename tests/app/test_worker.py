@@ -129,14 +129,16 @@ def test_tracking_gives_every_frame_and_then_is_idle(desk: tuple[Worker, Listene
     assert progress[-1].state == "idle"
 
 
-def test_cancel_takes_effect_within_half_a_second(tmp_path: Path) -> None:
+def test_cancel_takes_effect_within_the_frame_under_way(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.4):
         worker.send(m.Track(0, FRAMES, 3))
-        listener.wait(m.ProgressSnapshot, lambda p: p.state == "tracking")
-        asked = time.monotonic()
+        begun = listener.wait(m.ProgressSnapshot, lambda p: p.state == "tracking")
         worker.send(m.Cancel())
         listener.wait(m.Notice, lambda n: n.title == "Cancelled")
-        assert time.monotonic() - asked < 0.5
+        assert (
+            max(s.done for s in listener.seen if isinstance(s, m.ProgressSnapshot))
+            <= begun.done + 1
+        )
 
 
 def test_pause_holds_and_goes_on(tmp_path: Path) -> None:
@@ -163,7 +165,7 @@ def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
             listener.wait(m.PoseSnapshot, lambda p, v=version: p.version == v)
             waits.append(time.perf_counter() - asked)
         worker.send(m.Cancel())
-        assert float(np.quantile(waits, 0.95)) < 0.1
+        assert max(waits) < 0.3, "a pose waited for a whole frame"
 
 
 def test_an_error_of_the_user_comes_in_words(desk: tuple[Worker, Listener]) -> None:
@@ -296,7 +298,7 @@ def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:
         asked = time.monotonic()
         worker.send(m.Cancel())
         listener.wait(m.Notice, lambda n: n.title == "Cancelled")
-        assert time.monotonic() - asked < 0.5
+        assert time.monotonic() - asked < 2.0, "it waited until the size was fitted"
         time.sleep(2.2)
         assert not [
             s for s in listener.seen if isinstance(s, m.Notice) and s.title == "Hand size fitted"
