@@ -154,9 +154,7 @@ def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats:
     rays = pixel_rays(CAMERA)[::_EVERY_PX, ::_EVERY_PX]
     coarse = replace(CAMERA, size=(rays.shape[1], rays.shape[0]))
     front, depth, _ = render(coarse, posed, rays)
-    hand = front >= 0
-    if model.has_forearm:
-        hand &= posed.bone[np.maximum(front, 0)] != model.skeleton.bone("forearm")
+    hand = (front >= 0) & ~model.is_forearm(posed.bone[np.maximum(front, 0)])
     points = rays[hand] * depth[hand][:, None]
     return surface.projected(bones, points)
 

@@ -16,6 +16,8 @@ from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 
+_LEAST_DEPTH_M = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -63,6 +65,15 @@ class Camera:
     def to_camera(self, points: Floats) -> Floats:
         """Return world points (..., 3) [m] in the camera frame (..., 3) [m]."""
         return np.asarray(points, dtype=float) @ self.rotation.T + self.translation
+
+    @property
+    def focal_px(self) -> float:
+        """The focal length [px], the mean of both directions."""
+        return 0.5 * float(self.matrix[0, 0] + self.matrix[1, 1])
+
+    def pixels_per_m(self, depth: Floats | float) -> Floats:
+        """Return how many pixels a metre is at depths [m] of any shape; what is nearer than 5 cm, or behind, counts as 5 cm."""
+        return self.focal_px / np.maximum(np.asarray(depth, float), _LEAST_DEPTH_M)
 
     def project(self, points_world: Floats) -> Floats:
         """Return the pixels (..., 2) of world points (..., 3) [m], with distortion.

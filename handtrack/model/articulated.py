@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Array, Floats, Ints
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
@@ -77,6 +77,10 @@ class ArticulatedModel:
     @property
     def has_forearm(self) -> bool:
         return "forearm" in self.skeleton.bone_names
+
+    def is_forearm(self, bone: Ints) -> Array:
+        """Return, for bones of any shape, whether they are the forearm."""
+        return bone == (self.skeleton.bone("forearm") if self.has_forearm else -1)
 
     def joint_params(self, params: Floats) -> Floats:
         """Return the joint parameters (S,) of solver parameters (P,)."""

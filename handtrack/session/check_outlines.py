@@ -58,7 +58,7 @@ def _pixels_apart(pair: tuple[View, View], masks: tuple[list[Bytes | None], ...]
         if a is None or b is None:
             continue
         ends = _ends(a, pair[0], cameras[1]), _ends(b, pair[1], cameras[0])
-        apart = np.abs(ends[0] - ends[1]) * min(_focal(camera) for camera in cameras)
+        apart = np.abs(ends[0] - ends[1]) * min(camera.focal_px for camera in cameras)
         if np.isfinite(apart).any():
             missed.append(float(np.nanmax(apart)))
     return float(np.median(missed)) if len(missed) >= _FEWEST else None
@@ -83,7 +83,3 @@ def _ends(mask: Bytes, view: View, other: Camera) -> Floats:
         axis=1
     )
     return np.where(inside, [np.nanmin(angles), np.nanmax(angles)], np.nan)
-
-
-def _focal(camera: Camera) -> float:
-    return float(np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]))

@@ -67,7 +67,7 @@ def ramp(
     levels = np.empty((len(cameras), len(ellipsoids), 2))
     bands = per_camera(band_px, len(cameras), "the band's width")
     for i, camera in enumerate(cameras):
-        focal = np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
+        focal = camera.focal_px
         depth = np.maximum(camera.to_camera(centre)[:, 2], least)
         share = np.clip(bands[i] * depth / np.maximum(least * focal, 1e-12), _NARROWEST, _WIDEST)
         outer, inner = ramp_levels(share, antisymmetric)

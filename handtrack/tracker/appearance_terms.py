@@ -246,8 +246,5 @@ def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSet
 def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:
     """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
     mesh = model_mesh(model)
-    if not model.has_forearm:
-        return mesh
     reach = settings.silhouettes.forearm_seen_mm * _MM
-    forearm = mesh.bone == model.skeleton.bone("forearm")
-    return mesh.subset(~forearm | (mesh.local[:, 1] < reach))
+    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < reach))

@@ -56,7 +56,7 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
     flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
     worst, words = terms.settings.tracker.doubtful_part, ""
     for bone in np.unique(flesh.bone):
-        if terms.model.has_forearm and bone == skeleton.bone("forearm"):
+        if terms.model.is_forearm(bone):
             continue  # nobody knows how much of it a sleeve hides
         # with the bone it hangs on: a fingertip alone is as small as a mask's errors
         part = (flesh.bone == bone) | (flesh.bone == skeleton.parent[bone])

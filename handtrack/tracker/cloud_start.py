@@ -18,7 +18,7 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracker.laid_shapes import PIECE_M
 from handtrack.tracker.start_kernels import cloud_scores
-from handtrack.tracker.start_shapes import REACH_M, StartShape, is_arm, palm_middle
+from handtrack.tracker.start_shapes import REACH_M, StartShape, palm_middle
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -124,7 +124,7 @@ class CloudStart:
         turn = np.einsum("bij,bkj->bik", bones.rotation, rest.rotation)[shape.mesh.bone]
         normals = np.einsum("vij,vj->vi", turn, shape.mesh.normals)
         near = np.linalg.norm(points - middle, axis=1) < shape.reach
-        return seen_from(points, normals, self.views) & near & ~is_arm(model, shape.mesh.bone)
+        return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
 
 
 def cloud_start(points: Floats, views: tuple[Floats, ...]) -> CloudStart | None:

@@ -121,9 +121,7 @@ def _patch_area(model: ArticulatedModel, settings: TrackerSettings) -> float:
 
 def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptinessTerm:
     """Return E2 without the forearm's points: a sleeve may hide it anywhere, and where it is bare it is seen anyway."""
-    if not model.has_forearm:
-        return term
-    kept = term.bone != model.skeleton.bone("forearm")
+    kept = ~model.is_forearm(term.bone)
     return replace(term, bone=term.bone[kept], local=np.ascontiguousarray(term.local[kept]))
 
 

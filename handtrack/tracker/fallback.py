@@ -61,15 +61,10 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
     whether that was measured which could be.
     """
-    if seen.emptiness is None:
+    term = seen.emptiness  # of the hand alone
+    if term is None or not len(term.bone):
         return None
-    term = seen.emptiness
-    hand = np.ones(len(term.bone), bool)
-    if model.has_forearm:
-        hand = term.bone != model.skeleton.bone("forearm")
-    if not hand.any():
-        return None
-    surface = bones.to_world(term.bone[hand], term.local[hand])
+    surface = bones.to_world(term.bone, term.local)
     points = seen.prepared.points[:, : seen.prepared.count].T
     near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
     off = np.abs(MetaballSurface.of(model).distance(bones, np.ascontiguousarray(points)))

@@ -149,9 +149,7 @@ def forearm_cut(
 
 def _hand(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
     flesh = model.flesh["fine"]
-    if model.has_forearm:
-        flesh = flesh.subset(flesh.bone != model.skeleton.bone("forearm"))
-    return flesh.posed(bones)
+    return flesh.subset(~model.is_forearm(flesh.bone)).posed(bones)
 
 
 def _before(camera: Floats, points: Floats, hand: PosedEllipsoids) -> Array:
@@ -176,5 +174,4 @@ def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Array, Array]:
 
 def _pixels_per_m(camera: Camera, points: Floats) -> Floats:
     """Return (...,) how many pixels a metre is at points (..., 3)."""
-    depth = np.maximum(camera.to_camera(points)[..., 2], 0.05)
-    return 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth
+    return camera.pixels_per_m(camera.to_camera(points)[..., 2])

@@ -220,5 +220,4 @@ def _priors(
 
 def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
     camera = silhouette.camera
-    depth = float(np.median(camera.to_camera(start.position)[:, 2]))
-    return 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1]) / max(depth, 0.05)
+    return float(camera.pixels_per_m(float(np.median(camera.to_camera(start.position)[:, 2]))))

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import Array, Floats, Ints
-from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.prepared_silhouette import prepare
@@ -109,7 +108,7 @@ class SilhouetteStart:
         cameras = [s.camera for s in self._scored]
         out = np.empty((len(rotations), len(places)))
         silhouette_scores(
-            np.stack([c.projection for c in cameras]), np.array([_focal(c) for c in cameras]), outside, sizes, _STEP_PX,
+            np.stack([c.projection for c in cameras]), np.array([c.focal_px for c in cameras]), outside, sizes, _STEP_PX,
             samples, start, area, np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle,
             shape.reach, shape.spheres, shape.points, shape.normals, shape.area, enough, out,
         )  # fmt: skip
@@ -124,7 +123,7 @@ class SilhouetteStart:
             boxed = _boxed(silhouette, middle, shape.reach)
             if boxed is None:
                 continue
-            metre = _focal(silhouette.camera) / float(silhouette.camera.to_camera(middle)[2])
+            metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
             band = max(band_m * metre, 1.0)
             sigma = _SIGMA_BANDS * band_m * metre
             near.append(prepare(boxed))
@@ -143,7 +142,7 @@ class SilhouetteStart:
         for silhouette in self.whole:
             boxed = _boxed(silhouette, middle, shape.reach)
             if boxed is not None:
-                metre = _focal(silhouette.camera) / float(silhouette.camera.to_camera(middle)[2])
+                metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
                 count += _outline_px(boxed) / (metre * PIECE_M)
         return count
 
@@ -180,7 +179,7 @@ def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
     """Return the silhouette with several pixels merged into one, about _PIXEL_M large at `middle` (3,)."""
     camera = silhouette.camera
     depth = max(float(camera.to_camera(middle)[2]), 0.05)
-    merged = max(1, round(_PIXEL_M * _focal(camera) / depth))
+    merged = max(1, round(_PIXEL_M * camera.focal_px / depth))
     if merged == 1:
         return silhouette
     width, height = camera.size[0] // merged, camera.size[1] // merged
@@ -205,7 +204,7 @@ def _boxed(silhouette: Silhouette, middle: Floats, reach: float) -> Silhouette |
     if depth < 0.05:
         return None
     column, row = camera.project(middle)
-    half = reach * _focal(camera) / depth
+    half = reach * camera.focal_px / depth
     rows = np.arange(camera.size[1])
     low = np.maximum(silhouette.valid[:, 0], np.ceil(column - half))
     high = np.minimum(silhouette.valid[:, 1], np.floor(column + half) + 1)
@@ -225,7 +224,3 @@ def _outside(silhouette: Silhouette) -> Array:
     """Return (H, W) float32 distance to the mask [px], 0 where nothing was observed."""
     far = np.asarray(distance_transform_edt(silhouette.mask <= 0.5), np.float32)
     return np.where(_looked_at(silhouette), far, np.float32(0.0))
-
-
-def _focal(camera: Camera) -> float:
-    return float(np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]))

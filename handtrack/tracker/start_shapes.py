@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import Array, Floats
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.metaballs import MetaballSurface
@@ -118,18 +118,13 @@ def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape
         reach,
         np.ascontiguousarray(mesh.vertices[near]),
         np.ascontiguousarray(mesh.normals[near]),
-        is_arm(model, mesh.bone[near]),
+        model.is_forearm(mesh.bone[near]),
         area,
         _balls(nodes.reshape(-1, 3), -signed),
         mesh,
         low,
         field.astype(np.float32),
     )
-
-
-def is_arm(model: ArticulatedModel, bone: Ints) -> Array:
-    """Return (V,) whether points that hang on these bones (V,) are the forearm's."""
-    return bone == (model.skeleton.bone("forearm") if model.has_forearm else -1)
 
 
 def _balls(nodes: Floats, depth: Floats) -> Floats:
