@@ -48,7 +48,7 @@ class SeenCloud:
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
 
-    def measured(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
+    def sharpened(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
 
         What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.

@@ -27,7 +27,6 @@ NEAR_M = 0.006
 """a point this near to the surface was measured on it: three times the usual error"""
 POOR, GOOD = 0.8, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again"""
-_NOTE = "poor cloud: "
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,13 @@ class Agreement:
     def told(self, result: FrameResult) -> FrameResult:
         """Return a frame that was solved with doubted depths as one that is in doubt itself, and why."""
         note = (
-            f"{_NOTE}{100 * self.measured:.0f} % of the hand in view was measured, "
+            f"poor cloud: {100 * self.measured:.0f} % of the hand in view was measured, "
             f"{100 * self.explained:.0f} % of the points lie on it"
         )
         if is_simplified(result):
             note = f"{note}; {result.note}"
-        return replace(result, status=max(result.status, Status.DOUBTFUL), note=note)
+        status = max(result.status, Status.DOUBTFUL)
+        return replace(result, status=status, note=note, poor_cloud=True)
 
 
 def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement | None:
@@ -72,11 +72,6 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
         explained=float(np.mean(off < NEAR_M)),
         measured=float(near.mean()),
     )
-
-
-def is_poor(result: FrameResult) -> bool:
-    """Return whether a frame was solved with doubted depths because the cloud is poor; saved results no longer tell."""
-    return result.note.startswith(_NOTE)
 
 
 def is_simplified(result: FrameResult) -> bool:

@@ -74,10 +74,10 @@ class FrameTerms:
         cloud = self.cloud and self.cloud.looked_at(self.model, bones)
         return replace(self, cloud=cloud)
 
-    def measured(self, bones: BonePoses) -> FrameTerms:
+    def sharpened(self, bones: BonePoses) -> FrameTerms:
         """Return the terms with a cloud taken as exactly as it lies on the surface of a solved pose; self if not nearer than usual."""
         usual = self.settings.cloud.sigma_mm * _MM
-        cloud = self.cloud and self.cloud.measured(self.model, bones, usual)
+        cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
         return self if cloud is self.cloud else replace(self, cloud=cloud)
 
     @property

@@ -11,7 +11,6 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.tracker.assessment import assess
-from handtrack.tracker.fallback import is_poor
 from handtrack.tracker.finger_flips import finger_flips
 from handtrack.tracker.frame_terms import frame_terms
 from handtrack.tracker.laid_shapes import Laid, StartSource, laid_everywhere
@@ -69,7 +68,7 @@ def recovered(
     """
     if not worth_restarting(result, previous) or not model.has_keypoints21:
         return result
-    if is_poor(result):  # among wrong points another hand often fits better
+    if result.poor_cloud:  # among wrong points another hand often fits better
         return result
     sources = start_sources(seen, settings)
     if not sources:

@@ -62,6 +62,8 @@ class FrameResult:
     """(21, 3) world [m]; hands only."""
     note: str = ""
     """why the frame is doubtful or lost, in words; not saved in poses.npz."""
+    poor_cloud: bool = False
+    """whether its cloud agreed with the hand so badly that the depths were doubted; not saved in poses.npz."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
     hypotheses: tuple[Hypothesis, ...] = ()

@@ -20,14 +20,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracker.appearance_terms import Before
 from handtrack.tracker.assessment import assess, is_suspicious
 from handtrack.tracker.escape import escape
-from handtrack.tracker.fallback import (
-    GOOD,
-    POOR,
-    Agreement,
-    agreement,
-    held,
-    is_poor,
-)
+from handtrack.tracker.fallback import GOOD, POOR, Agreement, agreement, held
 from handtrack.tracker.forearm import aimed_forearm
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.mixture import Component, MixtureStep
@@ -117,7 +110,7 @@ class Tracker:
             terms = self._terms(observation, params, expected, ahead, solved)
         if self.settings.tracker.hypotheses > 1:
             return self._mixed(observation, terms, params, previous, solved, should_stop)
-        if previous and is_poor(previous[-1]) and self._may_doubt(terms):
+        if previous and previous[-1].poor_cloud and self._may_doubt(terms):
             doubted = self._held(observation, params, previous, should_stop, on_iteration)
             params = self.model.transform.solver_params(doubted.parameters)
             poor = self._poor(terms, params, GOOD)
@@ -156,7 +149,7 @@ class Tracker:
 
         Poses are compared before, as energies are: with the same spread for all of them.
         """
-        fine = terms.measured(self.model.bones(params))
+        fine = terms.sharpened(self.model.bones(params))
         if fine is terms:
             return params, None, 0
         exact = self._problem(fine, fine.stages - 1, params)
@@ -214,7 +207,7 @@ class Tracker:
         if not previous:
             return None
         known = None
-        steady = is_poor(previous[-1])  # a velocity from poor poses is mostly their errors
+        steady = previous[-1].poor_cloud  # a velocity from poor poses is mostly their errors
         if self.settings.tracker.prediction == "constant_velocity" and not steady:
             known = predict(self.model, previous, frame)
         return previous[-1].parameters.copy() if known is None else known

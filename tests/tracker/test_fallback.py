@@ -11,7 +11,7 @@ from handtrack.bench.simulated_clouds import DIGICLOPS, FINE, depth_views
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.session.motion import motion
-from handtrack.tracker.fallback import is_poor, is_simplified, simplified, steadier
+from handtrack.tracker.fallback import is_simplified, simplified, steadier
 from handtrack.tracker.result import Status
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.settings import TrackerSettings
@@ -47,7 +47,7 @@ def test_a_good_cloud_is_left_to_all_joints():
     seen = views(FINE)[:3]
     results = tracked(seen)
     assert [r.status for r in results] == [Status.TRACKED] * 3
-    assert not any(is_poor(r) for r in results)
+    assert not any(r.poor_cloud for r in results)
     without = tracked(seen, **{"model.fallback": "none"})
     for one, other in zip(results, without, strict=True):
         np.testing.assert_array_equal(one.parameters, other.parameters)
@@ -58,7 +58,7 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
     results = tracked(poor, **{"model.fallback": kind})
     for result, joint in zip(results, TRUTH, strict=True):
         assert result.status == Status.DOUBTFUL
-        assert is_poor(result)
+        assert result.poor_cloud
         assert is_simplified(result) == (kind != "auto")
         assert np.isfinite(result.parameter_std[:6]).all()
         assert len(result.parameters) == 26
@@ -86,7 +86,7 @@ def test_nothing_is_claimed_of_held_fingers(poor):
 
 
 def test_it_can_be_switched_off(poor):
-    assert not any(is_poor(r) for r in tracked(poor[:3], **{"model.fallback": "none"}))
+    assert not any(r.poor_cloud for r in tracked(poor[:3], **{"model.fallback": "none"}))
 
 
 def test_it_ends_with_the_poor_frames(poor):
@@ -94,8 +94,8 @@ def test_it_ends_with_the_poor_frames(poor):
     good = views(FINE)
     mixed = [good[0], poor[1], poor[2], *good[3:]]
     results = tracked(mixed)
-    assert [is_poor(r) for r in results[:3]] == [False, True, True]
-    assert not any(is_poor(r) for r in results[4:])
+    assert [r.poor_cloud for r in results[:3]] == [False, True, True]
+    assert not any(r.poor_cloud for r in results[4:])
     assert palm_mm(results[-1], TRUTH[-1]) < 1.5
 
 
