@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.session.tables import EXPORTS
-from handtrack.tracker.fallback import is_poor, is_simplified
+from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.result import FrameResult
 from handtrack_app.document import Document
 from handtrack_app.keeping import whole_track
@@ -48,7 +48,7 @@ def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: f
     done = len(results)
     speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
     odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
-    poor = sum(is_poor(result) for result in results)
+    poor = sum(result.poor_cloud for result in results)
     if poor:
         odd.append(f"{poor} in a poor cloud")
     held = sum(is_simplified(result) for result in results)

@@ -12,7 +12,6 @@ from handtrack.bench.simulated_clouds import DIGICLOPS, Sensor, depth_views
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.session.motion import motion
-from handtrack.tracker.fallback import is_poor
 from handtrack.tracker.initialize import carried_over
 from handtrack.tracker.result import FrameResult
 from handtrack.tracker.sequence import track_frames
@@ -48,7 +47,7 @@ def poor_clouds(seeds: int = 2) -> dict[str, float | int | str]:
         for way in WAYS:
             results = track(way, truth, seen)
             errors[way].append(palm_mm(way, results, truth))
-            held[way].append(float(np.mean([is_poor(r) for r in results])))
+            held[way].append(float(np.mean([r.poor_cloud for r in results])))
     for way, parts in errors.items():
         every = np.concatenate(parts)
         figures |= {
