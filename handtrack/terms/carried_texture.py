@@ -13,9 +13,9 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.part_mesh import PartMesh
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.carried_texture_kernels import texture_system
 from handtrack.terms.cloud_loss import compiled_loss
+from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.depth_picture import DepthPicture
 from handtrack.terms.loss import GemanMcClure, Loss
 from handtrack.terms.smooth_image import SmoothImage
@@ -88,7 +88,7 @@ def exposed_as(texture: Texture, bones: BonePoses, image: SmoothImage) -> Textur
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedTextureTerm:
+class CarriedTextureTerm(CompiledTerm):
     """½ weight Σ ρ(|I(π(X)) − T(X)|²/σ²) over surface points X fixed to their bones, all channels of a point together.
 
     Which points are seen, and the exposure, are those of the stage's start, so that cost and gradient agree.
@@ -115,15 +115,9 @@ class CarriedTextureTerm:
                 f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
             )
 
-    def cost(self, bones: BonePoses) -> float:
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         kind, scale = self._loss
         cost = 0.0
         for texture, image in self.seen:
@@ -147,10 +141,10 @@ class CarriedTextureTerm:
                 bones.position,
                 bones.reference,
                 want_system,
-                system.gradient,
-                system.hessian,
+                gradient,
+                hessian,
             )
-        return BoneSystem(cost, system.gradient, system.hessian)
+        return cost
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

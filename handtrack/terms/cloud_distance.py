@@ -11,9 +11,9 @@ from handtrack.arrays import Floats, Ints, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.cloud_kernels import BLOCK, aligned, arrange, cloud_system
 from handtrack.terms.cloud_loss import compiled_loss
+from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.loss import Loss, Quadratic
 
 FARTHEST_M = 1e6
@@ -71,7 +71,7 @@ def prepare_cloud(points: Floats) -> PreparedCloud:
 
 
 @dataclass(frozen=True, eq=False)
-class CloudDistanceTerm:
+class CloudDistanceTerm(CompiledTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 
     A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
@@ -93,14 +93,6 @@ class CloudDistanceTerm:
             )
         _ = self._loss
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ ρ."""
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
     def residuals(self, bones: BonePoses) -> Floats:
         """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
         out = np.full(self.cloud.given, np.nan)
@@ -108,11 +100,12 @@ class CloudDistanceTerm:
         out[self.cloud.order] = self.surface.distance(bones, points)
         return out
 
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         kind, scale = self._loss
         start, members = self.surface.links
-        cost = cloud_system(
+        return cloud_system(
             self.cloud.points,
             self.cloud.count,
             self.cloud.spheres,
@@ -128,10 +121,9 @@ class CloudDistanceTerm:
             self.weight,
             bones.reference,
             want_system,
-            system.gradient,
-            system.hessian,
+            gradient,
+            hessian,
         )
-        return BoneSystem(cost, system.gradient, system.hessian)
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

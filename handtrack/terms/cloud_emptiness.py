@@ -12,8 +12,8 @@ from handtrack.arrays import Array, Floats, Ints, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surface import SurfaceMesh
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.cloud_loss import compiled_loss
+from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.distance_map import MOST_VOXELS, SPACING_M, DistanceMap, distance_map
 from handtrack.terms.distance_map_kernels import emptiness_system
 from handtrack.terms.loss import Loss, Quadratic
@@ -25,7 +25,7 @@ CELL, DEPTH_STEP = 0.006, 0.012
 
 
 @dataclass(frozen=True, eq=False)
-class CloudEmptinessTerm:
+class CloudEmptinessTerm(CompiledTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
     The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
@@ -82,20 +82,13 @@ class CloudEmptinessTerm:
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ ρ."""
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         if self.distances.is_empty:
-            return system
+            return 0.0
         kind, scale = self._loss
-        cost = emptiness_system(
+        return emptiness_system(
             self.distances.values,
             self.distances.low,
             self.distances.spacing,
@@ -110,10 +103,9 @@ class CloudEmptinessTerm:
             scale,
             self.weight,
             want_system,
-            system.gradient,
-            system.hessian,
+            gradient,
+            hessian,
         )
-        return BoneSystem(cost, system.gradient, system.hessian)
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

@@ -14,14 +14,14 @@ from handtrack.arrays import Floats, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.cloud_loss import UniformOutliers
 from handtrack.terms.cloud_rays_kernels import rays_system
+from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.loss import GemanMcClure
 
 
 @dataclass(frozen=True, eq=False)
-class CloudRaysTerm:
+class CloudRaysTerm(CompiledTerm):
     """½ weight Σ over the cloud's points: ρ_a(d²/along²) where a point's ray hits the model, ρ_b(s²/beside²) + an outlier's
     ρ_a where it passes by at the distance s.
 
@@ -51,18 +51,11 @@ class CloudRaysTerm:
                 f"{self.name}: sigmas {self.along_m:g} m along and {self.beside_m:g} m beside; expected positive lengths."
             )
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ ρ."""
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         rays, depth = self._rays
-        cost = rays_system(
+        return rays_system(
             self.centre,
             rays,
             depth,
@@ -75,10 +68,9 @@ class CloudRaysTerm:
             self.weight,
             bones.reference,
             want_system,
-            system.gradient,
-            system.hessian,
+            gradient,
+            hessian,
         )
-        return BoneSystem(cost, system.gradient, system.hessian)
 
     @cached_property
     def _rays(self) -> tuple[Floats, Floats]:

@@ -12,12 +12,12 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.collision_kernels import collision_system, overlaps, shape_matrices
+from handtrack.terms.compiled_term import CompiledTerm
 
 
 @dataclass(frozen=True, eq=False)
-class CollisionTerm:
+class CollisionTerm(CompiledTerm):
     """½ weight Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
 
     Where two overlap, −d is how far one must move to be free of the other (the penetration depth); it has a row on both
@@ -62,26 +62,18 @@ class CollisionTerm:
         pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ r²."""
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
     def depths(self, bones: BonePoses) -> Floats:
         """Return (K,) how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
         return _depths(self.flesh, bones, self.pairs)
 
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         flesh, (first, second) = self.flesh, self._columns
-        cost = collision_system(
+        return collision_system(
             bones.rotation, bones.position, bones.reference, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-            first, second, self.slack_m, self.sigma_m, self.weight, want_system, system.gradient, system.hessian,
+            first, second, self.slack_m, self.sigma_m, self.weight, want_system, gradient, hessian,
         )  # fmt: skip
-        return BoneSystem(cost, system.gradient, system.hessian)
 
     @cached_property
     def _columns(self) -> tuple[Ints, Ints]:

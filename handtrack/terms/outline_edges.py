@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.edge_search import SeenEdges
 from handtrack.terms.outline_edges_kernels import edges_system
 
 
 @dataclass(frozen=True, eq=False)
-class OutlineEdgesTerm:
+class OutlineEdgesTerm(CompiledTerm):
     """−weight Σ (ℓ/stretch) log p(x): each piece of outline, ℓ long, explains one of the edges on its normal, or none.
 
     x is how far the piece has moved along the normal of its start, x_k where the edges are, a_k their strengths:
@@ -41,15 +42,9 @@ class OutlineEdgesTerm:
                 "expected positive numbers."
             )
 
-    def cost(self, bones: BonePoses) -> float:
-        return self._system(bones, want_system=False).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return self._system(bones, want_system=True)
-
-    def _system(self, bones: BonePoses, want_system: bool) -> BoneSystem:
-        system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
         cost = 0.0
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
@@ -71,7 +66,7 @@ class OutlineEdgesTerm:
                 bones.position,
                 bones.reference,
                 want_system,
-                system.gradient,
-                system.hessian,
+                gradient,
+                hessian,
             )
-        return BoneSystem(cost, system.gradient, system.hessian)
+        return cost
