@@ -58,7 +58,7 @@ def check_init(session: Session) -> Iterator[Finding]:
 
 def _joints(session: Session, pose: FirstPose) -> Floats:
     """Return (J, 3) the joints [m] of a pose given by parameters."""
-    model = _model(session)
+    model = _model(session, pose.scale)
     return model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
 
 
@@ -68,13 +68,15 @@ def check_model(session: Session) -> Iterator[Finding]:
     yield Finding("ok", f"the model is {model.name}, {model.side}.")
 
 
-def _model(session: Session) -> ArticulatedModel:
+def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:
+    """Return the hand; fitted: its size where session.toml leaves that open."""
     scale = session.hand_scale
-    size = (
-        read_scale(scale)
-        if isinstance(scale, Path)
-        else HandScale(1.0 if scale == "fit" else float(scale))
-    )
+    if isinstance(scale, Path):
+        size = read_scale(scale)
+    elif scale == "fit":
+        size = fitted or HandScale()
+    else:
+        size = HandScale(float(scale))
     return load_model(session.hand_model, session.file.hand.side, size, forearm=True)
 
 

@@ -39,25 +39,38 @@ def find_first_poses(
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
     sizes = (1.0,) if _is_size_known(run) else _SIZES
-    frames = _worth_a_look(run, frame)
-    looked_at: list[Observation] = []
+    models = {
+        size: _models(run if size == 1.0 else run.with_scale(HandScale(size))) for size in sizes
+    }
+
+    def is_over(best: list[FirstPoseCandidate]) -> bool:
+        return stop() or bool(best and best[0].settled >= SURE)
+
+    def surer(
+        best: list[FirstPoseCandidate], seen: Observation, size: float, step: int
+    ) -> list[FirstPoseCandidate]:
+        """Return the poses of this frame for a hand of that size, or the best so far if they are surer."""
+
+        def tell_here(share: float, text: str) -> None:
+            tell((step + share) / (len(sizes) * _MOST_TRIED), f"frame {seen.frame}: {text}")
+
+        found = _found(run, models[size], seen, stop, tell_here)
+        if not found or (best and found[0].confidence <= best[0].confidence):
+            return best
+        return found if size == 1.0 else [_of_size(row, size) for row in found]
+
     best: list[FirstPoseCandidate] = []
-    for turn, size in enumerate(sizes):  # another than the mean one only where that leaves doubt
-        models = _models(run if size == 1.0 else run.with_scale(HandScale(size)))
-        for index, seen in enumerate(frames if turn == 0 else looked_at):
-            if stop() or (best and best[0].settled >= SURE):
-                break
-            if turn == 0:
-                looked_at.append(seen)
-            before = turn * _MOST_TRIED + index
-
-            def tell_here(share: float, text: str, at: int = seen.frame, n: int = before) -> None:
-                tell((n + share) / (len(sizes) * _MOST_TRIED), f"frame {at}: {text}")
-
-            found = _found(run, models, seen, stop, tell_here)
-            if found and (not best or found[0].confidence > best[0].confidence):
-                best = found if size == 1.0 else [_of_size(row, size) for row in found]
+    looked_at: list[Observation] = []
+    for step, seen in enumerate(_worth_a_look(run, frame)):
+        best = surer(best, seen, 1.0, step)
+        looked_at.append(seen)
+        if is_over(best):
+            break
+    for turn, size in enumerate(sizes[1:], start=1):  # only where the mean size leaves doubt
         looked_at = [seen for seen in looked_at if not best or seen.frame == best[0].frame]
+        for index, seen in enumerate(looked_at):
+            if not is_over(best):
+                best = surer(best, seen, size, turn * _MOST_TRIED + index)
     tell(1.0, "done")
     return best
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
 from tests.session.small_session import keypoints, write_init
 
@@ -37,11 +38,17 @@ def test_parameters_by_name(tmp_path: Path) -> None:
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
     xyz = keypoints()
     xyz[4] = np.nan
-    poses = [FirstPose(3, {}, xyz, "openpose21"), FirstPose(2, {"root_tx": 0.1})]
+    small = HandScale(0.8, {"thumb": 1.05})
+    poses = [
+        FirstPose(3, {}, xyz, "openpose21"),
+        FirstPose(2, {"root_tx": 0.1}),
+        FirstPose(2, {"root_tx": 0.1}, scale=small),
+    ]
     for pose in poses:
         write_first_pose(tmp_path / "i.json", pose)
         again = read_first_pose(tmp_path / "i.json")
         assert (again.frame, dict(again.parameters)) == (pose.frame, dict(pose.parameters))
+        assert again.scale == pose.scale
         if pose.xyz is not None:
             assert again.xyz is not None
             np.testing.assert_array_equal(again.xyz, pose.xyz)
