@@ -32,8 +32,9 @@ class SolverSettings:
     iterations: int = 10
     """linearisations at most"""
     limits: str = "bounds"
-    """`bounds`: no step leaves the limits, found together with it, and those that move with another parameter are followed; `projection`: a step that knows no limits is
-    moved back to them afterwards (the 2004 paper's), which can stick where joints work together"""
+    """`bounds`: no step leaves the limits, found together with it, and those that move with another parameter are
+    followed; `projection`: a step that knows no limits is moved back to them afterwards (the 2004 paper's), which can
+    stick where joints work together"""
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
     binary cameras leave weak directions"""

@@ -68,9 +68,8 @@ class SilhouetteStart:
         sights /= np.linalg.norm(sights, axis=1, keepdims=True)
         chosen = [0]
         while len(chosen) < min(_MOST_SCORED, len(self.small)):
-            alike = np.abs(sights @ sights[chosen].T).max(
-                axis=1
-            )  # seen from behind, an outline is the same
+            # seen from behind, an outline is the same
+            alike = np.abs(sights @ sights[chosen].T).max(axis=1)
             alike[chosen] = np.inf
             chosen.append(int(np.argmin(alike)))
         return tuple(self.small[i] for i in sorted(chosen))

@@ -23,9 +23,7 @@ BASIN_M = 0.012
 SIZE_SIGMA, KNOWN_SIZE_SIGMA = 0.06, 0.02
 """share by which adults' hands differ in size (ANSUR II: 5–95 % is ±10 %), and by which a measured one may be wrong"""
 _NEAR_M = 0.006  # as in assessment
-_SHAPE_ERRORS = (
-    30.0  # in which a hand differs from the model: length and girth of fifteen phalanges
-)
+_SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
 _DRAWS = 300  # of a pose from its spread
 _RIDGE = 1e-9  # of the largest diagonal entry: directions of which nothing is seen at all
 
