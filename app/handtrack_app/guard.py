@@ -164,9 +164,8 @@ def _name(url: str) -> str:
 def _allowed_names(host: str) -> Collection[str]:
     if is_loopback(host):
         return {host.lower().strip("[]"), "localhost", LOOPBACK, "::1"}
-    return (
-        _AnyName()
-    )  # the network's names for this machine are not known; Origin must still equal Host
+    # the network's names for this machine are not known; Origin must still equal Host
+    return _AnyName()
 
 
 class _AnyName(Collection[str]):

@@ -16,10 +16,8 @@ from handtrack.session.session import Session
 from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.document import Document
 
-_NEAR, _DEEP_M = (
-    0.02,
-    0.15,
-)  # the share of points that are nearest, and how far behind them a hand may reach
+# the share of points that are nearest, and how far behind them a hand may reach
+_NEAR, _DEEP_M = (0.02, 0.15)
 
 
 def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
@@ -50,9 +48,8 @@ def placed_in_view(run: TrackingRun) -> Floats:
         )
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
-    turn = np.stack(
-        [np.cross(up, -forward), up, -forward], axis=1
-    )  # +y up, back of the hand to the camera
+    # +y up, back of the hand to the camera
+    turn = np.stack([np.cross(up, -forward), up, -forward], axis=1)
     joint = run.model.rest.copy()
     joint[3:6] = rotation_vector(turn)
     joint[:3] = centre - 0.09 * up  # the wrist, half a hand below

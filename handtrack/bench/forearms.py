@@ -38,9 +38,8 @@ ARMS: dict[str, tuple[float, float]] = {
 """where an arm ends, and where a sleeve half as wide again begins [m from the wrist]"""
 RIGS = ("near_pair", "3_cameras")
 FRAMES, OF = 14, 40  # of an opening and closing hand
-_TUBE = 1e-3 * np.array(
-    [[0, 28, 19], [60, 30, 22], [120, 38, 32], [200, 43, 40], [300, 46, 43]]
-)  # along the arm: half-widths
+# along the arm: half-widths
+_TUBE = 1e-3 * np.array([[0, 28, 19], [60, 30, 22], [120, 38, 32], [200, 43, 40], [300, 46, 43]])
 
 
 def forearms(seeds: Sequence[int] = (11,), frames: int = FRAMES) -> dict[str, float | int | str]:

@@ -15,10 +15,8 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.layout import matching_files
 
-_LEAST, _SURE = (
-    0.3,
-    0.6,
-)  # confidences below which a point counts as missing, and with half its weight
+# confidences below which a point counts as missing, and with half its weight
+_LEAST, _SURE = (0.3, 0.6)
 _UNSURE = 2.0  # times sigma of points between the two
 
 

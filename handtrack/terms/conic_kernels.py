@@ -152,9 +152,8 @@ def conic_by_twist(
     c11, c12, c22 = mu * mu - s11, mu * mv - s12, mv * mv - s22  # C* / γ
     s = ellipse[SCALE]
     p0, p1, p2 = p[0], p[1], p[2]
-    ds_by_d33 = (
-        -s if depth_scaled else 0.0
-    )  # the factor is −1/γ in the paper's scale, and constant else
+    # the factor is −1/γ in the paper's scale, and constant else
+    ds_by_d33 = -s if depth_scaled else 0.0
     for t in range(8):
         j0, j1, j2 = work[t], work[8 + t], work[16 + t]
         d11 = (work[24 + t] - 2.0 * j0 * p0) * inverse

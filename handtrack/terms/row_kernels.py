@@ -22,9 +22,10 @@ MOMENTS = 24
 """Sums per ellipse: 15 of x^i y^j (i + j ≤ 4), in the order of `_unpack`; from 16 on 6 of Z x^i y^j (i + j ≤ 2)."""
 
 _BITS_OF_TWO = 0x4000000000000000  # the float64 2.0: above every value that is not saturated
+# set bits
 _PLACES = np.array(
     [sorted(range(8), key=lambda i: (not m >> i & 1, i)) for m in range(256)], np.uint8
-)  # set bits
+)
 
 _DOUBLE, _LONG = ir.DoubleType(), ir.IntType(64)
 _DOUBLES, _LONGS = ir.VectorType(_DOUBLE, 8), ir.VectorType(_LONG, 8)

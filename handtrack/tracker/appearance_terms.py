@@ -35,11 +35,8 @@ from handtrack.tracker.settings import TrackerSettings
 _MM = 1e-3
 _STEP = 0.5  # of a thin part's radius: what is that much further behind shows an edge
 _SIGMAS = 3.0  # of an edge's place, within the search
-_ROBUST = (
-    12.0,
-    6.0,
-    3.0,
-)  # sigmas; another colour is another thing, or, at first, still the wrong place
+# sigmas; another colour is another thing, or, at first, still the wrong place
+_ROBUST = (12.0, 6.0, 3.0)
 _SPACING_PX = 3  # between points of texture
 _BORDER_PX = 2  # of the model, where the colour may be the background's
 _SAME, _SAME_PX = 4.0, 2.0  # sigmas within which a colour is the same, images smoothed by that much

@@ -30,10 +30,8 @@ _REST_SIGMA = np.deg2rad(40.0)
 _ALIKE_RAD = 0.15
 _NEAREST_M, _FARTHEST_M = 0.08, 20.0  # of a palm from a camera
 _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in space
-_OFF_PX, _OFF_SHARE = (
-    25.0,
-    0.04,
-)  # of a line of sight from a point, beyond which it is no view of it: px, of the image
+# of a line of sight from a point, beyond which it is no view of it: px, of the image
+_OFF_PX, _OFF_SHARE = (25.0, 0.04)
 
 
 def triangulated(seen: Sequence[ImageKeypoints]) -> Floats:

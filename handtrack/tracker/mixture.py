@@ -29,10 +29,8 @@ from handtrack.tracker.settings import TrackerSettings
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
 _FIRST_TREES, _FIRST_LEAVES = 6, 96  # of a first frame, and of each of its trees
-_FIRST_ROUNDS, _COARSE = (
-    3,
-    10.0,
-)  # trees of better and better minima; times sigma where a start is far off
+# trees of better and better minima; times sigma where a start is far off
+_FIRST_ROUNDS, _COARSE = (3, 10.0)
 _WEIGHTLESS = 1e-300
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""

@@ -25,10 +25,8 @@ _SAMPLES = 130  # mask pixels of a camera that are looked at in a score, within 
 _STEP_PX = 2
 _MOST_SCORED = 4  # cameras
 _PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 100, 0.007
-_SIGMA_BANDS, _STRETCH_M = (
-    0.35,
-    0.010,
-)  # of outline errors, in bands; along how much outline they stay the same
+# of outline errors, in bands; along how much outline they stay the same
+_SIGMA_BANDS, _STRETCH_M = (0.35, 0.010)
 _WIDE_PIXELS = 2.0
 _LEAST_SEEN = 0.25  # share of a box that counts as the whole
 

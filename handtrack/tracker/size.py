@@ -22,10 +22,8 @@ _OVERALL_SIGMA = (
     0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 )
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
-_BANDS_MM = (
-    4.0,
-    1.5,
-)  # narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last
+# narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last
+_BANDS_MM = (4.0, 1.5)
 _FOREARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _SIGMAS = np.array([_OVERALL_SIGMA] + [_FINGER_SIGMA] * len(FINGERS) + [_FOREARM_SIGMA])
 SIZES = len(_SIGMAS)

@@ -99,9 +99,8 @@ def test_an_image_is_straightened_as_a_mask_is(rng: np.random.Generator) -> None
     assert view.pixels.dtype == np.uint8
     np.testing.assert_allclose(view.pixels[..., 1] / 255.0, silhouette.mask, atol=0.01)
     assert not view.camera.is_distorted
-    assert (
-        view.camera is undistort_image(camera, view.pixels).camera
-    )  # the same one for every frame
+    # the same one for every frame
+    assert view.camera is undistort_image(camera, view.pixels).camera
 
 
 def test_an_image_of_another_size_is_refused() -> None:

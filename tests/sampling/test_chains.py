@@ -22,10 +22,8 @@ def test_a_hand_offers_its_fingers():
 
 def test_what_a_coupling_takes_is_not_a_fingers_own():
     linked = chains_of(load_model("hand26", coupling="18"))[1]
-    assert linked.parameters == (
-        "index_mcp_flex",
-        "index_pip_flex",
-    )  # all four fingers spread together
+    # all four fingers spread together
+    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
     ready = prepare(load_model("hand26", coupling="18"), linked)
     assert ready.leader.tolist() == [0, -1, 2, 2]
     np.testing.assert_allclose(ready.ratio[3], 2 / 3)

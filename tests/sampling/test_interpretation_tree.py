@@ -51,9 +51,8 @@ def test_ray_and_sphere_by_hand():
     pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, True)
     np.testing.assert_allclose(points[0], [[0, 0, 4], [0, 0, 6]])
     np.testing.assert_allclose(points[1], [[0, 0, 4.2], [0, 0, 5.8]])
-    np.testing.assert_allclose(
-        points[2, 0], [0, 2, 5]
-    )  # missed: the sphere's point nearest to the ray
+    # missed: the sphere's point nearest to the ray
+    np.testing.assert_allclose(points[2, 0], [0, 2, 5])
     assert missed.tolist() == [[0, 0], [0, 0], [1, 2]]
     pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
     assert missed[2].tolist() == [2, 2]
@@ -144,9 +143,8 @@ def test_a_missed_ray_prunes_or_goes_on_with_the_nearest(body, camera):
     assert not near.exact.any()
     assert within_limits(body.limits, near.params).all()
     reached = [_pixels(body, camera, leaf, ["left_wrist"])[0, 1] for leaf in near.params]
-    assert (
-        max(reached) > _pixels(body, camera, params, ["left_wrist"])[0, 1]
-    )  # it stretches towards it
+    # it stretches towards it
+    assert max(reached) > _pixels(body, camera, params, ["left_wrist"])[0, 1]
 
 
 def test_fingers_follow_as_far_as_their_hinges_let_them(rng):

@@ -22,9 +22,8 @@ def _random_pose(model, rng):
 
 def test_one_hinge_by_hand():
     assert one_hinge(Z, X, Y, 0.0) == pytest.approx(np.pi / 2)
-    assert one_hinge(Z, X, np.array([0.0, 0.1, 7.0]), 0.0) == pytest.approx(
-        np.pi / 2
-    )  # the nearest
+    # the nearest
+    assert one_hinge(Z, X, np.array([0.0, 0.1, 7.0]), 0.0) == pytest.approx(np.pi / 2)
     assert one_hinge(Z, Z, Y, 0.3) == 0.3  # makes no difference: as told
 
 
@@ -32,9 +31,8 @@ def test_two_hinges_by_hand():
     out = np.zeros((2, 2))
     assert two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 2
     np.testing.assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
-    assert (
-        two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
-    )  # the end on the first axis: that turn is free
+    # the end on the first axis: that turn is free
+    assert two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
     np.testing.assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
     assert two_hinges(Z, X, Y, np.array([0.0, 0.6, 0.8]), 0.0, 0.0, out) == 2
     bend = np.arctan2(0.8, 0.6)

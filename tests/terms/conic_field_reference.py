@@ -50,10 +50,8 @@ def ellipsoid_conics(camera_matrix, bones, ellipsoids, e):
     d_back = -back @ (twist_generators(bones.reference) @ transform) @ back  # eq. 29
     d_moved = np.swapaxes(d_back, 1, 2) @ quadric @ back + back.T @ quadric @ d_back  # eq. 28
     d_dual = -dual @ d_moved @ dual  # eq. 27
-    return (
-        camera_matrix @ dual @ camera_matrix.T,
-        camera_matrix @ d_dual @ camera_matrix.T,
-    )  # eqs. 15, 26
+    # eqs. 15, 26
+    return (camera_matrix @ dual @ camera_matrix.T, camera_matrix @ d_dual @ camera_matrix.T)
 
 
 def is_seen(conic_dual, camera_matrix, centre):
@@ -105,9 +103,10 @@ def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled, ob
         wins = value < lowest  # eqs. 19, 23
         lowest[wins] = value[wins]
         jacobian[wins] = 0.0
+        # eq. 24
         jacobian[wins, 6 * bone : 6 * bone + 6] = np.einsum(
             "pi,kij,pj->pk", m[wins], d_conic, m[wins]
-        )  # eq. 24
+        )
     if clamp:
         jacobian[lowest <= -1.0] = 0.0
         lowest = np.maximum(lowest, -1.0)

@@ -78,9 +78,8 @@ def test_images_are_looked_up_between_and_beyond_their_pixels(rng):
     np.testing.assert_array_equal(image.values, pixels[3:11, 2:8])
     whole = smooth_image(pixels, 1.5, np.array([[0.0, 0.0], [8.0, 11.0]]))
     part = smooth_image(pixels, 1.5, corners)
-    np.testing.assert_allclose(
-        part.values, whole.values[3:11, 2:8], atol=1e-3
-    )  # a window changes nothing
+    # a window changes nothing
+    np.testing.assert_allclose(part.values, whole.values[3:11, 2:8], atol=1e-3)
 
 
 def test_points_of_the_surface_project_to_their_pixels(patterned):

@@ -91,9 +91,8 @@ def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):
 def test_mask_beside_the_model_pulls_within_the_band():
     """What the 2007 field cannot see: silhouette that no ellipsoid covers, here a larger disc."""
     term, bones = disc(30, 33, 5.0, antisymmetric=False)
-    assert (
-        term.linearize(bones).gradient[2] > 0
-    )  # nearer is larger: the cost falls towards the camera
+    # nearer is larger: the cost falls towards the camera
+    assert term.linearize(bones).gradient[2] > 0
     beyond, bones = disc(30, 30, 0.1, antisymmetric=False)
     shifted = BonePoses(bones.reference, bones.rotation, bones.position + [50.0, 0, 0])
     assert not beyond.linearize(shifted).gradient.any()

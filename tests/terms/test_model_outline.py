@@ -58,9 +58,8 @@ def test_what_is_hidden_has_no_outline_and_what_hides_has(camera):
     bones, flesh = balls((0.0, 0.0, 0.4), (0.02, 0.0, 0.5))
     found = outline(camera, bones, flesh)
     front, back = found.subset(found.bone == 0), found.subset(found.bone == 1)
-    assert front.length_px.sum() == pytest.approx(
-        2 * np.pi * 30.04, rel=0.02
-    )  # whole, also before the other
+    # whole, also before the other
+    assert front.length_px.sum() == pytest.approx(2 * np.pi * 30.04, rel=0.02)
     inside = np.linalg.norm(back.pixel - camera.project(bones.position[0]), axis=1) < 29.0
     assert len(back.bone) > 20
     assert not inside.any()

@@ -127,9 +127,8 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     """What was in view before it folded must not be asked for where it is hidden: it would never be folded."""
     eye = np.array([0.0, 0.0, 0.5])
     start = posed("open")
-    truth = with_finger_at(
-        start, "middle", 80
-    )  # its end behind the palm, which is seen from the back
+    # its end behind the palm, which is seen from the back
+    truth = with_finger_at(start, "middle", 80)
     bones = MODEL.bones(truth)
     points, normals = sample_surface(
         MetaballSurface.of(MODEL), bones, 6000, np.random.default_rng(3)

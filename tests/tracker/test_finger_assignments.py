@@ -24,9 +24,8 @@ def test_sixteen_ways_to_hold_four_fingers():
 
 def test_neighbours_are_exchanged_and_nothing_else():
     model = load_model()
-    start = model.transform.solver_params(
-        named_pose(model, "point")
-    )  # the index alone is stretched
+    # the index alone is stretched
+    start = model.transform.solver_params(named_pose(model, "point"))
     index, middle, ring = (
         model.skeleton.parameter(f"{f}_pip_flex") for f in ("index", "middle", "ring")
     )

@@ -134,9 +134,8 @@ def test_a_turn_beyond_half_is_the_same_hypothesis_written_shorter(rng):
     assert np.linalg.norm(rotation_vector(moved[0] @ moved[1].T)) < 1e-3
     assert np.linalg.norm(after.belief.velocity[3:6]) > 1e-3
     assert after.seen.cost == before.seen.cost
-    step = np.array(
-        [0.0, 0.0, 0.0, 1e-5, -2e-5, 1e-5]
-    )  # the gradient still tells how the cost changes
+    # the gradient still tells how the cost changes
+    step = np.array([0.0, 0.0, 0.0, 1e-5, -2e-5, 1e-5])
     there = rotation_matrix(after.params[3:6] + step[3:6])
     near = long.copy()
     near[3:6] = rotation_vector(there)

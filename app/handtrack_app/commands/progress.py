@@ -38,9 +38,8 @@ class Stop:
         if self.asked and not self.shielded:
             raise KeyboardInterrupt
         if not self.asked:
-            os.write(
-                2, b"\nstopping ... (Ctrl-C again: at once)\n"
-            )  # print is not safe in a handler
+            # print is not safe in a handler
+            os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")
         self.asked = True
 
 

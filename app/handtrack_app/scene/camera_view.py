@@ -13,10 +13,8 @@ from handtrack_app.messages import CameraCard, SessionSnapshot
 from handtrack_app.scene.viewpoint import frustum_depth
 from handtrack_app.state import Display
 
-_WIDER, _RAISED = (
-    1.4,
-    0.27,
-)  # of a view through a camera: field of view, and half heights the image is moved up
+# of a view through a camera: field of view, and half heights the image is moved up
+_WIDER, _RAISED = (1.4, 0.27)
 _SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 
 
