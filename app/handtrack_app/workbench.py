@@ -223,6 +223,14 @@ class Workbench:
         self._ready.set()
 
 
+def log_to(path: Path) -> None:
+    """Keep tracebacks, ours and those of odd requests from the network, in a file in place of the terminal."""
+    records = logging.FileHandler(path, delay=True)
+    records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    for name in ("handtrack_app", "websockets"):
+        logging.getLogger(name).addHandler(records)
+
+
 def run_workbench(
     session_folder: Path,
     *,
@@ -240,9 +248,7 @@ def run_workbench(
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
-    records = logging.FileHandler(LOG_FILE, delay=True)
-    records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
-    logging.getLogger("handtrack_app").addHandler(records)
+    log_to(LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
     folder = own_copy(session_folder)
     bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()

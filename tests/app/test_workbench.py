@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +14,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app import messages as m
-from handtrack_app.workbench import Workbench, run_workbench
+from handtrack_app.workbench import Workbench, log_to, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.wire import WireClient
 
@@ -193,6 +195,24 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
 def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match="does not exist; expected a session folder"):
         run_workbench(tmp_path / "nothing", port=0, open_browser=False)
+
+
+def test_a_request_that_is_no_browsers_prints_nothing(
+    bench: Workbench,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    log = tmp_path / "log"
+    for name in ("handtrack_app", "websockets"):
+        monkeypatch.setattr(logging.getLogger(name), "handlers", [])
+    log_to(log)
+    with socket.create_connection(("127.0.0.1", bench.port)) as wire:
+        wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        while wire.recv(4096):
+            pass
+    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
