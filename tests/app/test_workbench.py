@@ -212,6 +212,7 @@ def test_a_request_that_is_no_browsers_prints_nothing(
         while wire.recv(4096):
             pass
     eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
+    logging.getLogger("websockets").handlers[0].close()
     assert "Traceback" not in capfd.readouterr().err
 
 
