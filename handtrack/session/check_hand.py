@@ -12,10 +12,12 @@ from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats
 from handtrack.capture.frame_notes import listed
-from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale
+from handtrack.observation.observation import Keypoints
 from handtrack.session.finding import Finding
 from handtrack.session.views import View
+from handtrack.tracker.initialize import fit_keypoints
 
 if TYPE_CHECKING:
     from handtrack.session.first_pose import FirstPose
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
 _PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
+_FEWEST_FOR_SIDE = 16  # keypoints: fewer fit either hand
+# two meshes' hands with 2 mm of noise fit their own side to 3–8 mm, the other to 6–32
+_OTHER_OFF_M, _OTHER_SHARE = 0.004, 0.65
+_KEYPOINT_SIGMA_M = 0.003
 _MARGIN_PX = 7  # joints lie inside the hand, but calibration and noise move them
 _LEAST_INSIDE = 0.75  # share of keypoints on the mask that is still plausible
 _FAR_FROM_CLOUD_M = 0.06  # joints lie up to 3 cm behind the skin that a camera sees
@@ -43,6 +49,7 @@ def check_init(session: Session) -> Iterator[Finding]:
         return
     if pose.xyz is not None:
         yield from _check_palm("init.json", pose.xyz)
+        yield from _check_side("init.json", pose.xyz, session)
     points = _joints(session, pose) if pose.xyz is None else pose.xyz
     points = points[np.isfinite(points).all(axis=1)]
     misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
@@ -123,6 +130,7 @@ def check_truth(session: Session) -> Iterator[Finding]:
         )
         return
     yield from _check_palm("truth.npz", points[0])
+    yield from _check_side("truth.npz", points[0], session)
     rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
     wrong = [
         f"frame {frame}: {text}"
@@ -168,6 +176,38 @@ def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
             f"expected {_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
             "right, and are the points in order?",
         )
+
+
+def _check_side(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
+    """Yield that joints (21, 3) are those of the other hand: fingers bend to one side only, and the thumb is on one."""
+    given = session.file.hand.side
+    if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
+        return
+    other = "left" if given == "right" else "right"
+    off = {side: _off_m(xyz, side) for side in (given, other)}
+    if off[given] > _OTHER_OFF_M and off[other] < _OTHER_SHARE * off[given]:
+        yield Finding(
+            "warning",
+            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off[other]:.1f} mm, a {given} one to "
+            f'{1e3 * off[given]:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
+            "look at the order of cameras, and at the signs of axes.",
+        )
+
+
+def _off_m(xyz: Floats, side: str) -> float:
+    """Return how far joints (21, 3) are from those of a hand of that side fitted to them, root mean square [m]."""
+    mean = load_model("hand26", side)
+    usual = mean.keypoints21(mean.bones(mean.rest_params()))
+    size = float(np.nanmedian(_palm_lengths(xyz) / _palm_lengths(usual)))
+    model = load_model("hand26", side, HandScale(min(max(size, 0.5), 2.0)))
+    fitted = fit_keypoints(model, Keypoints(keypoint_names(), xyz, _KEYPOINT_SIGMA_M))
+    found = model.keypoints21(model.bones(fitted))
+    return float(np.sqrt(np.nanmean(((found - xyz) ** 2).sum(axis=1))))
+
+
+def _palm_lengths(xyz: Floats) -> Floats:
+    """Return (4,) from the wrist to the knuckles of the fingers [m]: the same in every pose."""
+    return np.linalg.norm(xyz[[5, 9, 13, 17]] - xyz[_WRIST], axis=1)
 
 
 def _misses(view: View, frame: int, xyz: Floats) -> str:

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from handtrack.capture.frame_notes import listed
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
 from handtrack.session.finding import SEVERITIES
 from handtrack.session.session import Session
 from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
@@ -237,3 +240,20 @@ def test_a_session_without_any_frames(folder: Path) -> None:
 def test_frames_are_listed_as_runs() -> None:
     assert listed([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"
     assert listed(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10 and 14 more runs"
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("pose", ["open", "fist", "pinch"])
+def test_joints_of_the_other_hand_are_told(side: str, pose: str, folder: Path) -> None:
+    """Also where they are a few millimetres off, and the hand is not the mean one."""
+    model = load_model(side=side, scale=HandScale(0.9))
+    joint = named_pose(model, pose)
+    joint[3:6] = 0.4, -1.0, 0.3
+    rng = np.random.default_rng(1)
+    xyz = model.keypoints21(model.bones(joint)) + rng.normal(scale=0.002, size=(21, 3))
+    write_init(folder, xyz=xyz.tolist())
+    told = [f.text for f in Session.open(folder).doctor() if "left hand" in f.text]
+    assert bool(told) == (side == "left"), told
+    if told:
+        assert told[0].startswith("init.json: its joints are a left hand's: they fit one to ")
+        assert 'Is side = "right" right in session.toml?' in told[0]
