@@ -51,6 +51,12 @@ def one_frame(result: FrameResult) -> m.Notice:
         return m.Notice(
             "done", f"Frame {result.frame} is fitted", "What was seen is explained well."
         )
+    if result.unknown:
+        return m.Notice(
+            "warning",
+            f"Frame {result.frame} fits, as far as it is seen",
+            f"In doubt: {result.note}.",
+        )
     text = result.note or "What was seen is not explained well."
     return m.Notice(
         "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
@@ -141,7 +147,9 @@ class Conductor:
             held.pop(order.first, None)  # where tracking starts by itself the pose is only a start
         path = legs(frames, order.first, start, held)
         if not path:
-            raise HandtrackError("All these frames are set by hand; there is nothing to track.")
+            raise HandtrackError(
+                "All these frames are set by hand or found; there is nothing to track."
+            )
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
     def fit_size(self, then: m.Track | None = None) -> None:
@@ -190,8 +198,7 @@ class Conductor:
                 self._tracked(report)
             case Sized():
                 self._document.set_scale(report.scale)
-                scale = {"overall": report.scale.overall, "parts": report.scale.parts}
-                self._keeper.note("scale", scale)
+                self._keeper.note_scale()
                 self._publish(self._document.session_snapshot())
                 self._publish(self._document.pose_snapshot())
             case Found():

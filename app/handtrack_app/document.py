@@ -11,14 +11,15 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.body_motion import BODY_POSES, body_pose
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose import FirstPose
-from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.result import FrameResult
 from handtrack_app.energy_parts import energy_parts
+from handtrack_app.frame_facts import mean_error_mm, told
 from handtrack_app.messages import (
     CameraCard,
     PoseSnapshot,
@@ -72,6 +73,8 @@ class Document:
         self.first_frame = int(first_frame)
         self.start = run.model.joint_params(first_params)
         self.by_hand: dict[int, Floats] = {}
+        self.found: dict[int, Floats] = {}
+        """poses that a search found, by frame: they stand in `by_hand`, and are called found until they are edited"""
         self.results: dict[int, FrameResult] = {}
         self.limits: dict[str, tuple[float, float]] = {}
         self._aside: dict[tuple[str, ...], Made] = {}
@@ -114,6 +117,19 @@ class Document:
         self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
         self.shown = self.model.joint_params(params_of(self.model, given))
         self.by_hand[self.frame] = self.shown
+
+    def set_found(self, frame: int, values: Sequence[float]) -> None:
+        """Set a frame's pose to one that a search found, and show it."""
+        self.set_pose(frame, values)
+        if self.frame in self.by_hand:
+            self.found[self.frame] = self.by_hand[self.frame]
+
+    def is_found(self, frame: int) -> bool:
+        """Return whether a frame's pose is as a search found it; undo may bring it back."""
+        given, found = self.by_hand.get(frame), self.found.get(frame)
+        return (
+            given is not None and found is not None and bool(np.allclose(given, found, atol=1e-6))
+        )
 
     def take_pose(self, frame: int, source: str) -> None:
         """Replace a frame's pose by the first-frame pose, by the frame before, or by the library's fingers."""
@@ -208,6 +224,7 @@ class Document:
         """
         old, new = self.model.parameter_names, run.model.parameter_names
         self.own_interval = run.model.limits.interval.copy()
+        found = [frame for frame in self.by_hand if self.is_found(frame)]
         if new != old:
             self._aside[old] = Made(self.start, self.shown, self.by_hand, self.results, self.limits)
             none = np.zeros(len(new))
@@ -221,15 +238,16 @@ class Document:
             self.results = back.results
             kept = {name: pair for name, pair in self.limits.items() if name in new}
             self.limits = {n: pair for n, pair in back.limits.items() if n not in old} | kept
+            self.found = {frame: self.by_hand[frame] for frame in found}
         self.run = run
         self._apply_limits()
         self.shown = self.model.joint_params(params_of(self.model, self.shown))
 
-    def set_scale(self, scale: HandScale) -> None:
-        """Change the hand's size. The first pose is fitted anew, unless the user set it."""
+    def set_scale(self, scale: HandScale, pending: bool = False) -> None:
+        """Change the hand's size. The first pose is fitted anew, unless the user set it. pending: it is to be fitted."""
         untouched = self.start
         self.replace_run(self.run.with_scale(scale))
-        self.size_pending = False
+        self.size_pending = pending
         if self.run.first is not None and self.first_frame == self.run.first.frame:
             self.start = self.model.joint_params(self.run.initial()[1])
             if self.shown is untouched or np.allclose(self.shown, untouched):
@@ -289,7 +307,7 @@ class Document:
             start=self.frames.start,
             stop=self.frames.stop,
             first_frame=self.first_frame,
-            cameras=tuple(camera_card(camera) for camera in session.rig.cameras),
+            cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
             parameter_names=model.parameter_names,
             driven=tuple(n for n in model.parameter_names if n not in driving),
             interval=model.limits.interval.copy(),
@@ -316,8 +334,6 @@ class Document:
         posed = model.flesh["fine"].posed(bones)
         result = self.results.get(frame)
         by_hand = frame in self.by_hand
-        truth = self.truth_at(frame)
-        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
         return PoseSnapshot(
             frame=frame,
             version=self.version,
@@ -327,14 +343,19 @@ class Document:
             centre=posed.centre,
             rotation=posed.rotation,
             tips=model.joint_positions(bones)[[model.joint_names.index(n) for n in self.tip_names]],
-            origin="set" if by_hand else "tracked" if result is not None else "carried",
+            origin=self._origin(frame),
             status=3 if by_hand else int(result.status) if result is not None else -1,
             energy=float(result.energy) if result is not None and not by_hand else float("nan"),
             std=result.parameter_std if result is not None and not by_hand else None,
-            truth=truth,
-            error_mm=mean_error_mm(found, truth),
+            truth=self.truth_at(frame),
+            error_mm=self._error_mm(frame, bones),
             note=told(result) if result is not None and not by_hand else "",
         )
+
+    def _origin(self, frame: int) -> str:
+        if frame in self.by_hand:
+            return "found" if self.is_found(frame) else "set"
+        return "tracked" if frame in self.results else "carried"
 
     def strip_snapshot(self) -> StripSnapshot:
         """Return status, energy and error of every frame."""
@@ -347,10 +368,21 @@ class Document:
                 status[i], energy[i] = int(result.status), result.energy
                 found = result.joint_positions if result.keypoints21 is None else result.keypoints21
                 error[i] = mean_error_mm(found, self.truth_at(frame))
+        for frame, values in self.by_hand.items():
+            error[frame - self.frames.start] = self._error_mm(
+                frame, self.model.bones(params_of(self.model, values))
+            )
         hand = tuple(sorted(self.by_hand))
-        return StripSnapshot(
-            self.frames.start, status, energy, error, hand, energy_parts(self.results, self.frames)
-        )
+        found = tuple(frame for frame in hand if self.is_found(frame))
+        parts = energy_parts(self.results, self.frames)
+        return StripSnapshot(self.frames.start, status, energy, error, hand, parts, found)
+
+    def _error_mm(self, frame: int, bones: BonePoses) -> float:
+        truth, model = self.truth_at(frame), self.model
+        if truth is None:
+            return float("nan")
+        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+        return mean_error_mm(found, truth)
 
     def truth_at(self, frame: int) -> Floats | None:
         """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
@@ -362,29 +394,3 @@ class Document:
             return None
         row = np.flatnonzero(truth.frame == frame)
         return points[row[0]] if len(row) else None
-
-
-def told(result: FrameResult) -> str:
-    """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
-    if is_simplified(result):
-        return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
-    return result.note[:1].upper() + result.note[1:]
-
-
-def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
-    """Return the mean distance of keypoints [mm]; NaN where there is nothing to compare."""
-    if found is None or truth is None or found.shape != truth.shape:
-        return float("nan")
-    distance = np.linalg.norm(found - truth, axis=1)
-    return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
-
-
-def camera_card(camera: Any) -> CameraCard:
-    """Return what the scene needs of a camera."""
-    return CameraCard(
-        camera.name,
-        camera.size,
-        camera.matrix.copy(),
-        camera.rotation.T.copy(),
-        camera.centre.copy(),
-    )

@@ -9,17 +9,24 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.tracker.result import FrameResult
 
-_TERM_WORDS = {
+TERM_WORDS = {
     "coverage": "silhouettes",
     "conic_field": "silhouettes",
     "cloud_distance": "cloud→model",
     "cloud_emptiness": "model→cloud",
+    "cloud_rays": "lines of sight",
+    "keypoints": "keypoints",
+    "edges": "edges",
+    "intensity": "intensity",
     "rest": "priors",
     "posture": "priors",
     "motion": "priors",
     "stabilise": "priors",
     "collision": "priors",
+    "proportions": "priors",
+    "prior": "priors",
 }
+"""by the name of a term"""
 
 
 def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats]:
@@ -29,7 +36,7 @@ def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str,
         if frame not in frames:
             continue
         for name, cost in result.energies.items():
-            row = parts.setdefault(_TERM_WORDS.get(name, name), np.full(len(frames), np.nan))
+            row = parts.setdefault(TERM_WORDS.get(name, name), np.full(len(frames), np.nan))
             i = frame - frames.start
             row[i] = np.nan_to_num(row[i]) + cost
     return parts

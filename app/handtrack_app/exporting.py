@@ -14,7 +14,7 @@ from handtrack.session.tables import EXPORTS
 from handtrack.tracker.fallback import is_simplified
 from handtrack.tracker.result import FrameResult
 from handtrack_app.document import Document
-from handtrack_app.keeping import whole_track
+from handtrack_app.kept_frames import whole_track
 
 LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
 
@@ -42,7 +42,7 @@ def export(document: Document, kind: str) -> tuple[str, bytes]:
 def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
     """Return how a run of tracking went, in one sentence or two.
 
-    total: frames that were to be tracked. by_hand: frames among them that stayed as they were set.
+    total: frames that were to be tracked. by_hand: frames that stayed as they were given.
     """
     counts = np.bincount([int(result.status) for result in results], minlength=5)
     done = len(results)
@@ -55,7 +55,9 @@ def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: f
     if held:
         odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
     quality = ", ".join(odd) if odd else "none doubtful"
-    hand = f" {by_hand} set by hand stayed as they are." if by_hand else ""
+    hand = f" {by_hand} set by hand or found stayed as they are." if by_hand > 1 else ""
+    if by_hand == 1:
+        hand = " One, set by hand or found, stayed as it is."
     return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
 
 

@@ -60,22 +60,27 @@ class Guesses:
         )
 
     def take(self, frame: int, index: int) -> bool:
-        """Set a frame's pose to one of its list; return whether the model got a forearm for it."""
-        poses = self._poses(frame)[1]
+        """Set a frame's pose to one of its list; return whether the model got a forearm, or a size still to be fitted, for
+        it.
+        """
+        kind, poses = self._poses(frame)
         if not 0 <= index < len(poses):
             return False
         document, pose = self.document, poses[index]
         arm = pose.model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
-        if arm:
-            run = replace(document.run, forearm=True)
-            document.replace_run(run.with_scale(run.scale))
+        run = replace(document.run, forearm=True) if arm else document.run
+        size = pose.model.scale if document.size_pending else run.scale
+        changed = arm or size != run.scale
+        if changed:
+            document.replace_run(run.with_scale(size))
         joint = pose.model.joint_params(pose.params)
         known = dict(zip(pose.model.parameter_names, joint.tolist(), strict=True))
-        document.set_pose(frame, [known.get(name, 0.0) for name in document.model.parameter_names])
+        values = [known.get(name, 0.0) for name in document.model.parameter_names]
+        (document.set_found if kind == "found" else document.set_pose)(frame, values)
         if document.run.first is None:  # tracking may begin here
             document.first_frame, document.start = frame, document.shown.copy()
-        return arm
+        return changed
 
     def _poses(self, frame: int) -> tuple[str, list[_Pose]]:
         result = self.document.results.get(frame)

@@ -6,11 +6,9 @@ import json
 import logging
 import re
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
@@ -22,9 +20,12 @@ from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.journal import Event, Journal
 from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.tables import read_npz, write_npz, write_result
+from handtrack.session.tracking_table import with_tracking
 from handtrack.session.versions import keep_version
-from handtrack.tracker.result import FrameResult, Status
+from handtrack.tracker.result import FrameResult
 from handtrack_app.document import Document
+from handtrack_app.kept_frames import journal_row, result_of_row, whole_track
+from handtrack_app.session_toml import change_session_toml
 
 log = logging.getLogger(__name__)
 WORK_FILE = f"{TRACKS_FOLDER}/workbench.npz"
@@ -66,10 +67,26 @@ class Keeper:
         values = self.document.by_hand.get(frame)
         if values is not None:
             names = self.document.model.parameter_names
-            self.note(
-                "pose",
-                {"frame": frame, "parameters": dict(zip(names, values.tolist(), strict=True))},
-            )
+            known = dict(zip(names, values.tolist(), strict=True))
+            found = self.document.is_found(frame)
+            self.note("pose", {"frame": frame, "parameters": known, "found": found})
+
+    def note_setting(self, name: str, value: object) -> None:
+        """Write one changed setting."""
+        self.note("setting", {"name": name, "value": value})
+        if self.document.run.settings.flat() == self.document.own_settings:
+            self._leave_settings_to_the_file()
+
+    def _leave_settings_to_the_file(self) -> None:
+        """session.toml says all of them, and may be edited: the journal is not to come back over it."""
+        if self.journal is not None:
+            self.flush()
+            self.journal.replace([e for e in self.journal.events() if e.kind != "setting"])
+
+    def note_scale(self) -> None:
+        """Write the hand's size."""
+        size, pending = self.document.run.scale, self.document.size_pending
+        self.note("scale", {"overall": size.overall, "parts": size.parts, "pending": pending})
 
     def note_clouds(self) -> None:
         """Write the settings of [clouds], or that those of session.toml hold."""
@@ -89,7 +106,7 @@ class Keeper:
         waiting, self._waiting = self._waiting, []
         self._flushed = time.monotonic()
         if self.journal is not None and waiting:
-            self.journal.append_all([("tracked", _row(result)) for result in waiting])
+            self.journal.append_all([("tracked", journal_row(result)) for result in waiting])
 
     def settle(self) -> None:
         """Write the work in progress to one file, and shorten the journal by what is in it."""
@@ -136,12 +153,14 @@ class Keeper:
             except (KeyError, TypeError, ValueError, HandtrackError) as error:
                 log.warning("journal entry %s passed over: %s", event.kind, error)
         document = self.document
+        found = sum(document.is_found(frame) for frame in document.by_hand)
         parts = [
-            f"{count} {words}"
-            for count, words in (
-                (len(document.results), "tracked frames"),
-                (len(document.by_hand), "poses set by hand"),
-                (changed, "changed settings"),
+            f"{count} {one if count == 1 else many}"
+            for count, one, many in (
+                (len(document.results), "tracked frame", "tracked frames"),
+                (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
+                (found, "pose found", "poses found"),
+                (changed, "changed setting", "changed settings"),
             )
             if count
         ]
@@ -156,7 +175,10 @@ class Keeper:
                         document.run.with_values({event.data["name"]: event.data["value"]})
                     )
                 elif event.kind == "scale":
-                    document.set_scale(HandScale(event.data["overall"], event.data["parts"]))
+                    pending = bool(event.data.get("pending", False))
+                    document.set_scale(
+                        HandScale(event.data["overall"], event.data["parts"]), pending
+                    )
                     continue
                 elif event.kind == "limits":
                     interval = event.data["interval"]
@@ -208,13 +230,13 @@ class Keeper:
         document, data = self.document, event.data
         if event.kind == "pose":
             names = document.model.parameter_names
-            document.set_pose(
-                int(data["frame"]), [float(data["parameters"].get(n, 0.0)) for n in names]
-            )
+            values = [float(data["parameters"].get(n, 0.0)) for n in names]
+            put = document.set_found if data.get("found") else document.set_pose
+            put(int(data["frame"]), values)
         elif event.kind == "forget":
             document.forget_pose(int(data["frame"]))
         elif event.kind == "tracked":
-            document.accept(_result(data, document))
+            document.accept(result_of_row(data, document))
 
     # ---- on request
 
@@ -260,24 +282,33 @@ class Keeper:
 
     def save_clouds(self) -> str:
         """Write the settings of [clouds] into session.toml; return a sentence about it."""
-        document, path = self.document, self.folder / SESSION_FILE
-        if document.clouds is None:
+        document = self.document
+        clouds = document.clouds
+        if clouds is None:
             raise HandtrackError("This session has no clouds whose settings could be saved.")
         changed = ", ".join(document.unsaved_clouds)
         if not changed:
             return "session.toml has these settings already."
-        try:
-            text = with_clouds(path.read_text(encoding="utf-8"), document.clouds)
-            previous = keep_version(path)
-            replace_text(path, text)
-        except OSError as error:
-            raise HandtrackError(
-                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
-            ) from None
-        document.saved_clouds = document.clouds
+        kept = change_session_toml(
+            self.folder / SESSION_FILE, lambda text: with_clouds(text, clouds)
+        )
+        document.saved_clouds = clouds
         self.note_clouds()
-        kept = f" The file before is kept as versions/{previous.name}." if previous else ""
         return f"[clouds] of session.toml: {changed}.{kept}"
+
+    def save_settings(self) -> str:
+        """Write the settings that were changed into session.toml; return a sentence about it."""
+        document = self.document
+        now, own = dict(document.run.settings.flat()), document.own_settings
+        changed = {name: value for name, value in now.items() if value != own[name]}
+        if not changed:
+            return "session.toml has these settings already."
+        kept = change_session_toml(
+            self.folder / SESSION_FILE, lambda text: with_tracking(text, changed)
+        )
+        document.own_settings = now
+        self._leave_settings_to_the_file()
+        return f"[tracking] of session.toml: {', '.join(changed)}.{kept}"
 
     def save_track(self) -> str:
         """Write tracks/poses.npz; return a sentence about it."""
@@ -292,75 +323,3 @@ class Keeper:
             ) from None
         kept = f" The one before is kept as {previous.name}." if previous is not None else ""
         return f"{len(track)} frames are in {path}.{kept}"
-
-
-def whole_track(document: Document) -> Any:
-    """Return all frames as one TrackResult; poses set by hand are keyframes."""
-    frames = dict(document.results)
-    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
-    if not frames:
-        raise HandtrackError(
-            "There is nothing to save yet: track some frames, or pose the hand, first."
-        )
-    return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
-
-
-def _keyframe(document: Document, frame: int) -> FrameResult:
-    model, values = document.model, document.by_hand[frame]
-    joints = len(model.joint_names)
-    return _complete(
-        document, frame, values, Status.KEYFRAME, float("nan"), 0,
-        np.full(len(values), np.inf), np.tile(np.eye(3), (joints, 1, 1)),
-    )  # fmt: skip
-
-
-def _complete(
-    document: Document,
-    frame: int,
-    values: Any,
-    status: Status,
-    energy: float,
-    iterations: int,
-    std: Any,
-    spread: Any,
-) -> FrameResult:
-    model = document.model
-    values = np.asarray(values, dtype=float)
-    bones = model.bones(model.transform.solver_params(values))
-    return FrameResult(
-        frame=frame,
-        time_s=float(document.run.session.time_s(frame)),
-        parameters=values,
-        status=status,
-        energy=energy,
-        iterations=iterations,
-        parameter_std=np.asarray(std, dtype=float),
-        joint_covariance=np.asarray(spread, dtype=float),
-        T_world_bone=bones.T_world_bone,
-        joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-    )
-
-
-def _row(result: FrameResult) -> dict[str, Any]:
-    return {
-        "frame": result.frame,
-        "status": int(result.status),
-        "energy": float(result.energy),
-        "iterations": int(result.iterations),
-        "parameters": result.parameters,
-        "std": result.parameter_std,
-        "spread": np.round(result.joint_covariance, 12),
-        "energies": dict(result.energies),
-    }
-
-
-def _result(row: dict[str, Any], document: Document) -> FrameResult:
-    values = np.asarray(row["parameters"], dtype=float)
-    if values.shape != (len(document.model.parameter_names),):
-        raise ValueError("another model's pose")
-    found = _complete(
-        document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
-        row["std"], row["spread"],
-    )  # fmt: skip
-    return replace(found, energies={k: float(v) for k, v in row.get("energies", {}).items()})

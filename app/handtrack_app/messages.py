@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.geometry.camera import Camera
 from handtrack_app.cloud_messages import (
     CloudCard,
     CloudPicture,
@@ -126,6 +127,11 @@ class SetSetting:
 
 
 @dataclass(frozen=True)
+class SaveSettings:
+    """Write the settings that session.toml does not have into it."""
+
+
+@dataclass(frozen=True)
 class SetLimits:
     """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
 
@@ -159,7 +165,7 @@ class SaveTrack:
 
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
-    | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | SaveTrack | FindHand | TakeGuess
 )  # fmt: skip
 
@@ -177,6 +183,12 @@ class CameraCard:
     """(3, 3) camera → world"""
     centre: Floats
     """(3,) world [m]"""
+
+    @classmethod
+    def of(cls, camera: Camera) -> CameraCard:
+        """Return what the scene needs of a camera."""
+        rotation = camera.rotation.T.copy()
+        return cls(camera.name, camera.size, camera.matrix.copy(), rotation, camera.centre.copy())
 
 
 @dataclass(frozen=True)
@@ -235,7 +247,7 @@ class PoseSnapshot:
     tips: Floats
     """(T, 3) fingertips, world [m]"""
     origin: str
-    """`set` by hand, `tracked`, or `carried` over from elsewhere"""
+    """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float
@@ -270,8 +282,11 @@ class StripSnapshot:
     error_mm: Floats
     """(F,) NaN where unknown"""
     by_hand: tuple[int, ...]
+    """frames whose pose was given, by hand or by a search"""
     terms: dict[str, Floats] = field(default_factory=dict)
     """(F,) the energy's parts in words"""
+    found: tuple[int, ...] = ()
+    """those of `by_hand` that a search gave"""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int 
     """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
     columns = min(columns, max(len(pictures), 1))
     cell = (width - _GAP * (columns - 1)) // columns
-    large = min(2 * cell / _SHEET, 1.6)
     rows: list[Bytes] = []
     row: list[Bytes] = []
     named = list(pictures.items())
@@ -46,8 +45,8 @@ def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int 
         )
         for colour, thick in (((0, 0, 0), 5), ((255, 255, 255), 2)):
             cv2.putText(
-                small, name, (10, high - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.75 * large, colour,
-                round(thick * large), cv2.LINE_AA,
+                small, name, (10, high - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.75, colour, thick,
+                cv2.LINE_AA,
             )  # fmt: skip
         row.append(small)
         if len(row) == columns or i == len(named) - 1:

@@ -248,6 +248,8 @@ class Worker:
                 pass  # acted on in `send`
             case m.SetSetting() | m.SetLimits():
                 self._change(document, request)
+            case m.SaveSettings():
+                self._save_settings(document)
             case m.WantCloud() | m.WantSurface():
                 desk.want(request)
             case (
@@ -269,6 +271,7 @@ class Worker:
             case m.TakeGuess():
                 document.version = max(document.version, request.version)
                 if conductor.guesses.take(request.frame, request.index):
+                    self._kept().note_scale()
                     self._publish(document.session_snapshot())
                 self._edit(document)
             case Tracked() | Sized() | Found() | Ended():
@@ -369,6 +372,12 @@ class Worker:
         if not isinstance(change, m.SaveClouds):
             keeper.note_clouds()
 
+    def _save_settings(self, document: Document) -> None:
+        if self._conductor is not None and self._conductor.busy:
+            raise HandtrackError(_FIXED)
+        self._publish(m.Notice("done", "Settings saved", self._kept().save_settings()))
+        self._publish(document.session_snapshot())
+
     def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
         if self._conductor is not None and self._conductor.busy:
             self._publish(document.session_snapshot())  # the page goes back to what holds
@@ -378,7 +387,7 @@ class Worker:
                 document.set_limits(change.name, change.interval)
             else:
                 document.replace_run(document.run.with_values({change.name: change.value}))
-                self._note("setting", {"name": change.name, "value": change.value})
+                self._kept().note_setting(change.name, change.value)
         finally:
             self._publish(document.session_snapshot())
         if isinstance(change, m.SetLimits):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from handtrack.session.journal import Journal
 from handtrack_app.cli import main
 from handtrack_app.workbench import Workbench
 from tests.app.command_line import CommandLine, small_recording
@@ -21,6 +22,21 @@ def bench(tmp_path: Path) -> Iterator[Workbench]:
     assert workbench.wait_ready(60.0)
     yield workbench
     workbench.stop()
+
+
+@pytest.fixture
+def journals_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Journals that a test leaves open, as a crash would, are closed after it."""
+    opened, really = [], Journal.open
+
+    def remembered(folder: Path) -> Journal:
+        opened.append(really(folder))
+        return opened[-1]
+
+    monkeypatch.setattr(Journal, "open", remembered)
+    yield
+    for journal in opened:
+        journal.close()
 
 
 @pytest.fixture

@@ -27,8 +27,8 @@ from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.exporting import summary
 from handtrack_app.opening import open_document
 from handtrack_app.panels.cloud_filters import CROP, STEREO, THIN
+from handtrack_app.scene.box_marking import pixel_box
 from handtrack_app.scene.palette import residual_colours
-from handtrack_app.scene.stage import pixel_box
 from handtrack_app.workbench import Workbench
 from handtrack_app.worker import Worker
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start

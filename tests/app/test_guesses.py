@@ -12,10 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
 from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.session.first_pose_search import FirstPoseCandidate
 from handtrack_app import background_job
 from handtrack_app import messages as m
+from handtrack_app.guess_messages import Guess, GuessesSnapshot
+from handtrack_app.guesses import Guesses
+from handtrack_app.keeping import Keeper
+from handtrack_app.scene.ghosts import update_ghosts
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.test_workbench import eventually
@@ -77,6 +83,9 @@ def test_the_hand_is_found_taken_and_can_be_undone(
         lambda: "90 %" in panel.list.content and "turned by 170°" in panel.list.content, "told"
     )
     eventually(lambda: bool(bench.stage.ghosts.bones.visible), "ghosts")
+    eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
+    eventually(lambda: "found</span>" in bench.layout.timeline.picture.content, "marked")
+    assert "set by hand" not in bench.layout.timeline.picture.content
     press(bench, panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
     press(bench, bench.layout.pose.edit_buttons, "Undo")
@@ -88,6 +97,49 @@ def test_the_hand_is_found_taken_and_can_be_undone(
     eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
     bench.go_to(5)
     eventually(lambda: bool(bench.stage.ghosts.bones.visible), "there again")
+
+
+def test_a_found_pose_is_set_by_hand_once_it_is_edited(
+    bench: Workbench, search: threading.Event
+) -> None:
+    card, timeline = bench.layout.pose.card, bench.layout.timeline.picture
+    search.set()
+    press(bench, bench.layout.guesses.find, "any frame")
+    eventually(lambda: ">found<" in card.content, "found")
+    with WireClient(bench.port) as client:
+        client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
+        eventually(lambda: ">set by hand<" in card.content, "edited")
+        eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: ">found<" in card.content, "as it was found")
+    bench.send(m.SetSetting("model.name", "ball6"))
+    eventually(lambda: len(bench.state.values) == 6, "a simpler model")
+    bench.send(m.SetSetting("model.name", ""))
+    eventually(lambda: len(bench.state.values) == 26 and ">found<" in card.content, "still found")
+
+
+def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> None:
+    document = fake_document(tmp_path, size_pending=True)
+    small = document.run.with_scale(HandScale(0.8))
+    guesses = Guesses(document)
+    guesses.keep([replace(c, model=small.model) for c in candidates(document.run, 5)])
+    assert guesses.take(5, 0)
+    assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
+    assert document.is_found(5)
+    assert not guesses.take(5, 1)  # of the same size
+    keeper = Keeper.open(document)
+    keeper.note_scale()
+    keeper.note_pose(5)
+    keeper.close()
+    again = Keeper.open(fake_document(tmp_path, size_pending=True))
+    again.restore()
+    again.close()
+    assert (again.document.model.scale, again.document.size_pending) == (HandScale(0.8), True)
+    known = fake_document(tmp_path)  # its size is settled
+    others = Guesses(known)
+    others.keep([replace(c, model=small.model) for c in candidates(known.run, 5)])
+    assert not others.take(5, 0)
+    assert known.model.scale == HandScale()
 
 
 def test_a_search_can_be_cancelled_and_may_find_nothing(
@@ -102,6 +154,23 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(
     bench.send(m.FindHand(9))
     eventually(lambda: any(n.title == "No hand found" for n in bench._unread), "told")
     assert panel.guesses is None
+
+
+def thickest(bench: Workbench, model: Any) -> float:
+    """Return how thick the thickest bone of a model's ghost is drawn [m]."""
+    length = model.skeleton.length
+    none, turn = np.zeros((len(length), 3)), np.tile(np.eye(3), (len(length), 1, 1))
+    owner = np.zeros(len(length), np.int64)
+    guesses = GuessesSnapshot(5, "found", (Guess(1.0, ""),), owner, none, turn, length)
+    update_ghosts(bench.stage.ghosts, guesses)
+    return float(np.max(np.array(bench.stage.ghosts.bones.batched_scales)[:, [0, 2]]))
+
+
+def test_a_forearm_makes_the_fingers_of_a_ghost_no_thicker(bench: Workbench) -> None:
+    hand = thickest(bench, load_model("hand26"))
+    assert hand == pytest.approx(thickest(bench, load_model("hand26", forearm=True)))
+    assert hand < 0.006
+    assert thickest(bench, load_model("body34")) > 3 * hand
 
 
 def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:

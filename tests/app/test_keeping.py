@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,13 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.journal import Journal
 from handtrack.session.tables import read_npz
 from handtrack.session.versions import versions
 from handtrack_app.exporting import export
 from handtrack_app.keeping import WORK_FILE, Keeper
 from tests.app.fake_run import FRAMES, fake_document
+
+pytestmark = pytest.mark.usefixtures("journals_closed")
 
 
 def _tracked(folder: Path, **options: Any) -> Keeper:
@@ -27,20 +27,6 @@ def _tracked(folder: Path, **options: Any) -> Keeper:
         document.accept(result)
         keeper.note_result(result)
     return keeper
-
-
-@pytest.fixture(autouse=True)
-def _close_journals(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    opened, really = [], Journal.open
-
-    def remembered(folder: Path) -> Journal:
-        opened.append(really(folder))
-        return opened[-1]
-
-    monkeypatch.setattr(Journal, "open", remembered)
-    yield
-    for journal in opened:
-        journal.close()
 
 
 def test_poses_and_settings_come_back_after_a_crash(tmp_path: Path) -> None:
@@ -55,10 +41,24 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path: Path) -> None:
     # no close: the process is gone
     again = Keeper.open(fake_document(tmp_path))
     said = again.restore()
-    assert said == "Brought back from last time: 1 poses set by hand, 2 changed settings."
+    assert said == "Brought back from last time: 1 pose set by hand, 2 changed settings."
     assert again.document.by_hand[5][0] == pytest.approx(0.123)
     assert again.document.run.settings.silhouettes.weight == 2.5
     assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
+
+
+def test_a_pose_that_was_found_comes_back_as_found(tmp_path: Path) -> None:
+    keeper = Keeper.open(fake_document(tmp_path))
+    document = keeper.document
+    for frame in (5, 6):
+        document.set_found(frame, tuple(document.start + 0.02))
+        keeper.note_pose(frame)
+    document.set_pose(6, tuple(document.start + 0.03))
+    keeper.note_pose(6)
+    again = Keeper.open(fake_document(tmp_path))
+    said = again.restore()
+    assert said == "Brought back from last time: 1 pose set by hand, 1 pose found."
+    assert (again.document.is_found(5), again.document.is_found(6)) == (True, False)
 
 
 def test_tracked_frames_come_back_from_the_journal_of_a_run_that_crashed(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> 
         worker.send(m.Track(0, FRAMES, 3, anew=True))
         done = listener.wait(m.Notice, lambda n: n.title == "Tracking finished")
         assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
-        assert done.text.endswith("1 set by hand stayed as they are.")
+        assert done.text.endswith("One, set by hand or found, stayed as it is.")
         document = worker._document
         assert document is not None
         ring = document.model.parameter_names.index("ring_pip_flex")
@@ -98,5 +98,10 @@ def test_the_page_names_keyframes_and_leads_to_doubtful_frames() -> None:
     none = np.full(6, np.nan)
     strip = m.StripSnapshot(10, status, none, none, (14,))
     assert odd_frames(strip) == [11, 13]
-    assert "Frame 14 set by hand" in keyframe_words(strip.by_hand)
+    assert "Frame 14 set by hand. Tracking leaves it, and starts again from it." in keyframe_words(
+        strip.by_hand
+    )
     assert "and 3 more" in keyframe_words(tuple(range(15)))
+    both = keyframe_words((2, 5, 7), (5,))
+    assert "Frames 2, 7 set by hand; " in both
+    assert "Frame 5 found. Tracking leaves them, and starts again from each." in both

@@ -64,6 +64,7 @@ class CloudPanel:
                 folder.visible = bool(card.source)
         if not card.source:
             self.counts.content = ""
+        self._offer_pictures(card)
         self._say_saved()
         self.note.content = _note(card)
 
@@ -74,10 +75,8 @@ class CloudPanel:
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
         self.note = gui.add_html(_note(card))
-        words = {w: p for w, p in _PICTURES.items() if p != "stereo" or card.pairs}
-        shown = next((w for w, p in words.items() if p == display.cloud_picture), "none")
         picture = gui.add_dropdown(
-            "Picture", tuple(words), initial_value=shown,
+            "Picture", tuple(_PICTURES),
             hint="Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
         )  # fmt: skip
         wide = gui.add_checkbox("Large", display.cloud_wide, hint="Over the scene.")
@@ -94,7 +93,7 @@ class CloudPanel:
             )
             self.legend = gui.add_html(ramp_legend())
         self.filters = FilterKnobs(page, self.set)
-        self.skin = SkinKnobs(page, self.set, self.change, self.mark)
+        self.skin = SkinKnobs(page, self.set, self.change, self._mark)
         self.stereo = StereoKnobs(page, self.set)
         for knobs in (self.filters, self.skin, self.stereo):
             knobs.fit(card)
@@ -108,7 +107,7 @@ class CloudPanel:
             hint="Forget what was changed here since.",
         )  # fmt: skip
         picture.on_update(
-            page.from_user(lambda e: self._show("cloud_picture", words.get(e.target.value)))
+            page.from_user(lambda e: self._show("cloud_picture", _PICTURES.get(e.target.value)))
         )
         wide.on_update(page.from_user(lambda e: self._show("cloud_wide", bool(e.target.value))))
         on.on_update(page.from_user(lambda e: self._show("cloud", bool(e.target.value))))
@@ -138,6 +137,25 @@ class CloudPanel:
         """Send a change of [clouds]; undo goes back to all that holds now."""
         if self.card is not None:
             self.page.change(words, (UseClouds(self.card.settings),), (command,))
+
+    def _mark(self, camera: str, client: viser.ClientHandle, marked: Callable[..., None]) -> None:
+        """Have a box dragged over a camera's image; the large picture would stand before it."""
+        self._show("cloud_wide", False)
+        self.widgets["wide"].value = False
+        self.mark(camera, client, marked)
+
+    def _offer_pictures(self, card: CloudCard) -> None:
+        """Offer the pictures that there are."""
+        some = {"images": bool(card.source), "stereo": bool(card.pairs), "none": True}
+        words = {w: p for w, p in _PICTURES.items() if some[p]}
+        wished = self.page.state.display.cloud_picture
+        shown = next((w for w, p in words.items() if p == wished), "none")
+        picture = self.widgets["picture"]
+        if picture.options != tuple(words):
+            picture.options = tuple(words)
+        if picture.value != shown:
+            picture.value = shown
+        picture.visible = self.widgets["wide"].visible = len(words) > 1
 
     def _show(self, name: str, value: object) -> None:
         if value is None:
@@ -189,6 +207,8 @@ class CloudPanel:
         changed = self.card.unsaved if self.card is not None else ()
         text = f"Not in session.toml yet: {', '.join(changed)}." if changed else ""
         self.saved.content = _small(text)
+        for name in ("save", "back"):
+            self.widgets[name].visible = bool(changed)
 
 
 def _note(card: CloudCard) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import viser
 
-from handtrack_app.messages import FitSize, SessionSnapshot, SetLimits, SetSetting
+from handtrack_app.messages import FitSize, SaveSettings, SessionSnapshot, SetLimits, SetSetting
 from handtrack_app.panels.knobs import KNOBS, OPEN, Knob
 from handtrack_app.panels.page import Page, number
 from handtrack_app.panels.pose import GROUPS, group_of, label_of, unit_of
@@ -40,11 +40,16 @@ class SettingsPanel:
             if widget.label != label:
                 widget.label = label
         self.words.content = _changed_words(self.changed)
-        self.words.visible = self.back.visible = bool(self.changed)
+        self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
 
     def _build(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
         self.words = gui.add_html("", visible=False)
+        self.save = gui.add_button(
+            "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
+            hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
+        )  # fmt: skip
+        self.save.on_click(page.from_user(lambda _: page.send(SaveSettings())))
         self.back = gui.add_button(
             "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
             hint="Undo brings the changes back.",
@@ -127,7 +132,7 @@ def _changed_words(changed: dict[str, object]) -> str:
     options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
     return (
         "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>Changed here (•), kept with your work. "
-        f"For <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
+        f"For one run of <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
     )
 
 

@@ -36,5 +36,7 @@ class Keys:
             for key, words in (*self.known, ("Ctrl K", "All commands, by name"))
         )
         return (
+            "<div style='padding:.2em .9em 0;font-size:.8em;opacity:.8'>After a list or a number was used, click into the "
+            "scene first.</div>"
             f"<table style='padding:.2em .9em .5em;font-size:.8em;line-height:1.6'>{rows}</table>"
         )

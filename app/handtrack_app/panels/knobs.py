@@ -43,7 +43,7 @@ KNOBS: dict[str, tuple[Knob, ...]] = {
     "Weights": (
         Knob("silhouettes.weight", "Silhouettes", "How strongly outlines pull.", span=_WEIGHT),
         Knob("cloud.weight", "Cloud", "How strongly the cloud pulls.", span=_WEIGHT),
-        Knob("cloud.balance", "K", "1: only cloud to model. 0: only model to cloud.", span=(0.0, 1.0, 0.01)),
+        Knob("cloud.balance", "Balance K", "Of the cloud: 1 is only cloud to model, 0 only model to cloud.", span=(0.0, 1.0, 0.01)),
         Knob("keypoints.weight", "Keypoints", "How strongly given points pull.", span=_WEIGHT),
         Knob("edges.weight", "Edges", "How strongly edges in the images pull the outline.", span=_WEIGHT),
         Knob("intensity.weight", "Intensity", "How strongly the texture of the last frame pulls.", span=_WEIGHT),

@@ -22,7 +22,7 @@ from handtrack_app.messages import (
 from handtrack_app.panels.guesses import GuessesPanel
 from handtrack_app.panels.nudging import NudgePanel
 from handtrack_app.panels.page import Page, number
-from handtrack_app.scene.palette import FINGER_COLOURS, LIMB_COLOURS, STATUS, limb_of
+from handtrack_app.scene.palette import FINGER_COLOURS, FOUND, LIMB_COLOURS, STATUS, limb_of
 
 _LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
 GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS)
@@ -216,6 +216,8 @@ def pose_card(pose: PoseSnapshot) -> str:
     word, colour = STATUS.get(pose.status, STATUS[-1])
     if pose.origin == "carried":
         word = "not tracked yet"
+    elif pose.origin == "found":
+        word, colour = FOUND
     facts = []
     if math.isfinite(pose.error_mm):
         facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))

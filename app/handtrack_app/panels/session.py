@@ -186,7 +186,9 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
     title, facts = "Opening …", ""
     if session is not None:
         title = html.escape(session.name)
-        counts = f"{session.stop - session.start} frames, {len(session.cameras)} cameras, {session.fps:g} frames/s"
+        number = len(session.cameras)
+        cameras = f"{number} camera{'s' if number != 1 else ''}"
+        counts = f"{session.stop - session.start} frames, {cameras}, {session.fps:g} frames/s"
         facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
     elif progress.state == "failed":
         title = "No session"

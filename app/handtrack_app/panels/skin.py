@@ -120,7 +120,7 @@ class SkinKnobs:
             self.page.tell(
                 "info",
                 "Drag a box",
-                "Press the mouse over skin in the image and drag.",
+                "Press the mouse over skin in the image and drag. The hand is hidden until then; key 0 looks freely again.",
                 event.client,
             )
 

@@ -11,7 +11,7 @@ import viser
 from handtrack.arrays import Floats, Ints
 from handtrack_app.messages import SessionSnapshot, StripSnapshot
 from handtrack_app.panels.page import Page
-from handtrack_app.scene.palette import STATUS, TERMS
+from handtrack_app.scene.palette import FOUND, STATUS, TERMS
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
@@ -94,7 +94,7 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
         f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>",
         *_curve(curve, step),
         *_bars(strip.status, step),
-        *(_diamond((f - strip.start + 0.5) * step) for f in strip.by_hand),
+        *(_diamond((f - strip.start + 0.5) * step, f in strip.found) for f in strip.by_hand),
     ]
     x = (frame - strip.start + 0.5) * step
     parts.append(
@@ -105,7 +105,8 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
     top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
     here = curve[frame - strip.start] if 0 <= frame - strip.start < count else math.nan
     now = f"{_number(float(here))} {unit}" if math.isfinite(here) else ""
-    legend = "".join(_legend(code) for code in (0, 1, 2, 3, 4) if _has(strip, code))
+    marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
+    legend = "".join(_legend(*mark) for mark in [*marks, *([FOUND] if strip.found else [])])
     return (
         f"<div class='handtrack-timeline' style='padding:.2em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.75em'>"
         f"<div style='position:absolute;left:12px;top:1.9em;width:{_LEFT - 20}px;line-height:1.35'>{title}"
@@ -122,7 +123,7 @@ def _lane(strip: StripSnapshot, frame: int) -> str:
     tracked = int((strip.status >= 0).sum())
     terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
     seen = [name for name in terms if name != "priors"]
-    if len(seen) < 2 and "cloud→model" not in seen:
+    if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
         return ""
     order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
     count = max(len(strip.status), 1)
@@ -159,15 +160,15 @@ def _lane(strip: StripSnapshot, frame: int) -> str:
 
 
 def _has(strip: StripSnapshot, code: int) -> bool:
-    return (code == 3 and bool(strip.by_hand)) or bool((strip.status == code).any())
+    set_by_hand = code == 3 and len(strip.by_hand) > len(strip.found)
+    return set_by_hand or bool((strip.status == code).any())
 
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
 
 
-def _legend(code: int) -> str:
-    word, colour = STATUS[code]
+def _legend(word: str, colour: str) -> str:
     return (
         f"<span style='margin-left:.9em'><span style='display:inline-block;width:.8em;height:.8em;margin-right:.3em;"
         f"border-radius:2px;background:{colour}'></span>{word}</span>"
@@ -214,6 +215,6 @@ def _bars(status: Ints, step: float) -> list[str]:
     return bars
 
 
-def _diamond(x: float) -> str:
-    y, colour = _CURVE - 2, STATUS[3][1]
+def _diamond(x: float, found: bool) -> str:
+    y, colour = _CURVE - 2, (FOUND if found else STATUS[3])[1]
     return f"<path d='M{x:.1f} {y - 7} l5 7 l-5 7 l-5 -7 z' fill='{colour}'/>"

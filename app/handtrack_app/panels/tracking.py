@@ -20,7 +20,7 @@ from handtrack_app.messages import (
 )
 from handtrack_app.panels.constraints import clean_interval
 from handtrack_app.panels.page import Page
-from handtrack_app.scene.palette import STATUS
+from handtrack_app.scene.palette import FOUND, STATUS
 
 _NAMED = 12  # frames that are named one by one
 
@@ -103,7 +103,7 @@ class TrackingPanel:
         if self.session is None:
             return
         self.strip = strip
-        self.marked.content = keyframe_words(strip.by_hand)
+        self.marked.content = keyframe_words(strip.by_hand, strip.found)
         self.marked.visible = bool(strip.by_hand)
         some = bool(len(odd_frames(strip)))
         if self.odd.visible != some:
@@ -188,17 +188,29 @@ def odd_frames(strip: StripSnapshot) -> list[int]:
     return [frame for frame in odd if frame not in strip.by_hand]
 
 
-def keyframe_words(frames: tuple[int, ...]) -> str:
-    """Return what becomes of the frames that are set by hand."""
+def keyframe_words(given: tuple[int, ...], found: tuple[int, ...] = ()) -> str:
+    """Return what becomes of the frames whose pose was given: set by hand, or those of them found by a search."""
+    by_hand = tuple(frame for frame in given if frame not in found)
+    parts = [
+        f"<span style='color:{colour}'>◆</span> {_named(frames)} {word}"
+        for frames, (word, colour) in ((by_hand, STATUS[3]), (found, FOUND))
+        if frames
+    ]
+    it, each = ("it", "it") if len(given) == 1 else ("them", "each")
+    one = "it" if len(given) == 1 else "one"
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>"
+        f"{'; '.join(parts)}. Tracking leaves {it}, and starts again from {each}. In the tab Pose, "
+        f"<i>Pose from: Tracked</i> lets {one} go.</div>"
+    )
+
+
+def _named(frames: tuple[int, ...]) -> str:
+    """Return the numbers of frames, in words where they are many."""
     some = ", ".join(str(frame) for frame in frames[:_NAMED])
     if len(frames) > _NAMED:
         some += f" and {len(frames) - _NAMED} more"
-    word = "Frame" if len(frames) == 1 else "Frames"
-    return (
-        f"<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'><span style='color:{STATUS[3][1]}'>◆</span> "
-        f"{word} {some} set by hand. Tracking leaves them, and starts again from each. In the tab Pose, <i>Pose from: "
-        "Tracked</i> lets one go.</div>"
-    )
+    return f"{'Frame' if len(frames) == 1 else 'Frames'} {some}"
 
 
 def _where(session: SessionSnapshot) -> str:

@@ -70,5 +70,5 @@ def show_ghosts(view: GhostView, wanted: bool, frame: int) -> None:
 
 
 def _size(guesses: GuessesSnapshot) -> float:
-    """Return how much longer the longest bone is than a hand's."""
-    return float(guesses.length.max() / 0.09)
+    """Return how many times longer bones are than a hand's, which may have a forearm."""
+    return float(np.median(guesses.length) / 0.045)

@@ -36,6 +36,8 @@ STATUS = {
     3: ("set by hand", "#cc79a7"),
     4: ("interpolated", "#009e73"),
 }
+FOUND = ("found", "#ebebeb")
+"""of a pose that a search found, like its ghost's"""
 BRAND = (0, 114, 178)
 
 
@@ -101,6 +103,7 @@ TERMS = {
     "silhouettes": "#009e73",
     "cloud→model": "#e69f00",
     "model→cloud": "#56b4e9",
+    "lines of sight": "#e8e8e8",
     "keypoints": "#cc79a7",
     "edges": "#f0e442",
     "intensity": "#d55e00",

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
 from handtrack.arrays import Floats
 from handtrack_app.aiming import nearest_to_axes
 from handtrack_app.messages import (
-    CameraCard,
     CloudSnapshot,
     GuessesSnapshot,
     PictureSnapshot,
@@ -27,6 +24,7 @@ from handtrack_app.messages import (
 )
 from handtrack_app.model_card import HAND_REACH_M
 from handtrack_app.panels.page import Page
+from handtrack_app.scene.box_marking import bare, pixel_box
 from handtrack_app.scene.camera_view import (
     CameraRigView,
     add_cameras,
@@ -78,6 +76,8 @@ class Stage:
         self.cloud: CloudView = add_cloud(page.server, "/cloud")
         self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
         self._surface_at: tuple[int, str] | None = None
+        self._marking = False
+        """a box is to be dragged over an image: nothing stands before it"""
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
         scene = page.server.scene
@@ -125,6 +125,7 @@ class Stage:
 
     def apply(self, display: Display) -> None:
         """Show and hide as the display options say."""
+        display = self._seen(display)
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
         with self.page.server.atomic():
@@ -142,6 +143,9 @@ class Stage:
                 place_screen(
                     self.cameras, self.screen_camera(display), middle_of(self.pose), self._larger
                 )
+
+    def _seen(self, display: Display) -> Display:
+        return bare(display) if self._marking else display
 
     def _show_flesh(self, display: Display) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
@@ -214,6 +218,7 @@ class Stage:
         if len(pose.tips) != len(self.tips.controls):
             return
         first, self.pose = self.pose is None, pose
+        display = self._seen(display)
         with self.page.server.atomic():
             update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
@@ -239,6 +244,7 @@ class Stage:
 
     def show_surface(self, surface: SurfaceSnapshot, display: Display) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
+        display = self._seen(display)
         if self.hand is None or self.pose is None or surface.frame != self.pose.frame:
             return
         with self.page.server.atomic():
@@ -248,6 +254,7 @@ class Stage:
 
     def show_guesses(self, guesses: GuessesSnapshot, display: Display) -> None:
         """Draw the poses that a frame may have."""
+        display = self._seen(display)
         with self.page.server.atomic():
             update_ghosts(self.ghosts, guesses)
             if self.pose is not None:
@@ -266,6 +273,7 @@ class Stage:
 
     def show_cloud(self, cloud: CloudSnapshot, display: Display) -> None:
         """Show a frame's cloud."""
+        display = self._seen(display)
         with self.page.server.atomic():
             update_cloud(self.cloud, cloud, display)
             if self.pose is not None:
@@ -306,10 +314,14 @@ class Stage:
             self.look(through, client)
 
     def look(
-        self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
+        self,
+        camera: str | None,
+        client: viser.ClientHandle | None,
+        everything: bool = False,
+        marking: bool = False,
     ) -> None:
-        """Look through a camera, or freely (None) at the hand or at everything."""
-        display = self.page.state.display
+        """Look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
+        display, self._marking = self.page.state.display, marking
         display.through = camera
         clients = [client] if client is not None else list(self.page.server.get_clients().values())
         for target in clients:
@@ -330,43 +342,20 @@ class Stage:
         """Look through a camera, and hand over the next rectangle dragged over its image."""
         if self.cameras is None or camera not in self.cameras.cards:
             return
-        self.look(camera, client)
+        self.look(camera, client, marking=True)
         card = self.cameras.cards[camera]
         client.scene.remove_rect_select_callback()
 
         @client.scene.on_rect_select()
         def _(event: viser.SceneRectSelectEvent) -> None:
             client.scene.remove_rect_select_callback()
-            if self.page.state.display.through != camera:
+            if not self._marking or self.page.state.display.through != camera:
                 return
+            self._marking = False
+            self.page.redraw()
             box = pixel_box(event.client.camera, card, (event.screen_min, event.screen_max))
             if box is not None:
                 marked(box)
-
-
-def pixel_box(
-    client_camera: Any, card: CameraCard, corners: tuple[tuple[float, float], tuple[float, float]]
-) -> tuple[int, int, int, int] | None:
-    """Return x, y, w, h [px] in a camera's undistorted image of a rectangle dragged over a view from its centre.
-
-    corners: opposite ones, as shares of the window. None for a rectangle beside the image.
-    """
-    up = np.tan(0.5 * float(client_camera.fov))
-    across = up * float(client_camera.aspect)
-    turn = vtf.SO3(np.asarray(client_camera.wxyz, dtype=float)).as_matrix()
-    places = []
-    for x, y in (
-        (a, b) for a in (corners[0][0], corners[1][0]) for b in (corners[0][1], corners[1][1])
-    ):
-        ray = card.rotation.T @ turn @ np.array([(2 * x - 1) * across, (2 * y - 1) * up, 1.0])
-        if ray[2] <= 1e-6:
-            return None
-        places.append((card.matrix @ (ray / ray[2]))[:2])
-    low, high = np.min(places, axis=0), np.max(places, axis=0)
-    low = np.clip(np.round(low), 0, np.array(card.size) - 1)
-    high = np.clip(np.round(high), 0, card.size)
-    width, height = (high - low).astype(int)
-    return (int(low[0]), int(low[1]), int(width), int(height)) if width > 1 and height > 1 else None
 
 
 def looked_at(session: SessionSnapshot) -> Floats:
