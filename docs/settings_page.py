@@ -27,8 +27,8 @@ solver.iterations = 20
 silhouettes.bands_mm = [6, 3, 1]
 ```
 
-or live in the workbench, tabs Settings and Limits. The command line wins over `session.toml`. An unknown name is an error that lists
-the known ones. Which settings matter, and when to touch them: [tutorial](tutorial.md#6-settings-that-matter). What they mean in
+or live in the workbench, tabs Settings (*Save to session.toml* writes this table) and Limits. The command line wins over `session.toml`. An
+unknown name is an error that lists the known ones. Which settings matter, and when to touch them: [tutorial](tutorial.md#6-settings-that-matter). What they mean in
 formulas: [derivations](index.md#derivations). `poses.npz` keeps the settings it was made with (`settings`, as JSON).
 
 This page is made from the program (`python docs/settings_page.py`).

@@ -26,7 +26,7 @@ from handtrack.session.session import Session
 from handtrack.tracker.forearm import forearm_in_view
 from handtrack.tracker.hand_distance import hand_distance
 from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale
-from handtrack.tracker.result import FrameResult, Status, TrackResult
+from handtrack.tracker.result import FrameResult, TrackResult
 from handtrack.tracker.sequence import track_frames
 from handtrack.tracker.sequence_path import chosen_sequence
 from handtrack.tracker.settings import TrackerSettings
@@ -100,7 +100,7 @@ class TrackingRun:
             results.append(result)
             if tell is not None:
                 tell(len(results), len(frames))
-        tracked = sorted((r for r in results if r.status == Status.TRACKED), key=lambda r: r.frame)
+        tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
         seen = [(result, self._seen_at(result)) for result in _spread(tracked, most)]
         around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
         used = around or [pair for pair in seen if pair[1].cloud is not None]

@@ -39,6 +39,19 @@ def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
     return (vectors * spread) @ vectors.T, vectors[:, blind]
 
 
+def inherited_information(motion: Floats, before: Floats | None) -> Floats:
+    """Return what a prediction tells of a pose, an inverse covariance (P, P), when the pose before is not known exactly either.
+
+    motion: (P, P) what it would tell otherwise: the inverse of how much a frame may change. before: (P, P) covariance of
+    the pose before; None where nothing is said of it. As in a Kalman filter, (M⁻¹ + C)⁻¹; written (I + M C)⁻¹ M, since M
+    says nothing of parameters that move freely.
+    """
+    if before is None or before.shape != motion.shape:  # that pose was another model's
+        return motion
+    found = np.linalg.solve(np.eye(len(motion)) + motion @ before, motion)
+    return 0.5 * (found + found.T)
+
+
 def uncertainty(
     model: ArticulatedModel,
     params: Floats,

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from handtrack.arrays import Floats
+from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.outline_overlap import outline_overlap
@@ -33,7 +35,7 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
     keeps nearly perfect fits from calling each other bad.
     """
     posed = [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
-    known = [r.energy for r in posed if r.status == Status.TRACKED]
+    known = [r.energy for r in posed if r.fits]
     if len(known) < _ENOUGH:
         known = [r.energy for r in posed]
     if len(known) < _FEWEST:
@@ -92,6 +94,29 @@ def assess(
             f"the model fits {ratio:.1f} times worse than usual; a finger may be lost",
         )
     return Status.TRACKED, ""
+
+
+def what_is_open(model: ArticulatedModel, joint_covariance: Floats, most_mm: float) -> str:
+    """Return, in words, what of a hand may be further off than that by its own covariance; empty where nothing, or it is 0.
+
+    joint_covariance: (J, 3, 3) [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
+    fingertip alone is often hidden. Of a body nothing is said, whose joints are not known to millimetres.
+    """
+    spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)
+    whole = float(np.sqrt(spread.mean()))
+    if most_mm == 0 or model.kind == "body" or whole <= most_mm:
+        return ""
+    bases = {"wrist", "thumb_cmc", *(f"{finger}_mcp" for finger in FINGERS[1:])}
+    part = np.array(["palm" if n in bases else n.split("_")[0] for n in model.joint_names])
+    wide = [
+        p for p in ("palm", *FINGERS) if (part == p).any() and spread[part == p].mean() > most_mm**2
+    ]
+    if "palm" in wide or len(wide) == len(FINGERS):
+        return f"what was seen leaves the whole hand open: ± {whole:.0f} mm"
+    off = float(np.sqrt(spread[np.isin(part, wide)].mean()))
+    named = " and ".join(filter(None, (", ".join(wide[:-1]), wide[-1])))
+    kind = "" if wide == ["thumb"] else " finger"
+    return f"what was seen leaves the {named}{kind} open: ± {off:.0f} mm"
 
 
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:

@@ -52,7 +52,7 @@ class Agreement:
         if is_simplified(result):
             note = f"{note}; {result.note}"
         status = max(result.status, Status.DOUBTFUL)
-        return replace(result, status=status, note=note, poor_cloud=True)
+        return replace(result, status=status, note=note, unknown=False, poor_cloud=True)
 
 
 def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement | None:
@@ -77,7 +77,8 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
 def is_simplified(result: FrameResult) -> bool:
     """Return whether a frame was estimated without its fingers: it says nothing of any of them, and is not lost."""
     fingers = result.parameter_std[6:]
-    return result.status == Status.DOUBTFUL and len(fingers) > 0 and bool(np.isinf(fingers).all())
+    held = len(fingers) > 0 and bool(np.isinf(fingers).all())
+    return held and result.status == Status.DOUBTFUL and not result.unknown
 
 
 @dataclass(frozen=True)
@@ -181,4 +182,6 @@ def _in_whole(
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
         note=held.note,
+        covariance=None,
+        unknown=False,
     )

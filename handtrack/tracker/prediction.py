@@ -1,4 +1,4 @@
-"""Where the hand is expected in the next frame."""
+"""Where the hand is expected in the next frame, and how sure that is."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.solver.covariance import inherited_information
+from handtrack.solver.problem import Problem
+from handtrack.terms.priors import GaussianPrior
 from handtrack.tracker.result import FrameResult, Status
 
 _SPAN = 4  # frames; an older motion says nothing about the next one
@@ -34,3 +37,18 @@ def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
     expected[3:6] = rotation_vector(turned)
     limits = model.limits.bounds(expected)
     return np.clip(expected, limits[:, 0], limits[:, 1])
+
+
+def inheriting_doubt(
+    problem: Problem, params: Floats, hessian: Floats, previous: Sequence[FrameResult]
+) -> Floats:
+    """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
+
+    hessian: (P, P) the one that poses are found with, which takes that pose for the truth. What is stated must not: a
+    finger hidden for a second would be called as well known as after one frame. A mixture's prediction inherits by itself.
+    """
+    terms = problem.parameter_terms
+    motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
+    told = Problem(problem.model, (), motion).linearize(params).hessian
+    before = [result.covariance for result in previous if result.status != Status.LOST]
+    return hessian - told + inherited_information(told, before[-1] if before else None)

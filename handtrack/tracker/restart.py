@@ -27,7 +27,7 @@ from handtrack.tracker.start_shapes import palm_middle, shape_of, start_shapes
 _ROUNDS = ((60, 8), (10, 12))
 _LAID = 28  # hands that are let go of around the last known place
 _FINALISTS = 3
-_AGAIN = 5
+_AGAIN = 5  # frames between two looks in a row where nothing was seen
 _NEAR_M, _SPEED_M = (
     0.10,
     0.03,
@@ -38,15 +38,15 @@ _GAIN = 0.95  # of the cost that a pose may have at most, to be taken
 def worth_restarting(result: FrameResult, previous: Sequence[FrameResult]) -> bool:
     """Return whether a frame that was just solved should be looked at for another pose.
 
-    When it is not to be trusted; of several such frames in a row the first, second, fourth, eighth …: what was not found
+    When it does not fit; of several such frames in a row the first, second, fourth, eighth …: what was not found
     in one of them is rarely found in the next. Frames in which nothing was seen do not count, unless this is one (there
     may be a cloud, but far from where the hand was expected): then every fifth is looked at as well.
     """
-    if result.status == Status.TRACKED or not previous:
+    if result.fits or not previous:
         return False
     unseen, row = not np.isfinite(result.energy), 1
     for before in reversed(previous):
-        if before.status == Status.TRACKED or not (unseen or np.isfinite(before.energy)):
+        if before.fits or not (unseen or np.isfinite(before.energy)):
             break
         row += 1
     return row & (row - 1) == 0 or (unseen and row % _AGAIN == 0)
@@ -126,4 +126,5 @@ def _judged(
     bones = model.bones(model.transform.solver_params(result.parameters))
     terms = frame_terms(model, settings, seen, bones, None)
     status, note = assess(terms, bones, result.energy, previous)
-    return replace(result, status=status, note=note) if status > result.status else result
+    worse = status > result.status or (status != Status.TRACKED and result.unknown)
+    return replace(result, status=status, note=note, unknown=False) if worse else result

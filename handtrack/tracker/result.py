@@ -62,6 +62,10 @@ class FrameResult:
     """(21, 3) world [m]; hands only."""
     note: str = ""
     """why the frame is doubtful or lost, in words; not saved in poses.npz."""
+    covariance: Floats | None = None
+    """(P, P) of the solver parameters, which the next frame's prediction inherits; not saved in poses.npz."""
+    unknown: bool = False
+    """whether it is doubtful only because what was seen leaves the joints open; not saved in poses.npz."""
     poor_cloud: bool = False
     """whether its cloud agreed with the hand so badly that the depths were doubted; not saved in poses.npz."""
     energies: Mapping[str, float] = field(default_factory=dict)
@@ -70,6 +74,11 @@ class FrameResult:
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
     parents: tuple[int, ...] = ()
     """which of the last frame's hypotheses each of them continues; −1 in a first frame."""
+
+    @property
+    def fits(self) -> bool:
+        """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
+        return self.status == Status.TRACKED or self.unknown
 
 
 @dataclass(frozen=True, eq=False)

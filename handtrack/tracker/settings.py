@@ -168,6 +168,9 @@ class FollowSettings:
     """a frame with a smaller share of its points within 6 mm of the surface is doubtful"""
     lost_cloud: float = 0.35
     """and a smaller share than this: lost"""
+    doubtful_mm: float = 15.0
+    """a frame whose hand may be further off than this, by its own covariance (root mean square of the joints' standard
+    deviations), is doubtful however well it fits; 0: never"""
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,14 @@ from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracker.appearance_terms import Before
-from handtrack.tracker.assessment import assess, is_suspicious
+from handtrack.tracker.assessment import assess, is_suspicious, what_is_open
 from handtrack.tracker.escape import escape
 from handtrack.tracker.fallback import GOOD, POOR, Agreement, agreement, held
 from handtrack.tracker.forearm import aimed_forearm
 from handtrack.tracker.frame_terms import FrameTerms, frame_terms
 from handtrack.tracker.mixture import Component, MixtureStep
 from handtrack.tracker.moving_hypothesis import MovingHypothesis
-from handtrack.tracker.prediction import predict
+from handtrack.tracker.prediction import inheriting_doubt, predict
 from handtrack.tracker.restart import recovered
 from handtrack.tracker.result import FrameResult, Status
 from handtrack.tracker.settings import TrackerSettings
@@ -160,7 +160,9 @@ class Tracker:
 
     def _may_doubt(self, terms: FrameTerms) -> bool:
         """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
-        allowed = self.settings.model.fallback != "none" and self.model.has_keypoints21
+        chosen = self.settings
+        allowed = chosen.model.fallback != "none" and not chosen.cloud.doubt_depth
+        allowed = allowed and self.model.has_keypoints21
         return allowed and terms.cloud is not None and terms.views == 1 and not terms.keypoints
 
     def _poor(self, terms: FrameTerms, params: Floats, below: float) -> Agreement | None:
@@ -326,10 +328,17 @@ class Tracker:
         params = params.copy()
         system = problem.linearize(params)
         known = system if exact is None else exact.linearize(params)
-        seen = (exact or problem).observation_terms
-        alone = Problem(self.model, seen).linearize(params)
-        spread = uncertainty(self.model, params, known.hessian, alone.hessian)
+        last = exact or problem
+        alone = Problem(self.model, last.observation_terms).linearize(params)
+        sure = inheriting_doubt(last, params, known.hessian, previous)
+        spread = uncertainty(self.model, params, sure, alone.hessian)
         status, note = assess(terms, self.model.bones(params), system.cost, previous)
+        unknown = False
+        if status == Status.TRACKED:
+            most = self.settings.tracker.doubtful_mm
+            note = what_is_open(self.model, spread.joint_covariance, most)
+            unknown = note != ""
+            status = Status.DOUBTFUL if unknown else status
         std = (
             np.full_like(spread.parameter_std, np.inf)
             if status == Status.LOST
@@ -338,7 +347,8 @@ class Tracker:
         found = self._filled(
             observation, params, status, system.cost, iterations, std, spread.joint_covariance, note
         )
-        return replace(found, energies=problem.costs(params))
+        parts = problem.costs(params)
+        return replace(found, energies=parts, covariance=spread.covariance, unknown=unknown)
 
     def _as_given(self, observation: Observation, params: Floats) -> FrameResult:
         """Return a first frame that is only to be compared with those after it."""

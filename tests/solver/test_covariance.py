@@ -10,6 +10,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.solver.covariance import (
     UNOBSERVABLE_STD,
     covariance,
+    inherited_information,
     joint_position_jacobian,
     uncertainty,
 )
@@ -45,6 +46,21 @@ def test_a_diagonal_matrix_by_hand():
     cov, blind = covariance(np.diag([4.0, 0.0, 100.0]), variance=1.0)
     np.testing.assert_allclose(np.diag(cov), [0.25, UNOBSERVABLE_STD**2, 0.01])
     np.testing.assert_allclose(np.abs(blind.ravel()), [0.0, 1.0, 0.0])
+
+
+def test_a_prediction_inherits_what_was_not_known_before():
+    motion = np.diag([4.0, 0.0, 100.0])  # standard deviations of a half, any, a tenth
+    before = np.diag([0.75, 5.0, 0.0])
+    told = inherited_information(motion, before)
+    np.testing.assert_allclose(told, np.diag([1.0, 0.0, 100.0]), atol=1e-12)  # 1 / (1/4 + 3/4)
+    assert inherited_information(motion, None) is motion
+    assert inherited_information(motion, np.eye(2)) is motion
+
+
+def test_what_is_inherited_is_the_inverse_of_the_sum(rng):
+    a, b = (x @ x.T for x in rng.normal(size=(2, 6, 6)))
+    expected = np.linalg.inv(np.linalg.inv(a) + b)
+    np.testing.assert_allclose(inherited_information(a, b), expected, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize("coupling", ["26", "18"])

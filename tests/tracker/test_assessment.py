@@ -10,12 +10,20 @@ import pytest
 
 from handtrack.bench.simulated_views import mask_views
 from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.session.simulate import simulated_rig
-from handtrack.tracker.assessment import assess, energy_ratio, is_suspicious, part_outside
+from handtrack.tracker.assessment import (
+    assess,
+    energy_ratio,
+    is_suspicious,
+    part_outside,
+    what_is_open,
+)
 from handtrack.tracker.frame_terms import frame_terms
+from handtrack.tracker.restart import worth_restarting
 from handtrack.tracker.result import Status
 from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.tracker import Tracker
 
 MODEL = load_model()
 CAMERAS = simulated_rig(3, (320, 240)).cameras
@@ -30,7 +38,7 @@ def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
 
 
 def earlier(energy, count=20, status=Status.TRACKED):
-    return [SimpleNamespace(energy=energy, status=status)] * count
+    return [SimpleNamespace(energy=energy, status=status, fits=status == Status.TRACKED)] * count
 
 
 def shifted(metres):
@@ -139,3 +147,74 @@ def test_a_first_frame_is_suspicious_and_a_usual_one_is_not():
     assert is_suspicious(1.0, 3, [])
     assert not is_suspicious(110.0, 3, earlier(100.0))
     assert is_suspicious(150.0, 3, earlier(100.0))
+
+
+def spread_mm(model, **by_joint):
+    """Return joint covariances (J, 3, 3): 2 mm in all, and what is given for joints whose names begin so."""
+    total = [
+        next((v for k, v in by_joint.items() if n.startswith(k)), 2.0) for n in model.joint_names
+    ]
+    return np.array(total)[:, None, None] ** 2 * 1e-6 * np.eye(3) / 3.0
+
+
+def test_what_is_open_is_named():
+    open_fingers = spread_mm(MODEL, ring_mcp=5.0, little_mcp=5.0, ring=40.0, little=40.0)
+    ring_and_little = "what was seen leaves the ring and little finger open: ± 40 mm"
+    assert what_is_open(MODEL, open_fingers, 15.0) == ring_and_little
+    thumb = spread_mm(MODEL, thumb_cmc=2.0, thumb=60.0)
+    assert what_is_open(MODEL, thumb, 15.0) == "what was seen leaves the thumb open: ± 60 mm"
+    all_of_it = spread_mm(MODEL, **dict.fromkeys(MODEL.joint_names, 20.0))
+    assert (
+        what_is_open(MODEL, all_of_it, 15.0) == "what was seen leaves the whole hand open: ± 20 mm"
+    )
+
+
+def test_it_is_the_mean_joint_that_counts():
+    assert what_is_open(MODEL, spread_mm(MODEL, index_tip=60.0), 15.0) == ""
+    assert what_is_open(MODEL, spread_mm(MODEL, index_tip=80.0), 15.0) != ""  # 80 / √21 > 15
+
+
+def test_nothing_is_open_to_those_who_do_not_ask_nor_of_a_body():
+    for model, most in ((MODEL, 0.0), (load_model("body34"), 15.0)):
+        far = spread_mm(model, **dict.fromkeys(model.joint_names, 500.0))
+        assert what_is_open(model, far, most) == ""
+
+
+@pytest.mark.parametrize("name", ["glove9", "ball6"])
+def test_a_hand_of_few_joints_is_open_as_a_whole(name):
+    model = load_model(name)
+    far = spread_mm(model, **dict.fromkeys(model.joint_names, 30.0))
+    assert what_is_open(model, far, 15.0) == "what was seen leaves the whole hand open: ± 30 mm"
+
+
+def seen_by(cameras, frame):
+    """Return all joints as these cameras see them."""
+    points = MODEL.joint_positions(MODEL.bones(POSE))
+    views = [ImageKeypoints(c, MODEL.joint_names, c.project(points), 5.0) for c in cameras]
+    return Observation(frame, frame / 30.0, (), tuple(views))
+
+
+def test_a_single_camera_leaves_the_hand_open_and_nothing_else_changes():
+    """Doubt about what was not seen is said; it moves no pose, and nothing is looked for."""
+    told, silent = (
+        Tracker(MODEL, TrackerSettings().with_values({"tracker.doubtful_mm": most}))
+        for most in (15.0, 0.0)
+    )
+    results = [t.step(seen_by(CAMERAS[:1], 0), (), shifted(0.002)) for t in (told, silent)]
+    doubted, tracked = results
+    assert doubted.status == Status.DOUBTFUL
+    assert doubted.note.startswith("what was seen leaves the whole hand open: ± ")
+    assert tracked.status == Status.TRACKED
+    assert doubted.parameters.tobytes() == tracked.parameters.tobytes()
+    assert doubted.fits
+    assert not worth_restarting(doubted, results)
+    after = [t.step(seen_by(CAMERAS, 1), [r]) for t, r in zip((told, silent), results, strict=True)]
+    assert {r.status for r in after} == {Status.TRACKED}
+    assert after[0].parameters.tobytes() == after[1].parameters.tobytes()
+
+
+def test_frames_that_only_leave_something_open_tell_what_is_usual():
+    unknown = [SimpleNamespace(energy=100.0, status=Status.DOUBTFUL, fits=True)] * 10
+    assert energy_ratio(200.0, 3, unknown + earlier(900.0, 20, Status.DOUBTFUL)) == pytest.approx(
+        2.0
+    )

@@ -11,6 +11,7 @@ from handtrack.bench.simulated_clouds import DIGICLOPS, FINE, depth_views
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.session.motion import motion
+from handtrack.tracker.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracker.fallback import is_simplified, simplified, steadier
 from handtrack.tracker.result import Status
 from handtrack.tracker.sequence import track_frames
@@ -139,3 +140,27 @@ def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
     follow = steadier(TrackerSettings()).tracker
     assert not follow.jumps
     assert not follow.escape
+
+
+def test_what_no_line_of_sight_meets_may_be_a_hole(poor):
+    """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
+    calm, params = steadier(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
+    seen = see_cloud(views(FINE)[0], MODEL, MODEL.bones(params), calm)
+    assert seen is not None
+    _, holes = cloud_terms(seen, MODEL, calm, 1.2)
+    patches = holes.weight * len(holes.bone)
+    sight = TRUTH[0][:3] - poor[0].cloud_views[0][0]
+    sight /= np.linalg.norm(sight)
+
+    def cost(moved):
+        return holes.cost(MODEL.bones(MODEL.transform.solver_params(TRUTH[0] + moved)))
+
+    def place(offset):
+        return np.concatenate([offset, np.zeros(len(params) - 3)])
+
+    beside = [cost(place(np.array([aside, 0.0, 0.0]))) for aside in (0.0, 0.015, 0.3, 0.5)]
+    assert 20.0 < patches < 60.0
+    assert beside[0] < 0.05 * patches < beside[1]
+    np.testing.assert_allclose(beside[2:], patches * np.log(2.0), rtol=1e-6)
+    for along in (-0.02, 0.02):
+        assert cost(place(along * sight)) < 0.1 * patches

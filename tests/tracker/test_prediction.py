@@ -9,8 +9,12 @@ import pytest
 
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints, Observation
 from handtrack.tracker.prediction import predict
 from handtrack.tracker.result import Status
+from handtrack.tracker.sequence import track_frames
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.tracker import Tracker
 
 MODEL = load_model()
 
@@ -56,3 +60,23 @@ def test_a_prediction_stays_within_limits():
     flex = MODEL.skeleton.parameter("index_pip_flex")
     a[flex], b[flex] = 0.5, 1.5
     assert predict(MODEL, [frame(0, a), frame(1, b)], 2)[flex] <= MODEL.limits.interval[flex, 1]
+
+
+def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():
+    """It is as if each frame were sure of the one before, otherwise: hidden for a second or for one frame, all the same."""
+    pose = MODEL.rest_params()
+    points = MODEL.joint_positions(MODEL.bones(pose))
+    hidden = [n.startswith("index") and n != "index_mcp" for n in MODEL.joint_names]
+
+    def observe(frame, _bones):
+        seen = np.where(np.array(hidden)[:, None] & (0 < frame < 8), np.nan, points)
+        return Observation(frame, frame / 30.0, (), (Keypoints(MODEL.joint_names, seen, 0.002),))
+
+    tracker = Tracker(MODEL, TrackerSettings().with_values({"tracker.jumps": False}))
+    results = list(track_frames(tracker, observe, 0, pose, range(9)))
+    tip, wrist = (MODEL.joint_names.index(name) for name in ("index_tip", "wrist"))
+    std = np.sqrt([np.trace(r.joint_covariance[[tip, wrist]], axis1=1, axis2=2) for r in results])
+    assert (np.diff(std[:8, 0]) > 0).all()
+    assert std[7, 0] > 1.3 * std[1, 0]
+    assert std[8, 0] < 1.01 * std[0, 0]  # seen again
+    assert std[:, 1].max() < 1.01 * std[0, 1]  # the wrist was never hidden
