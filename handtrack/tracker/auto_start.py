@@ -27,6 +27,7 @@ from handtrack.tracker.start_search import (
     descended_in_rounds,
     distinct,
     narrow_problem,
+    narrowed,
     narrowly_measured,
     reassigned,
     start_sources,
@@ -36,7 +37,8 @@ from handtrack.tracker.tracker import Tracker
 
 _LAID, _AGAIN = 48, 12
 """how many laid hands are let go of; how many go on, and as many again with other fingers stretched"""
-_ITERATIONS, _MORE = 10, 12
+_ITERATIONS, _MORE, _NARROW = 10, 12, 8
+"""of the descents: with long arms, of those that go on, and with short arms, by which finalists are chosen"""
 FINALISTS = 5
 """poses that descend as the tracker does"""
 
@@ -89,6 +91,7 @@ def auto_start(
     found = descended_in_rounds(sources, found, ((_LAID, _ITERATIONS),), stop)
     found = [*distinct(found, _AGAIN), *reassigned(sources, distinct(found, _LAID), _AGAIN)]
     found = [descended(sources, laid, _MORE) for laid in found if not stop()]
+    found = [narrowed(sources, h, _NARROW) for h in distinct(found, 2 * _AGAIN) if not stop()]
     tell(0.8, "the best are fitted")
     return finished(sources, distinct(found, FINALISTS), settings, seen, stop, size_sigma)
 

@@ -65,6 +65,15 @@ def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> La
     return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
 
 
+def narrowed(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
+    """Return a pose let go of once more, with short arms, and its cost there: long ones hardly tell what is on its finger
+    from what is beside it.
+    """
+    problem = narrow_problem(sources, laid)
+    summary = solve(problem, laid.params, SolverSettings(iterations=iterations))
+    return narrowly_measured(sources, replace(laid, params=summary.params))
+
+
 def reassigned(sources: Sequence[StartSource], found: Sequence[Laid], most: int) -> list[Laid]:
     """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
     ways = []

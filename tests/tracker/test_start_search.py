@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from handtrack.bench.simulated_views import mask_views
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.session.simulate import simulated_rig
 from handtrack.tracker.laid_shapes import Laid
-from handtrack.tracker.start_search import distinct
+from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracker.start_search import distinct, narrowed, narrowly_measured, start_sources
 from handtrack.tracker.start_shapes import shape_of
 
 MODEL = load_model()
@@ -20,6 +23,24 @@ def laid(x, degrees, cost):
         [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
     )
     return Laid(SHAPE, SHAPE.params_at(rotation, np.array([x, 0.0, 0.0])), cost)
+
+
+def test_short_arms_bring_a_pose_nearer():
+    """From 7 mm beside it, and from a finger's breadth beside it."""
+    right = named_pose(MODEL, "rest")
+    params = MODEL.transform.solver_params(right)
+    seen = mask_views(MODEL, params, simulated_rig(3, (320, 240)).cameras)
+    sources = start_sources(seen, TrackerSettings())
+    near, beside = (
+        params + [x, 0.004, 0.0, 0.05, *np.zeros(len(params) - 4)] for x in (0.006, 0.022)
+    )
+    found = [Laid(SHAPE, x, np.inf) for x in (near, beside)]
+    measured = [narrowly_measured(sources, f).cost for f in found]
+    ended = [narrowed(sources, f, 8) for f in found]
+    assert all(e.cost < 0.5 * m for e, m in zip(ended, measured, strict=True))
+    off = [np.linalg.norm(e.joints - Laid(SHAPE, params, 0.0).joints, axis=1).mean() for e in ended]
+    assert off[0] < 0.003 and off[1] < 0.006  # 1.9 and 4.0 mm
+    assert ended[0].cost < ended[1].cost
 
 
 def test_each_pose_goes_on_once_the_best_first():
