@@ -11,12 +11,13 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.metaballs import MetaballSurface
-from handtrack.model.surface import surface_mesh
+from handtrack.model.surface import SurfaceMesh, surface_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.cloud_loss import UniformOutliers
 from handtrack.terms.cloud_rays import CloudRaysTerm
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import GemanMcClure, Loss
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracker.settings import TrackerSettings
 
@@ -30,6 +31,8 @@ _NORMAL_MEDIAN = 1.4826  # σ of a normal distribution by the median of its abso
 _BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that is taken as found,
 _EXACT = 0.1  # but for no more exact than this
 _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
+_SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
+_AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ class SeenCloud:
     share: float
     """how much one point counts: neighbours on the same finger err together"""
     emptiness: CloudEmptinessTerm | None
-    """E2, for the surface where the frame starts; None when only the cloud's side is asked for"""
+    """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
+    only the cloud's side is asked for"""
     length: Floats
     """(B,) bone lengths of the model that `emptiness` was made for [m]"""
     views: tuple[Floats, ...] = ()
@@ -93,10 +97,13 @@ def see_cloud(
         return None
     patches = _area(points) / _patch_area(model, settings)
     emptiness = None
-    if settings.cloud.balance < 1 and not _is_doubted(seen.cloud_views, settings):
+    if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
         mesh = surface_mesh(surface, start)
-        emptiness = CloudEmptinessTerm.at_start(points, mesh, seen.cloud_views, margin_m=margin)
+        filled = points
+        if _is_doubted(seen.cloud_views, settings):
+            filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
+        emptiness = CloudEmptinessTerm.at_start(filled, mesh, seen.cloud_views, margin_m=margin)
         emptiness = _hand_only(emptiness, model)
     share = min(1.0, patches / len(points))
     views = tuple(seen.cloud_views)
@@ -104,8 +111,22 @@ def see_cloud(
 
 
 def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
-    """Return whether lines of sight are all that is believed; each point's must be known. Holes then say nothing."""
+    """Return whether lines of sight are all that is believed; each point's must be known."""
     return settings.cloud.doubt_depth and len(views) == 1
+
+
+def _eye(views: Sequence[Floats]) -> Floats:
+    """Return the centre (3,) that lines of sight start from; of a pair, the left one's pixels are matched."""
+    return np.atleast_2d(views[0])[0]
+
+
+def _lines_of_sight(points: Floats, eye: Floats, mesh: SurfaceMesh, margin_m: float) -> Floats:
+    """Return (M, 3) places on the lines from `eye` through points (N, 3), as far as the mesh may be, world [m]."""
+    out = points - eye
+    sight = out / np.linalg.norm(out, axis=1)[:, None]
+    far = np.linalg.norm(mesh.vertices - eye, axis=1)
+    along = np.arange(far.min() - margin_m, far.max() + margin_m, _SIGHT_STEP_M)
+    return (eye + sight[:, None] * along[:, None]).reshape(-1, 3)
 
 
 def _area(points: Floats) -> float:
@@ -130,43 +151,48 @@ def cloud_terms(
 ) -> list[ObservationTerm]:
     """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
 
-    Both ask after the same error, from either side, so their weights add up to one.
+    E1 and E2 ask after the same error, from either side, so their weights add up to one. A line of sight that meets the
+    hand, and a piece of the hand that no line meets, are two observations: each counts whole.
     """
     chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
     if _is_doubted(seen.views, settings):
-        return [
-            CloudRaysTerm(
-                np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
-                np.atleast_2d(seen.views[0])[0],  # of a pair, the left one's pixels are matched
-                MetaballSurface.of(model),
-                along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
-                weight=chosen.weight * seen.share,
-            )
-        ]
-    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
-    terms: list[ObservationTerm] = [
-        CloudDistanceTerm(
-            seen.prepared,
+        rays = CloudRaysTerm(
+            np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
+            _eye(seen.views),
             MetaballSurface.of(model),
-            sigma_m=seen.sigma_m or sigma_m,
-            loss=robust,
-            weight=chosen.balance * chosen.weight * seen.share,
+            along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
+            weight=chosen.weight * seen.share,
         )
-    ]
-    if seen.emptiness is not None:
-        share = min(1.0, _CELL_AREA / _patch_area(model, settings))
-        # A person's size scales each bone's flesh about the bone's head.
-        stretch = (model.skeleton.length / seen.length)[seen.emptiness.bone, None]
-        terms.append(
-            replace(
-                seen.emptiness,
-                local=seen.emptiness.local * stretch,
-                sigma_m=sigma_m,
-                loss=GemanMcClure(_EMPTY_FAR_M / sigma_m),
-                weight=(1 - chosen.balance) * chosen.weight * share,
-            )
-        )
-    return terms
+        return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, 1.0)]
+    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
+    points = CloudDistanceTerm(
+        seen.prepared,
+        MetaballSurface.of(model),
+        sigma_m=seen.sigma_m or sigma_m,
+        loss=robust,
+        weight=chosen.balance * chosen.weight * seen.share,
+    )
+    far = GemanMcClure(_EMPTY_FAR_M / sigma_m)
+    return [points, *_empty(seen, model, settings, far, 1.0 - chosen.balance)]
+
+
+def _empty(
+    seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, loss: Loss, weight: float
+) -> list[ObservationTerm]:
+    """Return E2, or nothing where only the cloud's side is asked for."""
+    if seen.emptiness is None:
+        return []
+    share = min(1.0, _CELL_AREA / _patch_area(model, settings))
+    # A person's size scales each bone's flesh about the bone's head.
+    stretch = (model.skeleton.length / seen.length)[seen.emptiness.bone, None]
+    term = replace(
+        seen.emptiness,
+        local=seen.emptiness.local * stretch,
+        sigma_m=settings.cloud.sigma_mm * _MM,
+        loss=loss,
+        weight=weight * settings.cloud.weight * share,
+    )
+    return [term]
 
 
 def explained_share(
