@@ -21,6 +21,8 @@ _PROMISING = (
     2.0  # times the best disagreement of the first look: no shape beyond it is looked at closely
 )
 _LOOKED_AT = 3000
+PLACE_M = 0.07
+"""palms that are nearer are at one place"""
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 
 
@@ -76,7 +78,7 @@ def laid_everywhere(
     should_stop: Callable[[], bool],
     within: tuple[Floats, float] | None = None,
 ) -> list[Laid]:
-    """Return the shapes laid everywhere, the best first, at most `most`, none like a better one.
+    """Return the shapes laid everywhere, the best first, at most `most`, none like a better one, half of them at one place.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
     of the sources is asked here: a cloud says more than silhouettes. within: a point (3,) and a distance [m] from it beyond
@@ -100,16 +102,20 @@ def laid_everywhere(
         scores[i] = source.scores(shape, rotations, places, enough)
     order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
     chosen: list[tuple[int, int, int]] = []
+    spare: list[tuple[int, int, int]] = []
     for s, r, p in np.stack(np.unravel_index(order, scores.shape), axis=1).tolist():
         alike = [
-            (q, o) for t, q, o in chosen if shapes[s].posture == shapes[t].posture
+            (q, o) for t, q, o in [*chosen, *spare] if shapes[s].posture == shapes[t].posture
             and np.linalg.norm(places[p] - places[o]) < _APART_M
         ]  # fmt: skip
-        if not any(turned_by(rotations[r], rotations[q]) < _APART_RAD for q, _ in alike):
-            chosen.append((s, r, p))
+        if any(turned_by(rotations[r], rotations[q]) < _APART_RAD for q, _ in alike):
+            continue
+        here = sum(np.linalg.norm(places[p] - places[o]) < PLACE_M for _, _, o in chosen)
+        (chosen if 2 * here < most else spare).append((s, r, p))
         if len(chosen) == most:
             break
-    return [
+    kept = [
         Laid(shapes[s], shapes[s].params_at(rotations[r], places[p]), float(scores[s, r, p]))
-        for s, r, p in chosen
+        for s, r, p in [*chosen, *spare][:most]
     ]
+    return sorted(kept, key=lambda laid: laid.cost)

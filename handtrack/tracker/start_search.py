@@ -15,7 +15,7 @@ from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracker.cloud_start import cloud_start
 from handtrack.tracker.finger_assignments import finger_assignments
-from handtrack.tracker.laid_shapes import Laid, StartSource
+from handtrack.tracker.laid_shapes import PLACE_M, Laid, StartSource
 from handtrack.tracker.posture import posture_prior
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.silhouette_start import silhouette_start
@@ -23,8 +23,7 @@ from handtrack.tracker.start_shapes import palm_middle
 
 _WIDE_M, _NARROW_M = 0.012, 0.004
 _SAME_M = 0.012  # mean distance between joints of poses that count as one
-_PLACE_M = 0.07  # palms that are nearer are at one place
-_PROMISING = 2.0  # times the least cost, beyond which another place is not worth a look
+_PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
 _REST_SIGMA = np.deg2rad(50.0)
 
 
@@ -122,7 +121,7 @@ def distinct(found: Sequence[Laid], most: int) -> list[Laid]:
         if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for _, j in [*chosen, *spare]):
             continue
         palm = palm_middle(laid.shape.model, laid.params)
-        here = sum(np.linalg.norm(palm - other) < _PLACE_M for other in palms)
+        here = sum(np.linalg.norm(palm - other) < PLACE_M for other in palms)
         if 2 * here < most and laid.cost <= _PROMISING * ordered[0].cost:
             chosen.append((laid, joints))
             palms.append(palm)

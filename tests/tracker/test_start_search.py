@@ -8,10 +8,10 @@ from handtrack.bench.simulated_views import mask_views
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.session.simulate import simulated_rig
-from handtrack.tracker.laid_shapes import Laid
+from handtrack.tracker.laid_shapes import Laid, laid_everywhere
 from handtrack.tracker.settings import TrackerSettings
 from handtrack.tracker.start_search import distinct, narrowed, narrowly_measured, start_sources
-from handtrack.tracker.start_shapes import shape_of
+from handtrack.tracker.start_shapes import palm_middle, shape_of
 
 MODEL = load_model()
 SHAPE = shape_of(MODEL, named_pose(MODEL, "open"), "open")
@@ -55,7 +55,25 @@ def test_no_place_takes_all():
     assert [f.cost for f in kept] == [1.0, 1.01, 1.4, 1.5]
 
 
+class Arm:
+    """A source in which any hand fits better at one place than at another, as fists do at an arm's end."""
+
+    places = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
+
+    def scores(self, shape, rotations, places, enough=1.0):
+        return (
+            0.2 + np.where(places[:, 0] > 0.1, 0.1, 0.0) + 1e-4 * np.arange(len(rotations))[:, None]
+        )
+
+
+def test_half_of_those_laid_are_elsewhere():
+    found = laid_everywhere([Arm()], [SHAPE], 8, lambda: False)
+    there = [palm_middle(f.shape.model, f.params)[0] > 0.1 for f in found]
+    assert sorted(there) == [False] * 4 + [True] * 4
+    assert [f.cost for f in found] == sorted(f.cost for f in found)
+
+
 def test_what_is_hopeless_elsewhere_takes_no_place():
     arm = [laid(0.0, 40 * i, 1.0 + 0.01 * i) for i in range(8)]
-    kept = distinct([*arm, laid(0.3, 0, 2.5)], 4)
+    kept = distinct([*arm, laid(0.3, 0, 3.5)], 4)
     assert [f.cost for f in kept] == [1.0, 1.01, 1.02, 1.03]
