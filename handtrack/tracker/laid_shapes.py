@@ -17,9 +17,8 @@ _FEW_ROTATIONS, _ROTATIONS = 120, 700
 """to find out where a hand may be, and how it is turned there (13° from the nearest on average)"""
 _KEPT_PLACES = 10
 _HOPELESS = 0.5  # share of disagreement that need not be known exactly
-_PROMISING = (
-    2.0  # times the best disagreement of the first look: no shape beyond it is looked at closely
-)
+# times the best disagreement of the first look: no shape beyond it is looked at closely
+_PROMISING = 2.0
 _LOOKED_AT = 3000
 PLACE_M = 0.07
 """palms that are nearer are at one place"""

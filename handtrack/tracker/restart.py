@@ -28,10 +28,8 @@ _ROUNDS = ((60, 8), (10, 12))
 _LAID = 28  # hands that are let go of around the last known place
 _FINALISTS = 3
 _AGAIN = 5  # frames between two looks in a row where nothing was seen
-_NEAR_M, _SPEED_M = (
-    0.10,
-    0.03,
-)  # how far a palm may be from where it was, and how much further each frame
+# how far a palm may be from where it was, and how much further each frame
+_NEAR_M, _SPEED_M = (0.10, 0.03)
 _GAIN = 0.95  # of the cost that a pose may have at most, to be taken
 
 

@@ -80,9 +80,8 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
 
 def test_the_bounds_are_settings(seen):
     bounds = {"tracker.doubtful_overlap": 0.1, "tracker.lost_overlap": 0.05}
-    assert (
-        assessed(seen, shifted(0.016), **bounds)[0] == Status.DOUBTFUL
-    )  # fingers are beside theirs
+    # fingers are beside theirs
+    assert assessed(seen, shifted(0.016), **bounds)[0] == Status.DOUBTFUL
     bounds["tracker.doubtful_part"] = 0.0
     assert assessed(seen, shifted(0.016), **bounds)[0] == Status.TRACKED
 
