@@ -77,7 +77,8 @@ def laid_everywhere(
     should_stop: Callable[[], bool],
     within: tuple[Floats, float] | None = None,
 ) -> list[Laid]:
-    """Return the shapes laid everywhere, the best first, at most `most`, none like a better one, half of them at one place.
+    """Return the shapes laid everywhere, the best first, at most `most`, none like a better one; at most half
+    of them at one place, if nothing is known of where the hand is.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
     of the sources is asked here: a cloud says more than silhouettes. within: a point (3,) and a distance [m] from it beyond
@@ -110,7 +111,8 @@ def laid_everywhere(
         if any(turned_by(rotations[r], rotations[q]) < _APART_RAD for q, _ in alike):
             continue
         here = sum(np.linalg.norm(places[p] - places[o]) < PLACE_M for _, _, o in chosen)
-        (chosen if 2 * here < most else spare).append((s, r, p))
+        shared = within is None and 2 * here >= most  # around a known place there is but one
+        (spare if shared else chosen).append((s, r, p))
         if len(chosen) == most:
             break
     kept = [
