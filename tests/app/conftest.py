@@ -11,8 +11,10 @@ import pytest
 from handtrack.session.journal import Journal
 from handtrack_app.cli import main
 from handtrack_app.workbench import Workbench
+from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.fake_run import fake_document
+from tests.app.waiting import eventually
 
 
 @pytest.fixture
@@ -57,3 +59,13 @@ def tracked(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("tracked") / "small"))
     assert main(["track", str(folder)]) == 0
     return folder
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Workbench]:
+    """A workbench with a recording that has clouds, the first of them shown."""
+    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
+    assert workbench.wait_ready(60.0)
+    eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
+    yield workbench
+    workbench.stop()

@@ -16,7 +16,7 @@ from handtrack_app.panels.pose import group_of, label_of
 from handtrack_app.reaching import reach, tip_names
 from handtrack_app.scene.palette import colour_of, limb_of
 from handtrack_app.workbench import Workbench
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 BODY = load_model("body34")

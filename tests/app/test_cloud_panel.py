@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,19 +12,10 @@ from handtrack_app.keeping import Keeper
 from handtrack_app.opening import open_document
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 pytestmark = pytest.mark.usefixtures("journals_closed")
-
-
-@pytest.fixture
-def page(tmp_path: Path) -> Iterator[Workbench]:
-    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready(60.0)
-    eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
-    yield workbench
-    workbench.stop()
 
 
 def test_pictures_are_offered_where_there_are_some(page: Workbench) -> None:

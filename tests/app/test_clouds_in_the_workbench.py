@@ -32,8 +32,9 @@ from handtrack_app.scene.palette import residual_colours
 from handtrack_app.workbench import Workbench
 from handtrack_app.worker import Worker
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start
-from tests.app.test_workbench import eventually, latencies
+from tests.app.test_workbench import latencies
 from tests.app.test_worker import Listener
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 Desk = tuple[Worker, Listener, Path]
@@ -231,16 +232,6 @@ def test_a_slider_says_what_the_file_says(knob: Any) -> None:
         assert knob.in_file(0.0) is False
     changed = replace(CloudSettings(files="c/*"), **{knob.name: knob.in_file(high)})
     assert math.isfinite(getattr(changed, knob.name))
-
-
-@pytest.fixture
-def page(tmp_path: Path) -> Iterator[Workbench]:
-    """A workbench with the recording."""
-    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready(60.0)
-    eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
-    yield workbench
-    workbench.stop()
 
 
 def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> None:

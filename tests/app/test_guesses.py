@@ -24,7 +24,7 @@ from handtrack_app.keeping import Keeper
 from handtrack_app.scene.ghosts import update_ghosts
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 WAYS = ((0.03, 0.9, "no forearm in view"), (0.08, 0.06, "turned by 170°"))

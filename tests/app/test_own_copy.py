@@ -10,7 +10,7 @@ from handtrack.session import bundled
 from handtrack_app.own_copy import own_copy
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 
 
 @pytest.fixture

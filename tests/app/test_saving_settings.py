@@ -15,7 +15,7 @@ from handtrack_app.opening import open_document
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 pytestmark = pytest.mark.usefixtures("journals_closed")

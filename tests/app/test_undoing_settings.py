@@ -13,7 +13,7 @@ from handtrack_app.panels.keys import Keys
 from handtrack_app.state import ChangeStep, PoseStep, UndoStack, UserState
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
-from tests.app.test_workbench import eventually
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 

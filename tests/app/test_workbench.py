@@ -6,7 +6,6 @@ import logging
 import math
 import socket
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +15,8 @@ from handtrack.errors import HandtrackError
 from handtrack_app import messages as m
 from handtrack_app.workbench import Workbench, log_to, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-
-def eventually(test: Callable[[], bool], what: str, timeout: float = 10.0) -> None:
-    until = time.monotonic() + timeout
-    while not test():
-        assert time.monotonic() < until, f"{what}: not within {timeout:g} s"
-        time.sleep(0.01)
 
 
 def test_it_listens_on_loopback_only(bench: Workbench) -> None:

@@ -1,0 +1,14 @@
+"""Waiting for what other threads do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+
+def eventually(test: Callable[[], bool], what: str, timeout: float = 10.0) -> None:
+    """Wait until the test is true, at most `timeout` [s]; what: in words, for the failure."""
+    until = time.monotonic() + timeout
+    while not test():
+        assert time.monotonic() < until, f"{what}: not within {timeout:g} s"
+        time.sleep(0.01)
