@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 
 PAGE = Path(__file__).resolve().with_name("settings.md")
 _HEAD = """# Settings

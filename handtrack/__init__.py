@@ -16,35 +16,35 @@ if TYPE_CHECKING:
     from handtrack.model.model_file import load_model
     from handtrack.observation.observation import Keypoints, Observation, Silhouette
     from handtrack.session.bundled import bundled_session
+    from handtrack.session.formats.tables import read_npz, write_csv, write_npz
     from handtrack.session.run import TrackingRun
     from handtrack.session.session import Session
-    from handtrack.session.tables import read_npz, write_csv, write_npz
-    from handtrack.tracker.result import FrameResult, Status, TrackResult
-    from handtrack.tracker.settings import TrackerSettings
-    from handtrack.tracker.tracker import Tracker
+    from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+    from handtrack.tracking.frame.settings import TrackerSettings
+    from handtrack.tracking.tracker import Tracker
 
 _MODULES = {
     "ArticulatedModel": "model.articulated",
     "Camera": "geometry.camera",
     "CameraRig": "geometry.camera",
-    "FrameResult": "tracker.result",
+    "FrameResult": "tracking.frame.result",
     "HandScale": "model.articulated",
     "HandtrackError": "errors",
     "Keypoints": "observation.observation",
     "Observation": "observation.observation",
     "Session": "session.session",
     "Silhouette": "observation.observation",
-    "Status": "tracker.result",
-    "TrackResult": "tracker.result",
-    "Tracker": "tracker.tracker",
-    "TrackerSettings": "tracker.settings",
+    "Status": "tracking.frame.result",
+    "TrackResult": "tracking.frame.result",
+    "Tracker": "tracking.tracker",
+    "TrackerSettings": "tracking.frame.settings",
     "TrackingRun": "session.run",
     "bundled_session": "session.bundled",
     "evaluate": "diagnostics.metrics",
     "load_model": "model.model_file",
-    "read_npz": "session.tables",
-    "write_csv": "session.tables",
-    "write_npz": "session.tables",
+    "read_npz": "session.formats.tables",
+    "write_csv": "session.formats.tables",
+    "write_npz": "session.formats.tables",
 }
 
 __all__ = [

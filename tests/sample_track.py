@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracker.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 
 PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
 BONES = ("root", "index_proximal")

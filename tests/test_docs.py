@@ -11,7 +11,7 @@ import pytest
 
 from docs.settings_page import PAGE, docstrings, settings_page
 from handtrack.session.session import Session
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.cli import build_parser
 from tests.conftest import REPOSITORY
 
@@ -148,7 +148,7 @@ def test_every_setting_has_a_meaning():
 
 
 def test_docstrings_are_read_across_lines():
-    from handtrack.tracker.settings import SilhouetteSettings
+    from handtrack.tracking.frame.settings import SilhouetteSettings
 
     assert docstrings(SilhouetteSettings)["outline_sigma_mm"].startswith(
         "how far a model's outline"

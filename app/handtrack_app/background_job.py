@@ -11,8 +11,8 @@ from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.session.first_pose_search import find_first_poses
-from handtrack.tracker.result import FrameResult
+from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.keyframes import Leg
 
 log = logging.getLogger(__name__)

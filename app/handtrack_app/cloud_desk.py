@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.cloud_filters import COMPONENTS, CloudFilters
-from handtrack.capture.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.cloud_filters import COMPONENTS, CloudFilters
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.clouds import cloud_filters, stereo_settings
 from handtrack.session.clouds_settings import CloudSettings

@@ -9,16 +9,21 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.capture.cloud_filters import CloudFilters, FilterReport, near_hand, random_part
-from handtrack.capture.point_cloud import EMPTY, PointCloud
-from handtrack.capture.stereo import StereoMatcher
+from handtrack.capture.clouds.cloud_filters import (
+    CloudFilters,
+    FilterReport,
+    near_hand,
+    random_part,
+)
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
+from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import MetaballSurface
-from handtrack.model.surface import surface_mesh
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds import stereo_settings
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.tracker.hand_distance import hand_distance
+from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack_app import messages as m
 from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.cloud_pictures import (

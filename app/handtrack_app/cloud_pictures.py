@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.capture.disparity import REJECTED
-from handtrack.capture.rectification import RectifiedPair
-from handtrack.capture.stereo import StereoView
+from handtrack.capture.clouds.disparity import REJECTED
+from handtrack.capture.clouds.rectification import RectifiedPair
+from handtrack.capture.clouds.stereo import StereoView
 from handtrack.geometry.camera import Camera
 from handtrack_app.scene.palette import FILTERS, KEPT, REJECTS
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from handtrack.errors import HandtrackError
-from handtrack.tracker.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app import exporting
 from handtrack_app import messages as m
 from handtrack_app.background_job import (

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult
 
 TERM_WORDS = {
     "coverage": "silhouettes",

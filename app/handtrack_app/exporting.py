@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.session.tables import EXPORTS
-from handtrack.tracker.fallback import is_simplified
-from handtrack.tracker.result import FrameResult
+from handtrack.session.formats.tables import EXPORTS
+from handtrack.tracking.fallback import is_simplified
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.document import Document
 from handtrack_app.kept_frames import whole_track
 

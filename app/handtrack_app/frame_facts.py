@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.tracker.fallback import is_simplified
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.fallback import is_simplified
+from handtrack.tracking.frame.result import FrameResult
 
 
 def told(result: FrameResult) -> str:

@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
+from handtrack.files.atomic import replace_text
+from handtrack.files.versions import keep_version
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
-from handtrack.session.atomic import replace_text
 from handtrack.session.clouds_settings import read_clouds
 from handtrack.session.clouds_table import clouds_values, with_clouds
-from handtrack.session.first_pose import FirstPose, write_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal
 from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
-from handtrack.session.tables import read_npz, write_npz, write_result
 from handtrack.session.tracking_table import with_tracking
-from handtrack.session.versions import keep_version
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.document import Document
 from handtrack_app.kept_frames import journal_row, result_of_row, whole_track
 from handtrack_app.session_toml import change_session_toml

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.tracker.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.document import Document
 
 

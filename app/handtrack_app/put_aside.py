@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.messages import Notice, RerunPage
 
 

@@ -21,12 +21,12 @@ from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.session.run import TrackingRun
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.coverage import CoverageTerm
-from handtrack.tracker.appearance_terms import Before
-from handtrack.tracker.frame_terms import frame_terms
-from handtrack.tracker.result import FrameResult
-from handtrack.tracker.tracker import Tracker, Watch
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.tracking.frame.appearance_terms import Before
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.tracker import Tracker, Watch
 from handtrack_app.rerun_stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
 
 log = logging.getLogger(__name__)

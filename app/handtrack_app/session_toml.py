@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from handtrack.capture.text_files import read_text
-from handtrack.capture.toml_text import read_toml
 from handtrack.errors import HandtrackError
-from handtrack.session.atomic import replace_text
-from handtrack.session.versions import keep_version
+from handtrack.files.atomic import replace_text
+from handtrack.files.text_files import read_text
+from handtrack.files.toml_text import read_toml
+from handtrack.files.versions import keep_version
 
 _WHAT = "a session's settings"
 

@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import Array, Floats, Ints
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracker.result import Status, TrackResult
+from handtrack.tracking.frame.result import Status, TrackResult
 
 _CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 _LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick

@@ -14,8 +14,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.coverage import CoverageTerm
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
 
 MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)

@@ -1,6 +1,6 @@
 """Ellipsoid ↔ quadric ↔ dual quadric, the conic it shows in a camera, and that conic's twist derivative.
 
-The plain form of what `terms/silhouette_kernels.py` computes. Sign: a quadric or conic is negative inside, so that the
+The plain form of what `terms/silhouettes/silhouette_kernels.py` computes. Sign: a quadric or conic is negative inside, so that the
 dual is positive across and negative along the line of sight. 2007 paper, eqs. 10–17 and 25–29.
 """
 

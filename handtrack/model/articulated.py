@@ -15,7 +15,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
 from handtrack.model.moving_limits import MovingLimits, moving_limits
 from handtrack.model.skeleton import Skeleton
-from handtrack.model.superquadrics import Superquadrics
+from handtrack.model.surfaces.superquadrics import Superquadrics
 from handtrack.model.transform import ParameterTransform
 
 FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.text_files import read_json
-from handtrack.capture.toml_text import read_toml
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.text_files import read_json
+from handtrack.files.toml_text import read_toml
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
-from handtrack.model.superquadrics import read_superquadrics
+from handtrack.model.surfaces.superquadrics import read_superquadrics
 from handtrack.model.transform import Follows, build_transform
 
 MODELS = ("hand26", "glove9", "ball6", "body34")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from handtrack.arrays import Array, Floats, Ints
-from handtrack.capture.point_cloud import PointCloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.session.atomic import replacing
+from handtrack.files.atomic import replacing
 from handtrack.session.layout import SESSION_FILE, TRACKS_FOLDER
 
 _PACKAGE = Path(__file__).resolve().parents[1]

@@ -11,14 +11,14 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import Bytes, Floats
-from handtrack.capture.cloud_files import read_cloud
-from handtrack.capture.cloud_filters import CloudFilters
-from handtrack.capture.depth import depth_cloud
-from handtrack.capture.disparity import StereoSettings
-from handtrack.capture.frame_notes import FrameNotes
-from handtrack.capture.point_cloud import PointCloud, merged
-from handtrack.capture.stereo import StereoMatcher, StereoView
-from handtrack.capture.stereo_check import check_pair
+from handtrack.capture.clouds.cloud_files import read_cloud
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.capture.clouds.disparity import StereoSettings
+from handtrack.capture.clouds.point_cloud import PointCloud, merged
+from handtrack.capture.clouds.stereo import StereoMatcher, StereoView
+from handtrack.capture.clouds.stereo_check import check_pair
+from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session_file import CloudSettings, SessionFile

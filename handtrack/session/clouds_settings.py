@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from handtrack.capture.cloud_filters import COMPONENTS
-from handtrack.capture.disparity import STEREO_METHODS
-from handtrack.capture.skin_ellipse import SkinEllipse
-from handtrack.capture.toml_table import TableReader
+from handtrack.capture.clouds.cloud_filters import COMPONENTS
+from handtrack.capture.clouds.disparity import STEREO_METHODS
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
+from handtrack.files.toml_table import TableReader
 
 _CLOUD_SOURCES = ("files", "stereo", "depth")
 _CLOUD_NUMBERS = {

@@ -7,8 +7,8 @@ import tomllib
 from dataclasses import asdict, fields
 from typing import Any
 
-from handtrack.capture.toml_text import toml_value
 from handtrack.errors import HandtrackError
+from handtrack.files.toml_text import toml_value
 from handtrack.session.clouds_settings import CloudSettings
 
 _HEADER = re.compile(r"^\s*\[")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.session.atomic import replace_text
+from handtrack.files.atomic import replace_text
 from handtrack.session.layout import TRACKS_FOLDER
 
 JOURNAL_FILE = "journal.jsonl"

@@ -12,26 +12,26 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.cloud_filters import HandDistance
+from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
-from handtrack.session.first_pose import FirstPose
-from handtrack.session.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.image_first_pose import poses_from_images
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.image_first_pose import poses_from_images
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
-from handtrack.tracker.forearm import forearm_in_view
-from handtrack.tracker.hand_distance import hand_distance
-from handtrack.tracker.initialize import carried_over, fit_keypoints, fit_scale
-from handtrack.tracker.result import FrameResult, TrackResult
-from handtrack.tracker.sequence import track_frames
-from handtrack.tracker.sequence_path import chosen_sequence
-from handtrack.tracker.settings import TrackerSettings
-from handtrack.tracker.size import refine_scale
-from handtrack.tracker.tracker import Tracker
+from handtrack.tracking.frame.forearm import forearm_in_view
+from handtrack.tracking.frame.hand_distance import hand_distance
+from handtrack.tracking.frame.result import FrameResult, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.size import refine_scale
+from handtrack.tracking.tracker import Tracker
 
 _SIZE_STRETCH = 40  # frames tracked to fit the hand's size
 _SIZE_ANGLE = np.deg2rad(20.0)  # between two lines of sight

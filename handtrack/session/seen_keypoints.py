@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.frame_notes import FrameNotes
-from handtrack.capture.frames import files_by_frame
-from handtrack.capture.openpose import LAYOUTS, Layout, read_openpose
+from handtrack.capture.images.frame_notes import FrameNotes
+from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.images.openpose import LAYOUTS, Layout, read_openpose
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel

@@ -11,17 +11,18 @@ from pathlib import Path
 from typing import TypeVar
 
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.capture.calibration import read_rig
-from handtrack.capture.cloud_filters import CloudFilters, FilterReport, HandDistance
-from handtrack.capture.frames import files_by_frame
-from handtrack.capture.point_cloud import PointCloud
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.images.frames import files_by_frame
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source, stereo_settings
-from handtrack.session.doctor import Finding, examine
-from handtrack.session.first_pose import FirstPose, read_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
+from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
+from handtrack.session.formats.truth import Truth, read_truth
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     INIT_FILE,
@@ -37,10 +38,8 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
-from handtrack.session.timestamps import FrameTimes, read_timestamps
-from handtrack.session.truth import Truth, read_truth
 from handtrack.session.views import View
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
@@ -257,11 +256,6 @@ class Session:
     def images(self, frame: int) -> tuple[ImageView, ...]:
         """Return a frame's images without their lenses' distortion; missing ones are absent. Not kept."""
         return tuple(v for view in self.views if (v := view.undistorted(frame)) is not None)
-
-    def doctor(self) -> list[Finding]:
-        """Look at everything and return what was found, each with its severity: ok, note, warning
-        or error."""
-        return examine(self)
 
     def _kept(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         """Return an observation without a crop, the same one as last time if it is still there."""

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.bayer import METHODS, PATTERNS
-from handtrack.capture.openpose import LAYOUTS
-from handtrack.capture.segmentation import MaskMethod, mask_method_table, read_mask_method
-from handtrack.capture.toml_table import TableReader
-from handtrack.capture.toml_text import read_toml, toml_key, toml_value
+from handtrack.capture.images.bayer import METHODS, PATTERNS
+from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, listed_names
+from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_text import read_toml, toml_key, toml_value
 from handtrack.model.model_file import MODELS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 

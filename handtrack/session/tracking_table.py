@@ -7,8 +7,8 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from handtrack.capture.toml_text import toml_value
 from handtrack.errors import HandtrackError
+from handtrack.files.toml_text import toml_value
 
 _TABLE = "tracking"
 _HEADER = re.compile(r"^\s*\[+([^\[\]#]+)\]+\s*(#.*)?$")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Array, Bytes
-from handtrack.capture.frames import (
+from handtrack.capture.images.frames import (
     COLOUR,
     DEPTH,
     IMAGE_SUFFIXES,
@@ -18,9 +18,9 @@ from handtrack.capture.frames import (
     FrameSource,
     ImageFiles,
 )
-from handtrack.capture.raw_frames import MosaicFiles, MosaicSettings
-from handtrack.capture.segmentation import Segmenter
-from handtrack.capture.video import VideoFile
+from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
+from handtrack.capture.images.video import VideoFile
+from handtrack.capture.masks.segmentation import Segmenter
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette

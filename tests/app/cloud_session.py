@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.cloud_files import write_cloud
-from handtrack.capture.point_cloud import PointCloud
-from handtrack.model.metaballs import MetaballSurface
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surface import sample_surface
-from handtrack.session.first_pose import FirstPose, write_first_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from tests.session.small_session import CALIBRATION
 
 FRAMES = 5

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.calibration import write_rig
-from handtrack.capture.cloud_files import write_cloud
-from handtrack.capture.point_cloud import PointCloud
+from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera, CameraRig
-from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.surface import sample_surface
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
 
 FRAMES, HAND, WALL = 3, 1500, 400
 SKIN, GREY = (200, 140, 110), (120, 120, 120)

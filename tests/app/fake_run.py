@@ -16,10 +16,10 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
-from handtrack.session.first_pose import FirstPose
-from handtrack.session.truth import Truth
-from handtrack.tracker.result import FrameResult, Status, TrackResult
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.formats.truth import Truth
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.document import Document
 
 FRAMES = 12

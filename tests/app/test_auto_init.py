@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack.session.tables import read_npz
 from handtrack_app.commands.auto_init import told
 from tests.app.command_line import CommandLine
 

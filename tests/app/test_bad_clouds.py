@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.ply import write_ply
-from handtrack.session.tables import read_npz
+from handtrack.capture.clouds.ply import write_ply
+from handtrack.session.formats.tables import read_npz
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording, points_of
 from tests.app.command_line import CommandLine, Ended, refused
 from tests.session.small_session import edit
@@ -198,10 +198,10 @@ MATRIX = "[[400.0, 0.0, 159.5], [0.0, 400.0, 59.5]"  # the hand, fingers up in y
 
 def depth_image(frame: int) -> np.ndarray:
     """(240, 320) uint16, 0.1 mm a unit: the model's hand 0.5 m before the camera, nothing behind it."""
-    from handtrack.diagnostics.render import pixel_rays, render
     from handtrack.geometry.camera import Camera
     from handtrack.model.model_file import load_model
     from handtrack.model.pose_library import named_pose
+    from handtrack.simulation.render import pixel_rays, render
 
     model = load_model()
     joint = named_pose(model, "open")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handtrack.session.bundled import bundled_session
-from handtrack.session.tables import read_npz, write_arrays
+from handtrack.session.formats.tables import read_npz, write_arrays
 from tests.app.command_line import FRAMES, refused
 from tests.session.small_session import edit
 

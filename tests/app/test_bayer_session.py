@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.bayer import mosaic_of
+from handtrack.capture.images.bayer import mosaic_of
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from tests.app.command_line import CommandLine, refused

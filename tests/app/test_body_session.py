@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.session.simulate import Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.model_card import part_cards
 from handtrack_app.panels.pose import group_of, label_of
 from handtrack_app.reaching import reach, tip_names

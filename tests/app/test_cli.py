@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from handtrack.session.bundled import bundled_session
+from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack.session.tables import read_npz
 from handtrack_app import cli
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import PROGRAM, CommandLine
@@ -303,7 +303,9 @@ def test_doctor_lists_the_gravest_first(handtrack: CommandLine, session: Path) -
 
 def test_bench_prints_tables_and_json(handtrack: CommandLine, monkeypatch) -> None:
     figures = {"ratio": 0.25, "ours_ms": 1.0, "reference_ms": 4.0, "reference": "invented"}
-    monkeypatch.setattr("handtrack.bench.silhouettes.silhouette_iteration_vs_blas", lambda: figures)
+    monkeypatch.setattr(
+        "handtrack.bench.silhouettes.kernels.silhouette_iteration_vs_blas", lambda: figures
+    )
     name = "silhouette_iteration_vs_blas"
     assert json.loads(handtrack("bench", name, "--json").out) == {name: figures}
     shown = handtrack("bench", name).out

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.session.bundled import bundled_session
-from handtrack.session.tables import read_npz
+from handtrack.session.formats.tables import read_npz
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import PROGRAM, CommandLine
 from tests.session.small_session import edit
@@ -126,7 +126,7 @@ def test_an_interrupted_simulation_leaves_nothing(
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("handtrack.session.simulate.render", stop)
+    monkeypatch.setattr("handtrack.simulation.simulate.render", stop)
     ended = handtrack("simulate", "--out", tmp_path / "deep" / "new")
     assert ended.code == 130
     assert ended.err.endswith("handtrack simulate: interrupted.\n")

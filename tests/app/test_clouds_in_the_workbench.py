@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack.capture.cloud_filters import FilterReport
+from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
-from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.tracker.result import Status
+from handtrack.tracking.frame.result import Status
 from handtrack_app import messages as m
 from handtrack_app.aside import Aside
 from handtrack_app.cloud_desk import CloudDesk, changed_clouds

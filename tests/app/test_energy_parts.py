@@ -21,8 +21,8 @@ PRIORS = ("GaussianPrior", "LinearPrior", "BellPrior")
 def term_names() -> set[str]:
     """Return the names that terms have by themselves, and those that priors are given."""
     found: set[str] = set()
-    for layer in ("terms", "tracker"):
-        for path in (CORE / layer).glob("*.py"):
+    for layer in ("terms", "tracking"):
+        for path in (CORE / layer).rglob("*.py"):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             found.update(_given_names(tree))
             if layer == "terms":

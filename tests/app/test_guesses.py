@@ -15,7 +15,7 @@ import pytest
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.sampling.hypotheses import Hypothesis
-from handtrack.session.first_pose_search import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack_app import background_job
 from handtrack_app import messages as m
 from handtrack_app.guess_messages import Guess, GuessesSnapshot

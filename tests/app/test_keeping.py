@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.tables import read_npz
-from handtrack.session.versions import versions
+from handtrack.files.versions import versions
+from handtrack.session.formats.tables import read_npz
 from handtrack_app.exporting import export
 from handtrack_app.keeping import WORK_FILE, Keeper
 from tests.app.fake_run import FRAMES, fake_document

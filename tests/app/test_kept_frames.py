@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.tracker.result import Status
+from handtrack.tracking.frame.result import Status
 from handtrack_app.conductor import one_frame
 from handtrack_app.kept_frames import journal_row, result_of_row
 from tests.app.fake_run import fake_document

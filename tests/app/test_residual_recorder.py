@@ -12,7 +12,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracker.sequence import track_frames
+from handtrack.tracking.sequence import track_frames
 from handtrack_app import residual_recorder
 from handtrack_app.residual_recorder import ResidualRecorder
 from tests.app.command_line import CommandLine, small_recording

@@ -12,7 +12,7 @@ import pytest
 
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracker.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app import messages as m
 from handtrack_app.worker import Worker
 

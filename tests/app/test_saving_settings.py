@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.versions import versions
+from handtrack.files.versions import versions
 from handtrack_app import messages as m
 from handtrack_app import session_toml
 from handtrack_app.keeping import Keeper

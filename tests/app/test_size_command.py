@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.model.model_file import read_scale
-from handtrack.session.simulate import Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate
 from tests.app.command_line import CommandLine, refused
 from tests.session.small_session import edit
 

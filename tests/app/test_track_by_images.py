@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handtrack.session.bundled import bundled_session
-from handtrack.session.tables import read_npz
-from handtrack.tracker.result import Status
+from handtrack.session.formats.tables import read_npz
+from handtrack.tracking.frame.result import Status
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ CHECKS = ("check_observation_term", "check_parameter_term")
 def terms() -> list[str]:
     """Return the classes of handtrack/terms that have a cost and its linearization."""
     found = []
-    for path in sorted((REPOSITORY / "handtrack" / "terms").glob("*.py")):
+    for path in sorted((REPOSITORY / "handtrack" / "terms").rglob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef) and path.name not in ("term.py", "compiled_term.py"):
                 methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}

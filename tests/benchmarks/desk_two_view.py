@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.diagnostics.render import pixel_rays, render_mask
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
+from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack.session.tables import read_npz
-from handtrack.tracker.result import TrackResult
+from handtrack.simulation.render import pixel_rays, render_mask
+from handtrack.tracking.frame.result import TrackResult
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.dance_appearance import WAYS, dance, first_guess, overlap_with, track
-from handtrack.bench.dance_picture import fig7
+from handtrack.bench.jumps.dance_appearance import WAYS, dance, first_guess, overlap_with, track
+from handtrack.bench.pictures.dance_picture import fig7
 from handtrack.bench.registry import BENCHMARKS
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 
 FRAMES = 4
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.field_recovery import (
+from handtrack.bench.silhouettes.field_recovery import (
     CONVERGED_MM,
     field_recovery,
     follow,
@@ -13,8 +13,8 @@ from handtrack.bench.field_recovery import (
     recover,
 )
 from handtrack.model.model_file import load_model
-from handtrack.session.motion import motion
-from handtrack.session.simulate import simulated_rig
+from handtrack.simulation.motion import motion
+from handtrack.simulation.simulate import simulated_rig
 
 MODEL = load_model()
 CAMERAS = simulated_rig(2).cameras

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.hand_size import lengthened, true_factors, true_scale
+from handtrack.bench.clouds.hand_size import lengthened, true_factors, true_scale
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jump_polish import DenseKeypoints
-from handtrack.bench.jump_scene import KJS1, KJS2, LIMBS, full_scene, jump_scene
-from handtrack.bench.jumps import EVERYTHING, markdown, sampled, share_of_leaves, table
+from handtrack.bench.jumps.jump_polish import DenseKeypoints
+from handtrack.bench.jumps.minima import EVERYTHING, markdown, sampled, share_of_leaves, table
 from handtrack.sampling.hypotheses import angle_distance
+from handtrack.simulation.scenes.jump_scene import KJS1, KJS2, LIMBS, full_scene, jump_scene
 from tests.derivatives import check_jacobian
 
 

@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.balancing import DATA, qualisys_rig, residuals_px, tracked, triangulated
-from handtrack.bench.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
-from handtrack.bench.monocular_dance import tracked as dance_tracked
+from handtrack.bench.jumps.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
+from handtrack.bench.jumps.monocular_dance import tracked as dance_tracked
+from handtrack.bench.silhouettes.balancing import (
+    DATA,
+    qualisys_rig,
+    residuals_px,
+    tracked,
+    triangulated,
+)
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.session.body_motion import body_pose
+from handtrack.simulation.body_motion import body_pose
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +79,7 @@ def test_a_real_person_in_four_cameras(data_dir, tmp_path, monkeypatch):
     if not (data_dir / DATA).is_dir():
         pytest.skip(f"no {DATA} in the shared test data")
     monkeypatch.setenv("HANDTRACK_DATA", str(data_dir))
-    monkeypatch.setattr("handtrack.bench.balancing.FRAMES", 2)
+    monkeypatch.setattr("handtrack.bench.silhouettes.balancing.FRAMES", 2)
     rig = qualisys_rig(data_dir / DATA / "Calib.qca.txt")
     assert [camera.size[1] for camera in rig] == [1920] * 4
     few = {"tracker.hypotheses": 2, "mixture.draws": 2, "mixture.carried": 2}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from handtrack.bench import figures, jump_figures
-from handtrack.bench.jump_scene import KJS1, jump_scene
-from handtrack.bench.model_pictures import model_pictures, segments
-from handtrack.bench.plotting import saved
+from handtrack.bench.pictures.model_pictures import model_pictures, segments
+from handtrack.bench.pictures.plotting import saved
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
+from handtrack.simulation.scenes.jump_scene import KJS1, jump_scene
 
 
 def test_the_four_pictures_show_the_hand():

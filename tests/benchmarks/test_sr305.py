@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.depth_hand import AROUND_TIP_M, CAMERA, UNIT_M, hand_points
-from handtrack.bench.sr305 import fitted
-from handtrack.capture.depth import depth_cloud
-from handtrack.diagnostics.render import pixel_rays, render
+from handtrack.bench.clouds.sr305 import fitted
+from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.tracker.result import Status
+from handtrack.simulation.render import pixel_rays, render
+from handtrack.simulation.scenes.depth_hand import AROUND_TIP_M, CAMERA, UNIT_M, hand_points
+from handtrack.tracking.frame.result import Status
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from handtrack.capture.board_printing import draw_board, page_size_mm
-from handtrack.capture.boards import Board, Chessboard
+from handtrack.capture.calibration.board_printing import draw_board, page_size_mm
+from handtrack.capture.calibration.boards import Board, Chessboard
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.bayer import (
+from handtrack.capture.images.bayer import (
     METHODS,
     PATTERNS,
     demosaic,

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.board_detection import find_board
-from handtrack.capture.board_printing import draw_board, page_size_mm, write_board
-from handtrack.capture.boards import CharucoBoard, Chessboard, parse_board
+from handtrack.capture.calibration.board_detection import find_board
+from handtrack.capture.calibration.board_printing import draw_board, page_size_mm, write_board
+from handtrack.capture.calibration.boards import CharucoBoard, Chessboard, parse_board
 from handtrack.errors import HandtrackError
 
 CHARUCO = "charuco:7x5:30mm:22mm:DICT_4X4_50"

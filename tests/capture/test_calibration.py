@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.calibration import read_rig, write_rig
+from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack.errors import HandtrackError
 
 GOOD = """

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 from handtrack.capture import cloud_files
-from handtrack.capture.cloud_files import read_cloud, write_cloud
-from handtrack.capture.ply import read_ply, spread_part
-from handtrack.capture.point_cloud import EMPTY, PointCloud
+from handtrack.capture.clouds.cloud_files import read_cloud, write_cloud
+from handtrack.capture.clouds.ply import read_ply, spread_part
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.errors import HandtrackError
 
 

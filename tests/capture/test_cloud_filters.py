@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from handtrack.capture import cloud_filters as filters
-from handtrack.capture.cloud_filters import CloudFilters
-from handtrack.capture.point_cloud import EMPTY, PointCloud, merged
-from handtrack.capture.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud, merged
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 
 EYE = np.zeros((1, 3))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.depth import DepthSettings, depth_cloud, surface_pixels
-from handtrack.capture.frames import DEPTH, ImageFiles
+from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
+from handtrack.capture.images.frames import DEPTH, ImageFiles
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
@@ -91,7 +91,7 @@ def test_eight_bit_depth_is_refused(tmp_path):
 
 
 def test_a_real_hand_before_a_body(data_dir):
-    from handtrack.capture.cloud_filters import CloudFilters
+    from handtrack.capture.clouds.cloud_filters import CloudFilters
 
     files = sorted((data_dir / "sr305_depth_hand" / "20210326-230536").glob("*.png"))
     if not files:

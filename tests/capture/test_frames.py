@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.frames import DEPTH, MASK, ImageFiles, frame_number
+from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, frame_number
 from handtrack.errors import HandtrackError
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.capture.openpose import LAYOUTS, read_openpose
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose
 from handtrack.errors import HandtrackError
 
 BODY = LAYOUTS["body_25"]

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.bayer import PATTERNS, mosaic_of
-from handtrack.capture.frames import RAW, ImageFiles
-from handtrack.capture.raw_frames import MosaicFiles, MosaicSettings
+from handtrack.capture.images.bayer import PATTERNS, mosaic_of
+from handtrack.capture.images.frames import RAW, ImageFiles
+from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.errors import HandtrackError
 
 

@@ -10,10 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.board_detection import BoardView
-from handtrack.capture.board_views import CameraViews, choose_views, require_views, search_views
-from handtrack.capture.boards import parse_board
-from handtrack.capture.bundle_adjustment import (
+from handtrack.capture.calibration.board_detection import BoardView
+from handtrack.capture.calibration.board_views import (
+    CameraViews,
+    choose_views,
+    require_views,
+    search_views,
+)
+from handtrack.capture.calibration.boards import parse_board
+from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
     RigState,
@@ -21,9 +26,9 @@ from handtrack.capture.bundle_adjustment import (
     _Layout,
     residuals,
 )
-from handtrack.capture.calibration import read_rig
-from handtrack.capture.frames import ImageFiles
-from handtrack.capture.rig_calibration import CalibrationSettings, calibrate_rig
+from handtrack.capture.calibration.rig_calibration import CalibrationSettings, calibrate_rig
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.capture.images.frames import ImageFiles
 from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
 from tests.capture.board_scene import BoardPhotographer, board_poses, seen_pixels, three_cameras
@@ -390,7 +395,7 @@ def test_against_pose2sim_s_boards(data_dir):
 
 def _quickly(source, frame, board):
     """Return the view without the slow second search, to keep the test quick."""
-    from handtrack.capture.board_detection import find_board
+    from handtrack.capture.calibration.board_detection import find_board
 
     image = source.read(frame)
     return None if image is None else find_board(image, board, frame)

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Array, Bytes
-from handtrack.capture.background import BackgroundMedian, BackgroundMog2
-from handtrack.capture.mask_cleaning import clean, inside_roi, largest_component, opened
-from handtrack.capture.segmentation import (
+from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
+from handtrack.capture.masks.mask_cleaning import clean, inside_roi, largest_component, opened
+from handtrack.capture.masks.segmentation import (
     METHODS,
     DepthRange,
     SkinYCrCb,
     mask_method_table,
     read_mask_method,
 )
-from handtrack.capture.skin_adaptive import SkinAdaptive
+from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 from handtrack.errors import HandtrackError
 
 SKIN = (110, 140, 200)  # BGR

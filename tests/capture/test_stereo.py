@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.calibration import read_rig
-from handtrack.capture.correlation import correlate
-from handtrack.capture.disparity import (
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.capture.clouds.correlation import correlate
+from handtrack.capture.clouds.disparity import (
     REJECTED,
     StereoSettings,
     consistent,
@@ -16,9 +16,9 @@ from handtrack.capture.disparity import (
     matches,
     without_speckles,
 )
-from handtrack.capture.rectification import rectified
-from handtrack.capture.stereo import StereoMatcher
-from handtrack.capture.stereo_check import check_pair
+from handtrack.capture.clouds.rectification import rectified
+from handtrack.capture.clouds.stereo import StereoMatcher
+from handtrack.capture.clouds.stereo_check import check_pair
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix

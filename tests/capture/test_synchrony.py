@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Array
-from handtrack.capture.synchrony import Motion, agreement, lag_of, plane_angles
+from handtrack.capture.images.synchrony import Motion, agreement, lag_of, plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.session.check_synchrony import late_cameras
+from handtrack.session.doctor.check_synchrony import late_cameras
 
 FRAMES = 60
 SIZE = (96, 72)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-import handtrack.capture.video as video_module
-from handtrack.capture.video import VideoFile
+import handtrack.capture.images.video as video_module
+from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
 
 FRAMES = 90

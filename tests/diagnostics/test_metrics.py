@@ -13,7 +13,7 @@ from handtrack.diagnostics.metrics import evaluate, similarity
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracker.result import Status
+from handtrack.tracking.frame.result import Status
 from tests.sample_track import sample_frame, sample_track, stacked
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from handtrack.diagnostics import residual_image as ri
-from handtrack.diagnostics.render import render_mask
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.coverage import CoverageTerm
+from handtrack.simulation.render import render_mask
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of
 
 

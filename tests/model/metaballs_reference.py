@@ -7,7 +7,7 @@ import numpy as np
 from handtrack.arrays import Floats, Ints
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import MetaballSurface
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
 from handtrack.terms.rows import Rows, point_row
 

@@ -9,8 +9,13 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import FORMS, MetaballSurface, linked_ellipsoids, true_distance
 from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import (
+    FORMS,
+    MetaballSurface,
+    linked_ellipsoids,
+    true_distance,
+)
 from tests.derivatives import check_jacobian
 from tests.model.metaballs_reference import distances, merged
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.model.model_mesh import model_mesh
-from handtrack.model.part_mesh import ellipsoid_mesh, vertex_normals
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of
 
 

@@ -11,8 +11,8 @@ import trimesh
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
-from handtrack.model.model_mesh import model_mesh
-from handtrack.model.superquadrics import Superquadrics, grid_faces, read_superquadrics
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.superquadrics import Superquadrics, grid_faces, read_superquadrics
 
 
 def one(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):

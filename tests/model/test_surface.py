@@ -8,9 +8,9 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.surface import sample_surface, surface_mesh
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session, write_init
 
@@ -302,7 +303,7 @@ def test_one_later_mask_of_another_size(folder: Path) -> None:
     session = Session.open(folder)
     with pytest.raises(HandtrackError, match=r"cam1/002.png, frame 2: the image is 65 x 48"):
         session.observation(2)
-    errors = [text for severity, text in session.doctor() if severity == "error"]
+    errors = [text for severity, text in examine(session) if severity == "error"]
     assert len(errors) == 1
     assert "cam1/002.png, frame 2: the image is 65 x 48" in errors[0]
 

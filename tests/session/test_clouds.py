@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.cloud_files import write_cloud
-from handtrack.capture.cloud_filters import CloudFilters
-from handtrack.capture.point_cloud import EMPTY, PointCloud
-from handtrack.capture.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings, read_session_file, write_session_file
 from handtrack_app.cli import main
@@ -148,7 +149,7 @@ def test_settings_that_cannot_be_used(line, words, folder):
 def test_the_doctor_looks_at_clouds(folder, rng):
     write_clouds(folder, rng)
     add(folder, 'files = "c/*"')
-    texts = [f.text for f in Session.open(folder).doctor() if f.severity == "warning"]
+    texts = [f.text for f in examine(Session.open(folder)) if f.severity == "warning"]
     assert any("fewer than 300 are left in frames 1." in text for text in texts)
     assert any("not finite numbers" in text for text in texts)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from handtrack.capture.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_table import with_clouds
 from handtrack.session.session_file import CloudSettings

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.frame_notes import listed
+from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.session.finding import SEVERITIES
+from handtrack.session.doctor.examine import examine
+from handtrack.session.doctor.finding import SEVERITIES
 from handtrack.session.session import Session
 from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
 
@@ -30,7 +31,7 @@ def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4))
 
 
 def test_a_sound_session_is_all_ok(folder: Path) -> None:
-    findings = Session.open(folder).doctor()
+    findings = examine(Session.open(folder))
     assert {finding.severity for finding in findings} == {"ok"}, findings
     assert findings[0].text == "4 frames, 0.4 s at 10 fps."
 
@@ -196,7 +197,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
 def test_odd_things_are_found(case: str, folder: Path) -> None:
     damage, severity, text = ODD[case]
     damage(folder)
-    findings = Session.open(folder).doctor()
+    findings = examine(Session.open(folder))
     assert any(f.severity == severity and text in f.text for f in findings), findings
     assert all(f.severity in SEVERITIES for f in findings)
 
@@ -218,7 +219,7 @@ def depth_session(folder: Path, value: int) -> Session:
     ],
 )
 def test_odd_depth_is_found(value: int, text: str, folder: Path) -> None:
-    assert any(text in finding.text for finding in depth_session(folder, value).doctor())
+    assert any(text in finding.text for finding in examine(depth_session(folder, value)))
 
 
 def test_depth_is_in_metres(folder: Path) -> None:
@@ -232,7 +233,7 @@ def test_a_session_without_any_frames(folder: Path) -> None:
     text = "\n".join(line for line in text.splitlines() if not line.startswith(("images", "masks")))
     (folder / "session.toml").write_text(text)
     (folder / "init.json").unlink()
-    (finding,) = Session.open(folder).doctor()
+    (finding,) = examine(Session.open(folder))
     assert finding.severity == "error"
     assert "no frames at all" in finding.text
 
@@ -252,7 +253,7 @@ def test_joints_of_the_other_hand_are_told(side: str, pose: str, folder: Path) -
     rng = np.random.default_rng(1)
     xyz = model.keypoints21(model.bones(joint)) + rng.normal(scale=0.002, size=(21, 3))
     write_init(folder, xyz=xyz.tolist())
-    told = [f.text for f in Session.open(folder).doctor() if "left hand" in f.text]
+    told = [f.text for f in examine(Session.open(folder)) if "left hand" in f.text]
     assert bool(told) == (side == "left"), told
     if told:
         assert told[0].startswith("init.json: its joints are a left hand's: they fit one to ")

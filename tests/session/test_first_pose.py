@@ -11,7 +11,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from tests.session.small_session import keypoints, write_init
 
 XYZ: list[Any] = keypoints().tolist()

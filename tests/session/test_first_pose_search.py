@@ -11,12 +11,12 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session import first_pose_search
 from handtrack.session.bundled import bundled_session
-from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
-from handtrack.session.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose_search import find_first_poses, spread_order
+from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import find_first_poses, spread_order
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 
 
 @pytest.fixture(scope="module")

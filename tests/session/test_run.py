@@ -12,11 +12,11 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.observation.observation import Keypoints
 from handtrack.session.bundled import bundled_session
-from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.simulate import Simulation, simulate
-from handtrack.tracker.result import Status
+from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.tracking.frame.result import Status
 
 
 @pytest.fixture(scope="module")

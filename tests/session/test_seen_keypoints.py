@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.capture.openpose import LAYOUTS
+from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model

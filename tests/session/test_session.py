@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session, write_truth
 
@@ -168,7 +169,7 @@ def test_a_camera_with_nothing_is_only_drawn(folder: Path) -> None:
     assert (
         "note",
         "camera 'cam1': no images, masks or depth; it is only drawn.",
-    ) in session.doctor()
+    ) in examine(session)
 
 
 def test_the_real_desk_recording(data_dir: Path) -> None:
@@ -187,7 +188,7 @@ def test_the_real_desk_recording(data_dir: Path) -> None:
 @pytest.mark.parametrize("name", ["webxr_fist_6cam", "webxr_depth_640", "webxr_stereo_768"])
 def test_rendered_recordings_are_found_in_order(name: str, data_dir: Path) -> None:
     session = Session.open(data_dir / "sessions" / name)
-    findings = session.doctor()
+    findings = examine(session)
     assert {finding.severity for finding in findings} == {"ok"}
     assert session.truth is not None
     assert len(session.truth.frame) == session.frame_count

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.capture.segmentation import DepthRange, SkinYCrCb
+from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb
 from handtrack.session.session_file import (
     CameraSettings,
     CloudSettings,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.atomic import replacing
-from handtrack.session.tables import EXPORTS, read_npz, write_npz, write_result
-from handtrack.session.truth import read_truth
-from handtrack.session.versions import versions
-from handtrack.tracker.result import TrackResult
+from handtrack.files.atomic import replacing
+from handtrack.files.versions import versions
+from handtrack.session.formats.tables import EXPORTS, read_npz, write_npz, write_result
+from handtrack.session.formats.truth import read_truth
+from handtrack.tracking.frame.result import TrackResult
 from tests.sample_track import PARAMETERS, sample_track, stacked
 
 

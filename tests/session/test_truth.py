@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.truth import read_truth
+from handtrack.session.formats.truth import read_truth
 from tests.session.small_session import write_truth
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.capture.cloud_files import write_cloud
-from handtrack.capture.point_cloud import PointCloud
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.views import View

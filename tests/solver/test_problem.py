@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.simulated_views import field_views, mask_views
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints
-from handtrack.session.simulate import simulated_rig
+from handtrack.simulation.scenes.simulated_views import field_views, mask_views
+from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.coverage import CoverageTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.prepared_silhouette import prepare
 from handtrack.terms.priors import GaussianPrior, LinearPrior
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from tests.derivatives import check_problem
 
 # Pixels change hands between ellipsoids: the cost has kinks, so steps are short.

@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 
 from handtrack.geometry.camera import Camera
-from handtrack.model.part_mesh import ellipsoid_mesh
-from handtrack.terms.carried_texture import (
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.terms.images.carried_texture import (
     Texture,
     exposed_as,
     still_visible,
     texture_points,
 )
-from handtrack.terms.depth_picture import depth_picture
-from handtrack.terms.edge_search import edges_near
-from handtrack.terms.model_outline import outline_points
-from handtrack.terms.smooth_image import smooth_image
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.edge_search import edges_near
+from handtrack.terms.images.model_outline import outline_points
+from handtrack.terms.images.smooth_image import smooth_image
 from tests.terms.silhouette_scene import bones_of, camera_of, ellipsoids_of, moved_along
 
 STEP_M = 0.004

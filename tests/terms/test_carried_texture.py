@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.diagnostics.textured_mesh import Pattern, textured_picture
 from handtrack.errors import HandtrackError
-from handtrack.terms.carried_texture import (
+from handtrack.simulation.textured_mesh import Pattern, textured_picture
+from handtrack.terms.images.carried_texture import (
     CarriedTextureTerm,
     Texture,
     exposed_as,
     still_visible,
     texture_points,
 )
-from handtrack.terms.depth_picture import depth_picture
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
-from handtrack.terms.smooth_image import smooth_image
 from tests.terms.appearance_reference import bilinear, texture_system
 from tests.terms.image_scene import STEP_M, scene, texture_seen
 from tests.terms.silhouette_scene import BONES, assert_same_system, moved_along

@@ -10,13 +10,13 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import FORMS, MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.surface import sample_surface
+from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.cloud_loss import UniformOutliers
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_loss import UniformOutliers
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
 from tests.derivatives import check_observation_term, check_problem
 from tests.model.metaballs_reference import cloud_rows

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.surface import sample_surface, surface_mesh
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.bone_system import BoneSystem
-from handtrack.terms.cloud_emptiness import CloudEmptinessTerm, seen_from
-from handtrack.terms.cloud_loss import UniformOutliers
-from handtrack.terms.distance_map import distance_map
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.clouds.cloud_loss import UniformOutliers
+from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
 from handtrack.terms.rows import Rows, point_row
 from tests.derivatives import check_jacobian, check_observation_term

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import load_model
-from handtrack.model.surface import sample_surface
-from handtrack.terms.cloud_rays import CloudRaysTerm
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from tests.derivatives import check_observation_term
 from tests.terms.cloud_rays_reference import ray_costs
 

@@ -13,9 +13,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.outline_overlap import outline_overlap
-from handtrack.terms.prepared_silhouette import clip_spans, prepare
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes.prepared_silhouette import clip_spans, prepare
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (
     assert_same_system,

@@ -9,7 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.coverage import CoverageTerm, ramp_levels
+from handtrack.terms.silhouettes.coverage import CoverageTerm, ramp_levels
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (
     assert_same_system,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.diagnostics.render import render
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.part_mesh import ellipsoid_mesh
-from handtrack.terms.depth_picture import depth_picture
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.simulation.render import render
+from handtrack.terms.images.depth_picture import depth_picture
 from tests.terms.silhouette_scene import bones_of, camera_of, ellipsoids_of
 
 

@@ -9,14 +9,14 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.solver.problem import Problem
-from handtrack.terms.carried_texture import CarriedTextureTerm
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
-from handtrack.terms.conic_field import ConicFieldTerm
-from handtrack.terms.coverage import CoverageTerm
+from handtrack.terms.images.carried_texture import CarriedTextureTerm
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
-from handtrack.terms.outline_edges import OutlineEdgesTerm
 from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
 from tests.derivatives import check_observation_term, check_parameter_term, check_problem
 from tests.terms.image_scene import edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of

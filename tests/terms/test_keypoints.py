@@ -9,7 +9,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.session.simulate import simulated_rig
+from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure
 from tests.derivatives import check_observation_term

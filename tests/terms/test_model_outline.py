@@ -9,9 +9,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.part_mesh import ellipsoid_mesh
-from handtrack.terms.depth_picture import depth_picture
-from handtrack.terms.model_outline import outline_points
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.model_outline import outline_points
 
 STEP_M = 0.005
 

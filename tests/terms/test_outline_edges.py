@@ -9,11 +9,11 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.depth_picture import depth_picture
-from handtrack.terms.edge_search import edges_near
-from handtrack.terms.model_outline import outline_points
-from handtrack.terms.outline_edges import OutlineEdgesTerm
-from handtrack.terms.smooth_image import smooth_image
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.edge_search import edges_near
+from handtrack.terms.images.model_outline import outline_points
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.images.smooth_image import smooth_image
 from tests.terms.appearance_reference import edges_system
 from tests.terms.image_scene import STEP_M, edges_seen, scene
 from tests.terms.silhouette_scene import assert_same_system, moved_along

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from handtrack.session.first_pose import FirstPose
-from handtrack.session.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose_search import SURE, find_first_poses, no_hand_found
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses, no_hand_found
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.commands.progress import Stop, say
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from handtrack.capture.board_printing import FORMATS, page_size_mm, write_board
-from handtrack.capture.boards import parse_board
+from handtrack.capture.calibration.board_printing import FORMATS, page_size_mm, write_board
+from handtrack.capture.calibration.boards import parse_board
 from handtrack.errors import HandtrackError
-from handtrack.session.atomic import replacing
-from handtrack.session.versions import keep_version
+from handtrack.files.atomic import replacing
+from handtrack.files.versions import keep_version
 from handtrack_app.commands.output_file import output_file
 
 _PAPERS_MM = {

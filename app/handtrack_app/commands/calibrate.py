@@ -12,24 +12,28 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array
-from handtrack.capture.bayer import PATTERNS, demosaic
-from handtrack.capture.board_detection import BoardView
-from handtrack.capture.board_views import (
+from handtrack.capture.calibration.board_detection import BoardView
+from handtrack.capture.calibration.board_views import (
     CameraViews,
     frames_to_search,
     natural_order,
     require_views,
     search_views,
 )
-from handtrack.capture.boards import Board, parse_board
-from handtrack.capture.calibration import read_rig, write_rig
-from handtrack.capture.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
-from handtrack.capture.rig_calibration import CalibrationSettings, RigCalibration, calibrate_rig
-from handtrack.capture.rig_picture import draw_residuals, draw_rig
-from handtrack.capture.video import VideoFile
+from handtrack.capture.calibration.boards import Board, parse_board
+from handtrack.capture.calibration.rig_calibration import (
+    CalibrationSettings,
+    RigCalibration,
+    calibrate_rig,
+)
+from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.capture.calibration.rig_picture import draw_residuals, draw_rig
+from handtrack.capture.images.bayer import PATTERNS, demosaic
+from handtrack.capture.images.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
+from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.session.atomic import replacing
-from handtrack.session.versions import keep_version
+from handtrack.files.atomic import replacing
+from handtrack.files.versions import keep_version
 from handtrack_app.commands.output_file import output_file
 from handtrack_app.commands.progress import progress_bar, say
 

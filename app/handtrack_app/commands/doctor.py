@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from handtrack.session.finding import SEVERITIES
+from handtrack.session.doctor.examine import examine
+from handtrack.session.doctor.finding import SEVERITIES
 from handtrack.session.session import Session
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the findings, the gravest first."""
     session = Session.open(args.session)
-    findings = session.doctor()
+    findings = examine(session)
     for finding in sorted(findings, key=lambda found: -SEVERITIES.index(found.severity)):
         print(f"{finding.severity}: {finding.text}")
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}

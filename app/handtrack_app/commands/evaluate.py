@@ -7,8 +7,8 @@ import json
 
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
-from handtrack.session.tables import read_npz
-from handtrack.session.truth import read_truth
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands.progress import say
 
 _FAR_MM = 1000.0

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.session.tables import EXPORTS, read_npz
-from handtrack.session.versions import keep_version
+from handtrack.files.versions import keep_version
+from handtrack.session.formats.tables import EXPORTS, read_npz
 from handtrack_app.commands.output_file import output_file
 
 _LATER = ("bvh", "glb", "trc", "mot", "urdf", "anipose", "html")

@@ -7,11 +7,11 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from handtrack.capture.calibration import read_rig
-from handtrack.capture.segmentation import METHODS, MaskMethod
-from handtrack.capture.toml_table import TableReader
-from handtrack.capture.video import VideoFile
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.capture.images.video import VideoFile
+from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
+from handtrack.files.toml_table import TableReader
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
 from handtrack.session.session import Session

@@ -6,9 +6,9 @@ import argparse
 import math
 
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.session.body_motion import BODY_MOTIONS
-from handtrack.session.motion import MOTIONS
-from handtrack.session.simulate import Simulation, simulate
+from handtrack.simulation.body_motion import BODY_MOTIONS
+from handtrack.simulation.motion import MOTIONS
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands.new_folder import check_new, new_folder
 from handtrack_app.commands.progress import progress_bar
 

@@ -7,8 +7,8 @@ import argparse
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.session.tables import read_npz
-from handtrack.tracker.spread import spread_of_track
+from handtrack.session.formats.tables import read_npz
+from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.progress import say
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.cloud_files import write_cloud
-from handtrack.capture.rectification import rectified
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
-from handtrack.session.atomic import replacing
-from handtrack.session.check_synchrony import check_synchrony
+from handtrack.files.atomic import replacing
 from handtrack.session.clouds import StereoClouds, stereo_settings
+from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack_app.commands.progress import progress_bar, say, stoppable

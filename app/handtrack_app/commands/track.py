@@ -11,15 +11,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.frame_notes import listed
+from handtrack.capture.images.frame_notes import listed
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor import examine_start
-from handtrack.session.first_pose import FirstPose
+from handtrack.session.doctor.examine import examine_start
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.tables import write_result
-from handtrack.tracker.result import FrameResult, Status, TrackResult
-from handtrack.tracker.sequence import track_frames
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.sequence import track_frames
 from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
 from handtrack_app.commands.compiling import compiling_told
 from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError, listed_names
 from handtrack.model.model_file import load_model
-from handtrack.session.first_pose import FirstPose, read_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.session import Session
-from handtrack.tracker.settings import TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.commands.output_file import output_file
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")

@@ -9,7 +9,7 @@ from typing import Any
 
 import viser
 
-from handtrack.capture.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack_app.messages import CloudCard, SampleSkin
 from handtrack_app.panels.constraints import clean_interval
 from handtrack_app.panels.page import Page, number

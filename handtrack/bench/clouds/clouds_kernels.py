@@ -1,0 +1,44 @@
+"""E1's residuals and dense Jacobian, compiled point by point: what a general solver is given in the benchmark."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from handtrack.model.surfaces.metaballs_kernels import ellipsoid_distance, ellipsoid_gradient
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def dense_rows(
+    points, table, bone, start, members, sharpness, turning, sigma, reference, twist, want_jacobian, residual, jacobian
+):  # fmt: skip  # pragma: no cover - compiled
+    """Fill residual (N,) = d/σ and jacobian (N, S) = its derivatives by joint parameters. twist: (B, 6, S)."""
+    each, wrench = np.empty(table.shape[0]), np.empty(6)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        best, least = 0, np.inf
+        for e in range(table.shape[0]):
+            each[e] = ellipsoid_distance(table, e, turning, x, y, z)
+            if each[e] < least:
+                best, least = e, each[e]
+        total = 0.0
+        for n in range(start[best], start[best + 1]):
+            total += np.exp(-sharpness * (each[members[n]] - least))
+        residual[i] = (least - np.log(total) / sharpness) / sigma
+        if not want_jacobian:
+            continue
+        jacobian[i] = 0.0
+        rx, ry, rz = x - reference[0], y - reference[1], z - reference[2]
+        for n in range(start[best], start[best + 1]):
+            e = members[n]
+            share = -np.exp(-sharpness * (each[e] - least)) / (total * sigma)
+            if share > -1e-12:
+                continue
+            _, nx, ny, nz = ellipsoid_gradient(table, e, turning, x, y, z)
+            wrench[0], wrench[1], wrench[2] = share * nx, share * ny, share * nz
+            wrench[3] = share * (ry * nz - rz * ny)
+            wrench[4] = share * (rz * nx - rx * nz)
+            wrench[5] = share * (rx * ny - ry * nx)
+            for k in range(6):
+                for s in range(jacobian.shape[1]):
+                    jacobian[i, s] += wrench[k] * twist[bone[e], k, s]

@@ -1,0 +1,99 @@
+"""Silhouettes, cloud and keypoints alone and together, on recordings of a hand that is not our model's.
+
+The recordings are those of the contracts' test data (HANDTRACK_DATA). Keypoints are simulated: the true joints with noise.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.diagnostics.metrics import evaluate
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import keypoint_names
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.session.formats.truth import Truth, read_truth
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.tracking.sequence import track_frames
+
+RUNS = {
+    "stereo": "webxr_stereo_768",
+    "exact_depth": "webxr_exact_depth_768",
+    "depth": "webxr_depth_640",
+}
+KINDS = ("silhouettes", "cloud", "keypoints")
+SIGMA_M = 0.008
+"""noise of the simulated keypoints, each coordinate: the tracker's `keypoints.sigma_mm`"""
+FRAMES = 20
+
+
+def combined(frames: int = FRAMES) -> dict[str, float | int | str]:
+    """Return mpjpe_mm of each recording and each set of what is looked at."""
+    figures: dict[str, float | int | str] = {"frames": frames, "keypoint_noise_mm": 1e3 * SIGMA_M}
+    for name in RUNS:
+        for used, error in compared(name, frames):
+            figures[f"{name}_{'+'.join(used)}_mm"] = error
+    return figures
+
+
+def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
+    """Yield what is looked at and the mean joint error [mm] of one of RUNS, all with one first pose and one hand size."""
+    folder = _data() / "sessions" / RUNS[name]
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    truth = read_truth(folder / "truth.npz")
+    first, start = run.initial()
+    rng = np.random.default_rng(0)
+    seen = [_with_keypoints(run.session.observation(f), truth, rng) for f in range(frames)]
+    known = [kind for kind in KINDS if any(_has(each, kind) for each in seen)]
+    for count in range(1, len(known) + 1):
+        for used in combinations(known, count):
+            views = [_only(each, used) for each in seen]
+            found = track_frames(run.tracker, lambda f, *_: views[f], first, start, range(frames))  # noqa: B023
+            rows = truth.frame < frames
+            assert truth.keypoints21 is not None
+            part = replace(
+                truth,
+                frame=truth.frame[rows],
+                keypoints21=truth.keypoints21[rows],
+                joint_positions=None,
+            )
+            yield used, float(evaluate(run.result(found), part)["mpjpe_mm"] or np.nan)
+
+
+def _data() -> Path:
+    chosen = os.environ.get("HANDTRACK_DATA")
+    folder = (
+        Path(chosen) if chosen else Path(__file__).resolve().parents[3].parent / "shared" / "data"
+    )
+    if not folder.is_dir():
+        raise HandtrackError(
+            f"bench combined: there are no test recordings at {folder}; name their folder in HANDTRACK_DATA."
+        )
+    return folder
+
+
+def _with_keypoints(seen: Observation, truth: Truth, rng: np.random.Generator) -> Observation:
+    row = int(np.flatnonzero(truth.frame == seen.frame)[0])
+    assert truth.keypoints21 is not None
+    points = truth.keypoints21[row] + SIGMA_M * rng.normal(size=(21, 3))
+    return replace(seen, keypoints=(Keypoints(keypoint_names(), points, SIGMA_M),))
+
+
+def _has(seen: Observation, kind: str) -> bool:
+    return seen.cloud is not None if kind == "cloud" else bool(getattr(seen, kind))
+
+
+def _only(seen: Observation, used: tuple[str, ...]) -> Observation:
+    """Return what is looked at of a frame, and nothing else."""
+    return replace(
+        seen,
+        silhouettes=seen.silhouettes if "silhouettes" in used else (),
+        keypoints=seen.keypoints if "keypoints" in used else (),
+        cloud=seen.cloud if "cloud" in used else None,
+    )

@@ -1,0 +1,84 @@
+"""How far d1, d2 and d3 of the 2004 paper are from the true distance to an ellipsoid: a table and a map.
+
+`python -m handtrack.bench.clouds.ellipsoid_distances map.png`
+"""
+
+from __future__ import annotations
+
+import sys
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface, true_distance
+
+SHAPES = {"finger": (0.010, 0.026, 0.010), "palm": (0.038, 0.053, 0.015)}
+LEVELS_MM = (-8, -4, -1, 1, 5, 20)
+
+
+def distance(radii: tuple[float, float, float], form: str, points: Floats) -> Floats:
+    """Return one form's distance (N,) of points (N, 3) to an ellipsoid around the origin."""
+    flesh = Ellipsoids(
+        ("e",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.array([radii])
+    )
+    bones = BonePoses(np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
+    return MetaballSurface(flesh, np.ones((1, 1), bool), form=form).distance(bones, points)
+
+
+def error_table(count: int = 40_000) -> list[tuple[str, str, int, float, float]]:
+    """Return (shape, form, true distance [mm], mean error [mm], largest error [mm]) over random points."""
+    rng, rows = np.random.default_rng(0), []
+    for name, radii in SHAPES.items():
+        box = np.max(radii) + 0.03
+        points = rng.uniform(-box, box, size=(count, 3))
+        exact = 1e3 * true_distance(np.array(radii), points)
+        for form in FORMS:
+            off = 1e3 * distance(radii, form, points) - exact
+            for level in LEVELS_MM:
+                near = np.abs(exact - level) < 0.5
+                if near.sum() > 20:
+                    error = np.abs(off[near])
+                    rows.append((name, form, level, float(error.mean()), float(error.max())))
+    return rows
+
+
+def error_map(step_m: float = 0.0004, most_mm: float = 10.0) -> Array:
+    """Return a picture (BGR) of signed errors in the plane of the longest and shortest axis, d1, d2, d3 side by side.
+
+    Red too far, blue too near, full colour at `most_mm`; lines of equal value every 4 mm, the surface thick.
+    """
+    rows = []
+    for radii in SHAPES.values():
+        panels = []
+        u, v = np.meshgrid(np.arange(-0.08, 0.08, step_m), np.arange(-0.045, 0.045, step_m))
+        points = np.stack([np.zeros_like(u), u, v], axis=-1).reshape(-1, 3)
+        exact = true_distance(np.array(radii), points).reshape(u.shape)
+        for form in FORMS:
+            own = distance(radii, form, points).reshape(u.shape)
+            share = np.clip(1e3 * (own - exact) / most_mm, -1, 1)[..., None]
+            red, blue = np.array([60, 60, 220.0]), np.array([220, 110, 40.0])
+            picture = 255 + np.where(share > 0, share * (red - 255), -share * (blue - 255))
+            steps = np.floor(1e3 * own / 4.0)
+            picture[_edges(steps)] *= 0.7
+            picture[cv2.dilate(_edges(own > 0).astype(np.uint8), np.ones((3, 3))) > 0] = 30
+            panels.append(np.pad(picture, ((4, 4), (4, 4), (0, 0)), constant_values=255))
+        rows.append(np.concatenate(panels, axis=1))
+    few = np.round(np.concatenate(rows, axis=0) / 15) * 15  # few colours make a small file
+    return few.astype(np.uint8)
+
+
+def _edges(values: Array) -> Array:
+    edge = np.zeros(values.shape, bool)
+    edge[:, 1:] |= values[:, 1:] != values[:, :-1]
+    edge[1:] |= values[1:] != values[:-1]
+    return edge
+
+
+if __name__ == "__main__":
+    for shape, form, level, mean, largest in error_table():
+        print(f"{shape:8s} {form} {level:4d} mm: mean {mean:5.2f}, largest {largest:5.2f} mm")
+    if len(sys.argv) > 1:
+        cv2.imwrite(sys.argv[1], error_map())

@@ -1,0 +1,237 @@
+"""How long an interpretation tree of 1024 leaves takes, beside the plain loop over its leaves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.bench.silhouettes.kernels import alternating_medians
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.limits import Limits
+from handtrack.model.model_file import load_model
+from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
+from handtrack.model.transform import build_transform
+from handtrack.sampling.chains import PreparedChain, chain_along, chains_of, prepare
+from handtrack.sampling.interpretation_tree import interpretation_tree
+
+LIMBS, LENGTH_M = 5, 0.25
+Vector = tuple[float, float, float]
+
+
+def jump_tree_1024(rounds: int = 5) -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms: one unbranched chain of ten links, all 2¹⁰ leaves within limits.
+
+    No leaf is had as a combination of smaller trees; what that brings for a whole body is reported beside it.
+    """
+    model, camera = tentacle(), _camera()
+    chain = chain_along(model, "tentacle", model.joint_names)
+    ready = prepare(model, chain)
+    params = _pose(model)
+    body = load_model("body34")
+    limbs = [prepare(body, c) for c in chains_of(body)]
+    standing = body.rest_params()
+
+    def ours() -> Floats:
+        return interpretation_tree(model, params, [ready], camera).params
+
+    def whole_body() -> Floats:
+        return interpretation_tree(body, standing, limbs, camera).params
+
+    def reference() -> list[list[float]]:
+        return leaves_one_by_one(model, params, ready, camera)
+
+    found, known = ours(), np.array(reference())
+    assert found.shape == known.shape == (1024, len(params)), (found.shape, known.shape)
+    off = float(np.abs(_sorted(found) - _sorted(known)).max())
+    own, loop, bodies = alternating_medians([ours, reference, whole_body], rounds, 1)
+    return {
+        "ratio": own / loop,
+        "ours_ms": own,
+        "reference_ms": loop,
+        "largest_difference_rad": off,
+        "body34_five_limbs_ms": bodies,
+        "body34_five_limbs_leaves": len(whole_body()),
+        "reference": (
+            "plain Python, leaf after leaf of 1024, the limbs of each from its root to its end: rays and spheres, both "
+            "closed-form solutions of every ball and hinge, limits; floats and tuples, which is quicker than small "
+            "arrays; ours with the given pose's kinematics and projection"
+        ),
+    }
+
+
+def tentacle() -> ArticulatedModel:
+    """Return five limbs of a ball joint and a hinge, one at the other's end, with limits."""
+    bones = ["base"]
+    hinges: list[tuple[str, int, Vector, float, float]] = []
+    for limb in range(LIMBS):
+        upper = len(bones)
+        bones += [f"upper_{limb}", f"lower_{limb}"]
+        for name, axis, reach in (("flex", 0, 180.0), ("abd", 2, 89.0), ("twist", 1, 180.0)):
+            direction = (float(axis == 0), float(axis == 1), float(axis == 2))
+            hinges.append((f"{name}_{limb}", upper, direction, -reach, reach))
+        hinges.append((f"elbow_{limb}", upper + 1, (1.0, 0.0, 0.0), 0.0, 160.0))
+    count = len(bones)
+    offset = np.zeros((count, 3))
+    offset[2:, 1] = LENGTH_M
+    names = ROOT_PARAMETERS + tuple(h[0] for h in hinges)
+    skeleton = Skeleton(
+        bone_names=tuple(bones),
+        parent=np.arange(-1, count - 1),
+        offset=offset,
+        rest_rotation=np.tile(np.eye(3), (count, 1, 1)),
+        length=np.full(count, LENGTH_M),
+        parameter_names=names,
+        hinge_bone=np.array([h[1] for h in hinges]),
+        hinge_axis=np.array([h[2] for h in hinges]),
+    )
+    interval = np.deg2rad([(h[3], h[4]) for h in hinges])
+    limits = Limits(
+        np.concatenate([np.tile((-np.inf, np.inf), (6, 1)), interval]),
+        np.empty((0, 2), dtype=int),
+        np.empty(0),
+        np.empty(0),
+    )
+    return replace(
+        load_model("body34"),
+        name="tentacle",
+        skeleton=skeleton,
+        transform=build_transform(names),
+        limits=limits,
+        rest=np.zeros(len(names)),
+        joint_names=(*bones[1:], "tip"),
+        joint_bone=np.array([*range(1, count), count - 1]),
+        joint_point=np.array([*[(0.0, 0.0, 0.0)] * (count - 1), (0.0, LENGTH_M, 0.0)]),
+    )
+
+
+def leaves_one_by_one(
+    model: ArticulatedModel, params: Floats, chain: PreparedChain, camera: Camera
+) -> list[list[float]]:
+    """Return the leaves' parameters by the plain loop. The tentacle's zero pose has all frames parallel to the world."""
+    bones = model.bones(params)
+    start = tuple(float(x) for x in bones.to_world(chain.start_bone, chain.start_point))
+    carrier = [[float(x) for x in row] for row in bones.rotation[chain.carrier]]
+    centre = tuple(float(x) for x in camera.centre)
+    rays = camera.rays(camera.project(model.joint_positions(bones)))[chain.end_joints]
+    sights = [tuple(float(x) for x in ray) for ray in rays]
+    axes = [
+        [tuple(float(x) for x in chain.axes[h]) for h in chain.hinges(i)] for i in range(len(rays))
+    ]
+    interval = [
+        [tuple(map(float, chain.interval[h])) for h in chain.hinges(i)] for i in range(len(rays))
+    ]
+    leaves = []
+    for sides in itertools.product((-1.0, 1.0), repeat=len(rays)):
+        frame, joint, angles = carrier, start, []
+        for link, side in enumerate(sides):
+            found = _link(frame, joint, centre, sights[link], side, axes[link], interval[link])
+            if found is None:
+                break
+            pair, frame, joint = found
+            angles += pair
+        else:
+            leaves.append([*(float(x) for x in params[:6]), *angles])
+    return leaves
+
+
+def _link(
+    frame: list[list[float]],
+    start: Any,
+    centre: Any,
+    sight: Any,
+    side: float,
+    axes: list[Any],
+    interval: list[Any],
+) -> tuple[list[float], list[list[float]], Vector] | None:
+    arm = _minus(start, centre)
+    along = _dot(arm, sight)
+    inside = LENGTH_M**2 - (_dot(arm, arm) - along**2)
+    if inside < 0:
+        return None
+    depth = along + side * math.sqrt(inside)
+    end = (centre[0] + depth * sight[0], centre[1] + depth * sight[1], centre[2] + depth * sight[2])
+    way = _minus(end, start)
+    d = tuple(sum(frame[i][j] * way[i] for i in range(3)) for j in range(3))
+    a, b = axes
+    v = (0.0, LENGTH_M, 0.0)
+    c, p, q = _dot(a, b), _dot(a, d), _dot(b, v)
+    x, y = (p - c * q) / (1 - c * c), (q - c * p) / (1 - c * c)
+    left = (_dot(v, v) - x * x - y * y - 2 * x * y * c) / (1 - c * c)
+    if left < 0:
+        return None
+    n = _cross(a, b)
+    for sign in (1.0, -1.0):
+        w = sign * math.sqrt(left)
+        z = (
+            x * a[0] + y * b[0] + w * n[0],
+            x * a[1] + y * b[1] + w * n[1],
+            x * a[2] + y * b[2] + w * n[2],
+        )
+        pair = [_angle(a, z, d), _angle(b, v, z)]
+        if all(low <= t <= high for t, (low, high) in zip(pair, interval, strict=True)):
+            turned = [_turn(a, pair[0], _turn(b, pair[1], e)) for e in _UNIT]
+            new = [
+                [sum(frame[i][k] * turned[j][k] for k in range(3)) for j in range(3)]
+                for i in range(3)
+            ]
+            return pair, new, end
+    return None
+
+
+_UNIT: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _dot(a: Any, b: Any) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Any, b: Any) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _minus(a: Any, b: Any) -> Vector:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _angle(axis: Any, v: Any, d: Any) -> float:
+    return math.atan2(_dot(axis, _cross(v, d)), _dot(v, d) - _dot(axis, v) * _dot(axis, d))
+
+
+def _turn(axis: Vector, angle: float, v: Vector) -> Vector:
+    s, c = math.sin(angle), math.cos(angle)
+    k, n = (1.0 - c) * _dot(axis, v), _cross(axis, v)
+    return (
+        c * v[0] + s * n[0] + k * axis[0],
+        c * v[1] + s * n[1] + k * axis[1],
+        c * v[2] + s * n[2] + k * axis[2],
+    )
+
+
+def _sorted(leaves: Floats) -> Floats:
+    return leaves[np.lexsort(np.round(leaves, 6).T[::-1])]
+
+
+def _camera() -> Camera:
+    """Return a camera so far off that no flip puts a link out of reach of its line of sight."""
+    matrix = np.array([[4000.0, 0.0, 640.0], [0.0, 4000.0, 960.0], [0.0, 0.0, 1.0]])
+    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.9, 12.0])
+    return Camera("camera", (1280, 1920), matrix, np.zeros(5), *pose)
+
+
+def _pose(model: ArticulatedModel) -> Floats:
+    """Return a pose that zigzags upwards, its links leaning about 35° towards the camera or away from it."""
+    rng = np.random.default_rng(3)
+    params = np.zeros(len(model.parameter_names))
+    flex, abd, twist, elbow = (params[6 + k :: 4] for k in range(4))
+    flex[:] = -1.2
+    flex[0] = -0.6
+    abd[:] = 0.05 * rng.normal(size=LIMBS)
+    twist[:] = 0.05 * rng.normal(size=LIMBS)
+    elbow[:] = 1.2 + 0.05 * rng.normal(size=LIMBS)
+    return params

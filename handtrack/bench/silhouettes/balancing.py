@@ -1,0 +1,198 @@
+"""A real person balancing, detected by OpenPose in four cameras: fitted by all of them, and by one with hypotheses.
+
+Data: pose2sim_body_4cam of the shared test data (HANDTRACK_DATA). There is no measured truth, and the cameras are some 20 to
+30 mm off (its README): the fit by all four stands for the truth of the single camera. `handtrack bench balancing`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model, write_scale
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.simulation.retarget import fitted_model
+from handtrack.simulation.scenes.depth_hand import data_folder
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+
+DATA = "pose2sim_body_4cam"
+FRAMES, SHOWN = 100, 8
+SETTINGS: dict[str, object] = {"keypoints.sigma_px": 10.0, "prior.motion_sigma_deg": 2.5}
+"""the calibration's error, as its README tells it; accelerations as in monocular_dance, for frames half as long"""
+
+
+def qualisys_rig(file: Path) -> CameraRig:
+    """Return the cameras of a Qualisys calibration: intrinsics in 1/64 px, centres in millimetres, y and z reversed."""
+    cameras = []
+    for number, node in enumerate(ElementTree.parse(file).getroot().iter("camera"), 1):
+        inner, pose, view = node.find("intrinsic"), node.find("transform"), node.find("fov_video")
+        assert inner is not None
+        assert pose is not None
+        assert view is not None
+        matrix = np.eye(3)
+        for row, axis in enumerate("UV"):
+            matrix[row, row] = float(inner.get(f"focalLength{axis}", 0)) / 64.0
+            matrix[row, 2] = float(inner.get(f"centerPoint{axis}", 0)) / 64.0
+        keys = (
+            "radialDistortion1",
+            "radialDistortion2",
+            "tangentalDistortion1",
+            "tangentalDistortion2",
+        )
+        lens = np.array([*(float(inner.get(key, 0)) for key in keys), 0.0])
+        rows = [[float(pose.get(f"r{i}{j}", 0)) for j in (1, 2, 3)] for i in (1, 2, 3)]
+        rotation = np.diag([1.0, -1.0, -1.0]) @ np.array(rows)
+        centre = 1e-3 * np.array([float(pose.get(axis, 0)) for axis in "xyz"])
+        size = (int(view.get("right", 0)) + 1, int(view.get("bottom", 0)) + 1)
+        cameras.append(Camera(f"cam{number:02d}", size, matrix, lens, rotation, -rotation @ centre))
+    return CameraRig(tuple(cameras))
+
+
+def write_session(folder: Path, cameras: Sequence[str]) -> Session:
+    """Write a session of the recording, seen by some of its cameras, into an empty folder; return it opened."""
+    data = data_folder() / DATA
+    rig = qualisys_rig(data / "Calib.qca.txt")
+    write_rig(folder / "calibration.toml", rig)
+    lines = ["[session]", "format = 1", 'name = "balancing"', "fps = 60.0", "", "[hand]"]
+    lines += ['model = "body34"', 'scale = "body.json"']
+    for name in cameras:
+        (folder / "pose" / name).mkdir(parents=True)
+        for file in (data / "pose" / f"{name}_json").glob("*.json"):
+            (folder / "pose" / name / file.name).write_bytes(file.read_bytes())
+        lines += ["", "[[camera]]", f'name = "{name}"']
+        lines += [f'keypoints = "pose/{name}/*.json"', 'keypoint_layout = "body_25b"']
+    (folder / "session.toml").write_text("\n".join(lines) + "\n")
+    write_scale(folder / "body.json", load_model("body34").scale)
+    return Session.open(folder)
+
+
+def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats]:
+    """Return joint names and positions (J, 3) world [m] from all cameras that see each, NaN where fewer than two do."""
+    names = seen[0].names
+    positions = np.full((len(names), 3), np.nan)
+    for j in range(len(names)):
+        rows = []
+        for view in seen:
+            u, v = view.pixels[j]
+            if np.isfinite(u):
+                p = view.camera.projection
+                rows += [(u * p[2] - p[0]) / view.sigma_px, (v * p[2] - p[1]) / view.sigma_px]
+        if len(rows) >= 4:
+            scaled = np.array(rows)
+            point = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))[2][-1]
+            positions[j] = point[:3] / point[3]
+    return names, positions
+
+
+@dataclass(frozen=True, eq=False)
+class Balancing:
+    """A tracked stretch of the recording."""
+
+    run: TrackingRun
+    results: tuple[FrameResult, ...]
+
+
+def tracked(
+    folder: Path, cameras: Sequence[str], body: Path | None, **settings: object
+) -> Balancing:
+    """Return the recording tracked by some cameras. body: a saved body, or None to fit it to all cameras' joints."""
+    session = write_session(folder, cameras)
+    if body is not None:
+        (folder / "body.json").write_bytes(body.read_bytes())
+    values = {**SETTINGS, **settings}
+    first = FirstPose(0, {"root_tz": 1.0, "root_rx": np.pi / 2})  # upright: the world's z is up
+    run = TrackingRun.open(session, values, first)
+    if body is None:
+        model = _fitted(run)
+        write_scale(folder / "body.json", model.scale)
+        run = run.with_scale(model.scale)
+    frame, start = run.initial()
+    return Balancing(run, tuple(run.track(range(FRAMES), frame, start)))
+
+
+def _fitted(run: TrackingRun) -> ArticulatedModel:
+    points = [triangulated(run.observation(f).keypoints) for f in range(0, FRAMES, 4)]  # type: ignore[arg-type]
+    places = np.stack([p for _, p in points])
+    return fitted_model(lambda scale: load_model("body34", scale=scale), points[0][0], places)
+
+
+def residuals_px(what: Balancing) -> dict[str, Floats]:
+    """Return each camera's distances (N, 2) from model joints to detections [px], over all frames."""
+    found: dict[str, list[Floats]] = {}
+    for result in what.results:
+        for seen in what.run.observation(result.frame).keypoints:
+            assert isinstance(seen, ImageKeypoints)
+            index = [what.run.model.joint_names.index(name) for name in seen.names]
+            off = seen.camera.project(result.joint_positions[index]) - seen.pixels
+            found.setdefault(seen.camera.name, []).append(off[np.isfinite(off).all(axis=1)])
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def balancing() -> dict[str, Any]:
+    """Return the four-camera fit's residuals [px], and single cameras' joint errors [mm] against that fit."""
+    figures: dict[str, Any] = {
+        "truth": "none; single cameras are compared with the fit by all four"
+    }
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "all").mkdir()
+        cameras = [f"cam{k:02d}" for k in (1, 2, 3, 4)]
+        everything = tracked(place / "all", cameras, None, **{"tracker.hypotheses": 3})
+        off = residuals_px(everything)
+        distance = np.concatenate([np.linalg.norm(d, axis=1) for d in off.values()])
+        figures["four_cameras_frames"] = len(everything.results)
+        figures["four_cameras_median_px"] = float(np.median(distance))
+        figures["four_cameras_90_percent_px"] = float(np.percentile(distance, 90))
+        for camera, differences in off.items():
+            figures[f"four_cameras_{camera}_offset_px"] = (
+                np.median(differences, axis=0).round(1).tolist()
+            )
+        for camera in cameras:
+            for label, count in (("hypotheses", SHOWN), ("single", 1)):
+                folder = place / f"{camera}_{label}"
+                folder.mkdir()
+                body = place / "all" / "body.json"
+                alone = tracked(folder, [camera], body, **{"tracker.hypotheses": count})
+                figures |= _compared(f"{camera}_{label}", alone, everything)
+    return figures
+
+
+def _compared(label: str, alone: Balancing, everything: Balancing) -> dict[str, float]:
+    model = everything.run.model
+    root = model.joint_names.index("pelvis")
+
+    def error(shape: Floats, true: Floats) -> float:
+        return 1e3 * float(np.linalg.norm(shape - shape[root] - true + true[root], axis=1).mean())
+
+    true = {r.frame: r.joint_positions for r in everything.results}
+    own = np.array([error(r.joint_positions, true[r.frame]) for r in alone.results])
+    figures = {f"{label}_own_mm": float(own.mean()), f"{label}_own_near": float((own < 60).mean())}
+    if any(r.hypotheses for r in alone.results):
+        best = [
+            min(
+                error(model.joint_positions(model.bones(h.params)), true[r.frame])
+                for h in r.hypotheses[:SHOWN]
+            )
+            for r in alone.results
+        ]
+        figures[f"{label}_best_mm"] = float(np.mean(best))
+        figures[f"{label}_best_near"] = float((np.array(best) < 60).mean())
+        smooth = alone.run.with_values({"mixture.sequence": "smooth"})
+        done = chosen_sequence(model, smooth.settings, alone.results)
+        errors = [error(r.joint_positions, true[r.frame]) for r in done]
+        figures[f"{label}_smoothed_mm"] = float(np.mean(errors))
+    return figures

@@ -1,0 +1,122 @@
+"""Camera rigs as TOML in the form that Anipose, Pose2Sim and FreeMoCap read and write.
+
+One table per camera with `name`, `size`, `matrix`, `distortions`, `rotation` (rotation vector,
+world → camera) and `translation`. Other tables and other keys are ignored.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_text import read_toml, toml_value
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+
+_KEYS = ("name", "size", "matrix", "distortions", "rotation", "translation")
+_MARKS = ("matrix", "distortions", "rotation", "translation")
+
+
+def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
+    """Return the cameras of a calibration file, translations in metres.
+
+    world_unit_m: metres in one unit of the file. Raises HandtrackError naming the file and the
+    camera.
+    """
+    tables = read_toml(Path(path), "the camera calibration")
+    found = {name: t for name, t in tables.items() if _is_camera(t)}
+    if not found:
+        raise HandtrackError(
+            f"{path}: no camera found; expected one table per camera with the keys "
+            f"{', '.join(_KEYS)}."
+        )
+    cameras = tuple(
+        _camera(table, f"{path}, [{name}]", world_unit_m) for name, table in found.items()
+    )
+    try:
+        return CameraRig(cameras)
+    except HandtrackError as error:
+        raise HandtrackError(f"{path}: {error}") from None
+
+
+def write_rig(path: Path, rig: CameraRig, world_unit_m: float = 1.0) -> None:
+    """Write a rig in the same form; translations are divided by world_unit_m [m]."""
+    lines: list[str] = []
+    for index, camera in enumerate(rig):
+        values = {
+            "name": camera.name,
+            "size": list(camera.size),
+            "matrix": camera.matrix.tolist(),
+            "distortions": camera.distortions.tolist(),
+            "rotation": rotation_vector(camera.rotation).tolist(),
+            "translation": (camera.translation / world_unit_m).tolist(),
+        }
+        lines.append(f"[cam_{index}]")
+        lines += [f"{key} = {toml_value(value)}" for key, value in values.items()]
+        lines.append("")
+    lines += ["[metadata]", "adjusted = false", ""]
+    Path(path).write_text("\n".join(lines), encoding="utf-8")
+
+
+def _is_camera(table: Any) -> bool:
+    return isinstance(table, dict) and any(key in table for key in _MARKS)
+
+
+def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
+    missing = [key for key in _KEYS if key not in table]
+    if missing:
+        raise HandtrackError(
+            f"{where}: the key '{missing[0]}' is missing; a camera needs {', '.join(_KEYS)}."
+        )
+    if table.get("fisheye"):
+        raise HandtrackError(
+            f"{where}: fisheye = true; fisheye lenses are not supported. Calibrate with the "
+            "standard model (8 coefficients for wide lenses), or undistort the images first."
+        )
+    if not isinstance(table["name"], str) or not table["name"]:
+        raise HandtrackError(f"{where}: name = {table['name']!r}; expected a text.")
+    size = _numbers(table, "size", (2,), where)
+    if (size != np.round(size)).any() or (size < 1).any():
+        raise HandtrackError(
+            f"{where}: size = {table['size']}; expected [width, height] in whole pixels."
+        )
+    try:
+        return Camera(
+            name=table["name"],
+            size=(int(size[0]), int(size[1])),
+            matrix=_numbers(table, "matrix", (3, 3), where),
+            distortions=_numbers(table, "distortions", (None,), where),
+            rotation=rotation_matrix(_numbers(table, "rotation", (3,), where)),
+            translation=_numbers(table, "translation", (3,), where) * world_unit_m,
+        )
+    except HandtrackError as error:
+        message = str(error)
+        raise HandtrackError(
+            message if message.startswith(where) else f"{where}: {message}"
+        ) from None
+
+
+def _numbers(table: dict[str, Any], key: str, shape: tuple[int | None, ...], where: str) -> Floats:
+    shown = " x ".join("any" if n is None else str(n) for n in shape)
+    try:
+        array = np.array(table[key], dtype=float)
+    except (TypeError, ValueError):
+        raise HandtrackError(f"{where}: {key} = {table[key]}; expected {shown} numbers.") from None
+    fits = array.ndim == len(shape) and all(
+        n is None or n == m for n, m in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        hint = ""
+        if key == "rotation" and array.size == 9:
+            hint = " Write the rotation vector (Rodrigues) of this matrix instead."
+        raise HandtrackError(
+            f"{where}: {key} has {' x '.join(map(str, array.shape))} numbers; expected "
+            f"{shown}.{hint}"
+        )
+    if not np.isfinite(array).all():
+        raise HandtrackError(f"{where}: {key} = {table[key]}; expected finite numbers.")
+    return array

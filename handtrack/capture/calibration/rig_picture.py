@@ -1,0 +1,163 @@
+"""Pictures of a calibration: the rig with its boards in space, and where corners were missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.capture.calibration.boards import Board
+from handtrack.capture.calibration.rig_calibration import RigCalibration
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+
+_PANEL = 620  # [px] side of one view of the rig
+_INK, _FAINT, _PAPER = (40, 40, 40), (200, 200, 200), (255, 255, 255)
+_COLOURS = [
+    (180, 110, 30),
+    (40, 90, 220),
+    (60, 150, 50),
+    (160, 60, 160),
+    (20, 150, 200),
+    (120, 120, 0),
+]
+_MAGNIFIED = 50  # times a residual is drawn
+
+
+def draw_rig(calibration: RigCalibration, board: Board) -> Array:
+    """Return a picture (H, W, 3) of cameras and boards: from behind the first camera, from its side and
+    from above it."""
+    first = calibration.rig.cameras[0]
+    tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))
+    side = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    above = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    views = [
+        ("oblique", tilted),
+        (f"from the side of {first.name}", side),
+        (f"from above {first.name}", above),
+    ]
+    return cv2.hconcat(
+        [_rig_panel(calibration, board, turn @ first.rotation, title) for title, turn in views]
+    )
+
+
+def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: str) -> Array:
+    """Return one view without perspective along the z axis of `look` (3, 3), R_view_world."""
+    size = _frustum_size(calibration)
+    cameras = [_frustum(camera, size) for camera in calibration.rig]
+    outline = _outline(board)
+    boards = [outline @ pose[:3, :3].T + pose[:3, 3] for pose in calibration.T_world_board.values()]
+    everything = np.concatenate([*cameras, *boards]) @ look.T
+    low, high = everything[:, :2].min(axis=0), everything[:, :2].max(axis=0)
+    zoom = 0.86 * _PANEL / max(float((high - low).max()), 1e-9)
+    middle = (low + high) / 2
+
+    def place(points: Floats) -> Array:
+        flat = (points @ look.T)[:, :2]
+        return np.round((flat - middle) * zoom + _PANEL / 2).astype(np.int32)
+
+    panel = np.full((_PANEL, _PANEL, 3), 255, np.uint8)
+    for points in boards:
+        cv2.polylines(panel, [place(points)], True, (170, 190, 170), 1, cv2.LINE_AA)
+    for i, (camera, points) in enumerate(zip(calibration.rig, cameras, strict=True)):
+        _draw_camera(panel, place(points), camera.name, _COLOURS[i % len(_COLOURS)])
+    _write(panel, title, (12, 22), _INK)
+    _draw_scale(panel, zoom)
+    cv2.rectangle(panel, (0, 0), (_PANEL - 1, _PANEL - 1), _FAINT, 1)
+    return panel
+
+
+def _frustum_size(calibration: RigCalibration) -> float:
+    """Return how long cameras are drawn [m]: smaller than their distances to each other and the boards."""
+    centres = np.stack([camera.centre for camera in calibration.rig])
+    boards = np.stack(
+        [pose[:3, 3] for pose in calibration.T_world_board.values()] or [centres[0] + 1]
+    )
+    return 0.15 * float(np.median(np.linalg.norm(boards[:, None] - centres[None], axis=-1)))
+
+
+def _frustum(camera: Camera, size: float) -> Floats:
+    """Return (5, 3) the centre and the four corners of the image at depth `size`, world [m]."""
+    width, height = camera.size
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float)
+    flat = (corners - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+    points = np.concatenate([flat, np.ones((4, 1))], axis=1) * size
+    return np.concatenate([camera.centre[None], camera.centre + points @ camera.rotation])
+
+
+def _draw_camera(panel: Array, points: Array, name: str, colour: tuple[int, int, int]) -> None:
+    centre, *corners = [tuple(int(v) for v in p) for p in points]
+    for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
+        cv2.line(panel, a, b, colour, 1, cv2.LINE_AA)
+        cv2.line(panel, centre, a, colour, 1, cv2.LINE_AA)
+    cv2.line(panel, corners[0], corners[1], colour, 2, cv2.LINE_AA)  # the image's upper side
+    _write(panel, name, (centre[0] + 6, centre[1] - 6), colour)
+
+
+def _draw_scale(panel: Array, zoom: float) -> None:
+    metres = max(
+        m
+        for m in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
+        if m * zoom < 0.4 * _PANEL or m == 0.01
+    )
+    end = 12 + round(metres * zoom)
+    cv2.line(panel, (12, _PANEL - 16), (end, _PANEL - 16), _INK, 2)
+    _write(panel, f"{metres * 1e3:g} mm", (end + 8, _PANEL - 11), _INK)
+
+
+def _outline(board: Board) -> Floats:
+    low, high = board.points.min(axis=0), board.points.max(axis=0)
+    edge = board.square_m
+    (x0, y0), (x1, y1) = low[:2] - edge, high[:2] + edge
+    return np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+
+
+def draw_residuals(calibration: RigCalibration) -> Array:
+    """Return one picture with a panel a camera: each corner, and 50 times how far it was missed."""
+    panels = [
+        _residual_panel(camera, [v.pixels for v in (*seen.shared, *seen.alone)], left)
+        for camera, seen, left in zip(
+            calibration.rig, calibration.cameras, calibration.residuals, strict=True
+        )
+    ]
+    columns = min(3, len(panels))
+    height, width = (max(panel.shape[axis] for panel in panels) for axis in (0, 1))
+    padded = [_padded(panel, height, width) for panel in panels]
+    while len(padded) % columns:
+        padded.append(np.full((height, width, 3), 255, np.uint8))
+    rows = [cv2.hconcat(padded[i : i + columns]) for i in range(0, len(padded), columns)]
+    return np.asarray(cv2.vconcat(rows))
+
+
+def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats]) -> Array:
+    zoom = _PANEL / max(camera.size)
+    width, height = (round(side * zoom) for side in camera.size)
+    panel = np.full((height + 30, width, 3), 255, np.uint8)
+    cv2.rectangle(panel, (0, 30), (width - 1, height + 29), _FAINT, 1)
+    for view, (points, off) in enumerate(zip(pixels, left, strict=True)):
+        hue = np.array([[[(view * 37) % 180, 200, 170]]], dtype=np.uint8)
+        colour = tuple(int(v) for v in cv2.cvtColor(hue, cv2.COLOR_HSV2BGR)[0, 0])
+        starts = np.round(points * zoom + [0, 30]).astype(int)
+        ends = np.round((points * zoom + off * _MAGNIFIED * zoom) + [0, 30]).astype(int)
+        for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
+            cv2.line(panel, tuple(a), tuple(b), colour, 1, cv2.LINE_AA)
+            cv2.circle(panel, tuple(a), 1, _INK, -1)
+    rms = float(np.sqrt((np.concatenate(list(left)) ** 2).sum(axis=1).mean()))
+    _write(
+        panel,
+        f"{camera.name}: {len(pixels)} views, rms {rms:.3f} px, residuals x {_MAGNIFIED}",
+        (8, 20),
+        _INK,
+    )
+    return panel
+
+
+def _padded(panel: Array, height: int, width: int) -> Array:
+    below, right = height - panel.shape[0], width - panel.shape[1]
+    return cv2.copyMakeBorder(panel, 0, below, 0, right, cv2.BORDER_CONSTANT, value=_PAPER)
+
+
+def _write(panel: Array, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
+    cv2.putText(panel, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)

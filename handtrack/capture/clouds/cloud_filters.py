@@ -1,0 +1,314 @@
+"""Which points of a cloud are the hand: each filter a pure function points → keep, and their chain.
+
+After the point cloud paper, §2.3: distance to the previous hand, skin ellipse; and mission B4.
+Every filter is deterministic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+
+HandDistance = Callable[[Floats], Floats]
+"""points (N, 3) world [m] → distance (N,) [m] to the hand of the frame before."""
+
+COMPONENTS = ("all", "nearest", "largest")
+_AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
+_TREE_MOST = 60_000  # points that the outlier test looks at
+_LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
+_FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
+_NEAR_SHARE = 0.01  # of a part's points: single stray ones do not bring it near
+_LEAST_SHARE = 0.02  # of the points: a smaller component is no hand
+
+
+@dataclass(frozen=True)
+class FilterReport:
+    """What one filter did to a cloud, for the screen."""
+
+    name: str
+    before: int
+    after: int
+    text: str
+    """the filter with its settings, in words."""
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.before} → {self.after} points"
+
+
+@dataclass(frozen=True)
+class CloudFilters:
+    """The filters' settings, by their names in [clouds] of session.toml; None switches one off."""
+
+    near_m: float | None = 0.1
+    """points nearer to every camera are dropped."""
+    far_m: float | None = 1.5
+    """points farther from every camera are dropped."""
+    crop_m: float | None = 0.1
+    """largest distance to the hand of the frame before; without such a hand nothing is cropped."""
+    skin: SkinEllipse | None = None
+    """colours that count as skin; clouds without colours pass."""
+    component: str = "all"
+    """of the parts that hang together: all, the nearest to the cameras, or the largest."""
+    front_m: float | None = None
+    """how much farther than its nearest end the nearest part may reach; cuts a hand held out from
+    the body it hangs on."""
+    voxel_m: float | None = 0.0025
+    """side of the cells of the thinning."""
+    per_voxel: int = 1
+    """points that stay in each cell."""
+    outlier_neighbours: int | None = 8
+    """neighbours whose mean distance is looked at."""
+    outlier_ratio: float = 2.5
+    """mean distance, in units of the cloud's median one, from which a point is an outlier."""
+    max_points: int | None = 4000
+    """a random part of this many stays."""
+
+    def apply(
+        self,
+        cloud: PointCloud,
+        hand_distance: HandDistance | None = None,
+        eyes: Floats | None = None,
+    ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
+        """Return the hand's points, and what each filter did, in order.
+
+        hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
+        cameras' centres; None skips what depends on the distance to them.
+        """
+        fate, reports = self.fates(cloud, hand_distance, eyes)
+        return cloud.select(fate == len(reports)), reports
+
+    def fates(
+        self,
+        cloud: PointCloud,
+        hand_distance: HandDistance | None = None,
+        eyes: Floats | None = None,
+    ) -> tuple[Array, tuple[FilterReport, ...]]:
+        """Return which filter dropped each point (N,), by its place among the reports, and the
+        reports; points that stay have the number after the last one.
+        """
+        steps = self._steps(hand_distance, eyes)
+        fate = np.full(len(cloud), len(steps), np.int8)
+        left, place = cloud, np.arange(len(cloud))
+        reports: list[FilterReport] = []
+        for number, (name, text, keep) in enumerate(steps):
+            before = len(left)
+            if before:
+                kept = keep(left)
+                fate[place[~kept]] = number
+                left, place = left.select(kept), place[kept]
+            reports.append(FilterReport(name, before, len(left), text))
+        return fate, tuple(reports)
+
+    def _steps(
+        self, hand_distance: HandDistance | None, eyes: Floats | None
+    ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
+        """Return name, words and function of the filters that are on: the cheap ones first, so
+        that the dear ones see few points."""
+        steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
+
+        def add(on: object, name: str, text: str, keep: Callable[[PointCloud], Array]) -> None:
+            if on:
+                steps.append((name, text, keep))
+
+        near, far = self.near_m or 0.0, self.far_m or np.inf
+        ranged = eyes is not None and (self.near_m or self.far_m)
+        sight = eyes if eyes is not None else np.zeros((1, 3))
+        add(
+            ranged,
+            "range",
+            f"{near:g} to {far:g} m from a camera",
+            lambda c: within_range(c.points, sight, near, far),
+        )
+        crop, distance = self.crop_m, hand_distance
+        if crop is not None and distance is not None:
+            add(
+                True,
+                "crop",
+                f"within {crop * 1e3:g} mm of the previous hand",
+                lambda c: near_hand(c.points, distance, crop),
+            )
+        skin = self.skin
+        if skin is not None:
+            add(
+                True,
+                "skin",
+                f"skin colour, ellipse of {skin.size:g} standard deviations",
+                lambda c: skin_coloured(c.colors, len(c), skin),
+            )
+        if self.component == "largest":
+            add(True, "component", "the largest part", lambda c: largest_part(c.points))
+        nearest, front = self.component == "nearest" and eyes is not None, self.front_m
+        reach = "" if front is None else f", {front * 1e3:g} mm deep"
+        add(
+            nearest,
+            "component",
+            f"the part nearest to a camera{reach}",
+            lambda c: nearest_part(c.points, sight, front),
+        )
+        voxel = self.voxel_m
+        if voxel is not None:
+            add(
+                True,
+                "voxel",
+                f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm",
+                lambda c: thinned(c.points, voxel, self.per_voxel),
+            )
+        neighbours = self.outlier_neighbours
+        if neighbours is not None:
+            add(
+                True,
+                "outliers",
+                f"mean distance to {neighbours} neighbours below {self.outlier_ratio:g} times the usual",
+                lambda c: inliers(c.points, neighbours, self.outlier_ratio),
+            )
+        most = self.max_points
+        if most is not None:
+            add(
+                True,
+                "most",
+                f"at most {most}, at random",
+                lambda c: random_part(len(c), most),
+            )
+        return steps
+
+
+def finite(points: Floats) -> Array:
+    """Return which points (N, 3) have three finite coordinates."""
+    return np.asarray(np.isfinite(points).all(axis=1))
+
+
+def within_range(points: Floats, eyes: Floats, near_m: float, far_m: float) -> Array:
+    """Return which points (N, 3) lie in the range [m] of at least one camera at `eyes` (C, 3)."""
+    keep = np.zeros(len(points), bool)
+    for eye in eyes:
+        square = ((points - eye) ** 2).sum(axis=1)
+        keep |= (square >= near_m**2) & (square <= far_m**2)
+    return keep
+
+
+def near_hand(points: Floats, hand_distance: HandDistance, crop_m: float) -> Array:
+    """Return which points (N, 3) lie within crop_m [m] of the hand of the frame before."""
+    parts = range(0, len(points), _AT_ONCE)
+    return np.concatenate(
+        [hand_distance(points[i : i + _AT_ONCE]) <= crop_m for i in parts] or [np.zeros(0, bool)]
+    )
+
+
+def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
+    """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
+    if colors is None:
+        return np.ones(count, bool)
+    return np.less_equal(skin.distance(colors), skin.size)
+
+
+def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
+    """Return which points (N, 3) belong to the largest part that hangs together, by touching cells
+    of side link_m."""
+    if len(points) == 0:
+        return np.zeros(0, bool)
+    part = _parts(points, link_m)
+    inside: Array = part == np.argmax(np.bincount(part))
+    return inside
+
+
+def nearest_part(
+    points: Floats, eyes: Floats, front_m: float | None = None, link_m: float = _LINK_M
+) -> Array:
+    """Return which points (N, 3) belong to the part nearest to a camera at `eyes` (C, 3).
+
+    Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
+    nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
+    distance [m] stays.
+    """
+    if len(points) == 0:
+        return np.zeros(0, bool)
+    distance = np.min([np.linalg.norm(points - eye, axis=1) for eye in eyes], axis=0)
+    inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points))
+    if front_m is None:
+        return inside
+    front = np.flatnonzero(inside & (distance <= nearest + front_m))
+    kept, _ = _nearest(points[front], distance[front], link_m, _LEAST_SHARE * len(front))
+    inside[:] = False
+    inside[front[kept]] = True
+    return inside
+
+
+def thinned(points: Floats, voxel_m: float, per_voxel: int = 1) -> Array:
+    """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
+    order = np.random.default_rng(0).permutation(len(points))
+    cells = cell_numbers(points, voxel_m)[order]
+    by_cell = np.argsort(cells, kind="stable")
+    sorted_cells = cells[by_cell]
+    starts = np.flatnonzero(np.r_[True, sorted_cells[1:] != sorted_cells[:-1]])
+    rank = np.arange(len(points)) - np.repeat(starts, np.diff(np.r_[starts, len(points)]))
+    keep = np.zeros(len(points), bool)
+    keep[order[by_cell[rank < per_voxel]]] = True
+    return keep
+
+
+def random_part(count: int, most: int) -> Array:
+    """Return a mask (count,) with at most `most` true, evenly at random, the same each time."""
+    keep = np.ones(count, bool)
+    if count > most:
+        keep[:] = False
+        keep[np.random.default_rng(0).choice(count, most, replace=False)] = True
+    return keep
+
+
+def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
+    """Return which points (N, 3) have their neighbours about as near as points usually have.
+
+    The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
+    distance to those.
+    """
+    if len(points) <= neighbours:
+        return np.ones(len(points), bool)  # too few to tell
+    seen = random_part(len(points), _TREE_MOST)
+    tree = KDTree(points[seen])
+    distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
+    return distance <= ratio * np.median(distance)
+
+
+def cell_numbers(points: Floats, side_m: float) -> Ints:
+    """Return one whole number (N,) per point (N, 3), equal within a cell of one grid."""
+    cells = np.floor(points / side_m)
+    cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0
+    whole = np.clip(cells, -_FAR_CELLS, _FAR_CELLS).astype(np.int64) + _FAR_CELLS
+    size = 2 * _FAR_CELLS + 1
+    return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
+
+
+def _parts(points: Floats, link_m: float) -> Ints:
+    """Return the number of each point's part (N,), parts being groups of touching cells."""
+    _, first, index = np.unique(
+        cell_numbers(points, link_m), return_index=True, return_inverse=True
+    )
+    cells = np.floor(points[first] / link_m)
+    pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    return _connected(len(cells), pairs)[index]
+
+
+def _nearest(points: Floats, distance: Floats, link_m: float, least: float) -> tuple[Array, float]:
+    """Return which points (N, 3) are in the nearest part of at least `least` points, and the
+    distance of its nearest hundredth."""
+    part = _parts(points, link_m)
+    sizes = np.bincount(part)
+    candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
+    near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]
+    first = int(np.argmin(near))
+    inside: Array = part == candidates[first]
+    return inside, near[first]
+
+
+def _connected(count: int, pairs: Array) -> Ints:
+    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -1,0 +1,105 @@
+"""Depth images → clouds: lens undone, flying pixels and grazing surfaces left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import Array, Bytes, Floats, check_shape
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.geometry.camera import Camera
+
+_NEIGHBOURS = ((0, 1), (1, 1), (1, 0), (1, -1))  # each pair of neighbours once
+
+
+@dataclass(frozen=True)
+class DepthSettings:
+    """When neighbouring pixels of a depth image belong to one surface.
+
+    Seen at the angle t from its normal, a surface changes by z / f tan t from pixel to pixel; the
+    sensor's noise comes on top. A larger step is a jump. A pixel mixed of front and back (flying)
+    hangs between two jumps, so that few neighbours support it.
+    """
+
+    grazing_deg: float = 80.0
+    """angle between line of sight and surface normal from which on a surface does not count."""
+    jump_share: float = 0.008
+    """steps that noise may make, as a share of the depth: 4 mm at 0.5 m."""
+    support: int = 4
+    """neighbours of eight, on the same surface, that a pixel needs."""
+
+
+def surface_pixels(
+    depth_m: Array, focal_px: float, settings: DepthSettings = DepthSettings()
+) -> Array:
+    """Return where a depth image (H, W) [m] shows a surface, as (H, W) of booleans.
+
+    0, negative and infinite depths are no measurement.
+    """
+    depth = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0.0).astype(np.float32)
+    slope = np.float32(np.tan(np.radians(settings.grazing_deg)) / focal_px)
+    support = np.zeros(depth.shape, np.int8)
+    for down, right in _NEIGHBOURS:
+        here, there = _overlap(down, right)
+        a, b = depth[here], depth[there]
+        limit = np.minimum(a, b) * (settings.jump_share + slope * np.hypot(down, right))
+        together = (np.abs(a - b) <= limit) & (a > 0) & (b > 0)
+        support[here] += together
+        support[there] += together
+    return (support >= settings.support) & (depth > 0)
+
+
+def depth_cloud(
+    camera: Camera,
+    depth_m: Array,
+    mask: Array | None = None,
+    image: Bytes | None = None,
+    settings: DepthSettings | None = DepthSettings(),
+) -> PointCloud:
+    """Return the points of a depth image (H, W) [m] in the world frame.
+
+    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: (H, W), only
+    pixels > 0 are used. image: (H, W, 3) uint8 BGR in the same pixels, for colours. settings:
+    None keeps every measured pixel. Raises HandtrackError when a size differs from the camera's.
+    """
+    width, height = camera.size
+    check_shape(depth_m, (height, width), f"depth of camera '{camera.name}'")
+    if settings is None:
+        keep = np.isfinite(depth_m) & (depth_m > 0)
+    else:
+        keep = surface_pixels(depth_m, float(camera.matrix[0, 0]), settings)
+    if mask is not None:
+        check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
+        keep &= mask > 0
+    directions = _directions(camera)
+    keep &= np.isfinite(directions[..., 0])
+    rows, columns = np.nonzero(keep)
+    depth = np.asarray(depth_m[rows, columns], dtype=float)
+    flat = directions[rows, columns]
+    in_camera = np.column_stack([flat * depth[:, None], depth])
+    points = (in_camera - camera.translation) @ camera.rotation
+    if image is None:
+        return PointCloud(points)
+    check_shape(image, (height, width, 3), f"image of camera '{camera.name}'")
+    return PointCloud(points, image[rows, columns, ::-1].copy())
+
+
+@lru_cache(maxsize=8)
+def _directions(camera: Camera) -> Floats:
+    """Return (H, W, 2) x/z and y/z of every pixel, distortion undone; NaN beyond the lens."""
+    width, height = camera.size
+    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    straight = camera.undistort_points(np.stack([u, v], axis=-1))
+    directions = (straight - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+    directions.flags.writeable = False
+    return directions
+
+
+def _overlap(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the slices of an image and of itself shifted, where both exist."""
+    rows, moved_rows = slice(0, -down or None), slice(down, None)
+    if right >= 0:
+        return (rows, slice(0, -right or None)), (moved_rows, slice(right, None))
+    return (rows, slice(-right, None)), (moved_rows, slice(0, right))

@@ -1,0 +1,168 @@
+"""Disparity of rectified pairs: two methods, and the checks that both pass through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes
+from handtrack.capture.clouds.correlation import correlate
+from handtrack.errors import HandtrackError, unknown_name
+
+STEREO_METHODS = ("sgbm", "correlation")
+_STEP = 16  # SGBM's disparities come in multiples of that, and in 16ths of a pixel
+_UNIT = 16
+_CONTRAST_PX = 9
+
+REJECTED = ("", "left and right disagree", "no contrast", "speckle", "outside the other mask")
+"""why a match does not count, by its number in `Matches.rejected`; 0 where nothing was rejected"""
+
+
+@dataclass(frozen=True)
+class StereoSettings:
+    """How a pair of images is matched."""
+
+    method: str = "sgbm"
+    """sgbm: OpenCV's semi-global matching. correlation: windows alone, as the paper."""
+    sgbm_window_px: int = 5
+    """side of SGBM's blocks."""
+    correlation_window_px: int = 11
+    """side of the correlation's windows; larger is denser and rounder."""
+    left_right_px: float = 1.0
+    """how far the matches left → right and right → left may differ."""
+    speckle_px: int = 80
+    """a patch of fewer pixels that stands off from its surroundings is taken for wrong."""
+    least_contrast: float = 1.0
+    """standard deviation around a pixel [grey levels] below which there is nothing to match:
+    what is found there is made up."""
+    near_m: float = 0.2
+    """nearest depth searched for."""
+    far_m: float = 1.5
+    """farthest depth searched for."""
+
+    def __post_init__(self) -> None:
+        if self.method not in STEREO_METHODS:
+            raise unknown_name("stereo method", self.method, STEREO_METHODS)
+        if not 0 < self.near_m < self.far_m:
+            raise HandtrackError(
+                f"stereo searches from near_m = {self.near_m:g} to far_m = {self.far_m:g} m; "
+                "expected 0 < near_m < far_m."
+            )
+
+
+class Matches(NamedTuple):
+    """What was matched, and what of it was thrown away."""
+
+    disparity: Array
+    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
+    rejected: Bytes
+    """(H, W) uint8: why a match does not count, see REJECTED."""
+
+
+def disparity(
+    left: Bytes,
+    right: Bytes,
+    least: int,
+    most: int,
+    settings: StereoSettings = StereoSettings(),
+) -> Array:
+    """Return the disparity (H, W) float32 [px] of the left pixels, NaN where there is no match
+    that both directions agree on.
+
+    left, right: rectified BGR (H, W, 3) or grey (H, W) uint8 of one size; left (x, y) is right
+    (x − d, y). least, most: range of d searched, both included; may be negative.
+    """
+    return matches(left, right, least, most, settings).disparity
+
+
+def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSettings) -> Matches:
+    """Return what `disparity` does, and why the other matches were thrown away."""
+    if settings.method == "correlation":
+        window = settings.correlation_window_px
+        both = correlate(_grey(left), _grey(right), least, most, window)
+        found, back = both.left, both.right
+    else:
+        found = _sgbm(left, right, least, most, settings.sgbm_window_px)
+        back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.sgbm_window_px)
+        back = back[:, ::-1]
+    matched = np.isfinite(found)
+    rejected = np.zeros(found.shape, np.uint8)
+    rejected[_contrast(_grey(left)) < settings.least_contrast] = 2
+    rejected[~consistent(found, back, settings.left_right_px)] = 1
+    found = np.where(rejected == 0, found, np.float32(np.nan))
+    kept = without_speckles(found, settings.speckle_px)
+    rejected[np.isfinite(found) & ~np.isfinite(kept)] = 3
+    rejected[~matched] = 0
+    return Matches(kept, rejected)
+
+
+def consistent(left: Array, right: Array, tolerance_px: float) -> Array:
+    """Return where left disparities (H, W) are also those of the right pixels they lead to."""
+    columns = np.arange(left.shape[1])
+    partner = columns - np.nan_to_num(left).round().astype(int)
+    inside = (partner >= 0) & (partner < left.shape[1])
+    back = np.take_along_axis(right, np.where(inside, partner, 0), axis=1)
+    with np.errstate(invalid="ignore"):
+        return inside & (np.abs(left - back) <= tolerance_px)
+
+
+def without_speckles(found: Array, least_px: int, step_px: float = 1.0) -> Array:
+    """Return disparities (H, W) without patches, bounded by steps above step_px, of fewer than
+    least_px pixels."""
+    known = np.isfinite(found)
+    if least_px <= 1 or not known.any():
+        return found
+    low = float(found[known].min())
+    whole = np.where(known, (found - low) * _UNIT + _UNIT, 0).astype(np.int16)
+    cv2.filterSpeckles(whole, 0, least_px, step_px * _UNIT)
+    return np.where(whole > 0, found, np.float32(np.nan))
+
+
+def _contrast(image: Bytes) -> Array:
+    """Return the standard deviation (H, W) in the square around each pixel [grey levels]."""
+    size = (_CONTRAST_PX, _CONTRAST_PX)
+    values = image.astype(np.float32) - np.float32(image.mean())
+    mean = cv2.boxFilter(values, -1, size)
+    square = cv2.boxFilter(values * values, -1, size)
+    return np.sqrt(np.maximum(square - mean * mean, 0))
+
+
+def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> Array:
+    count = -(-(most - least + 1) // _STEP) * _STEP
+    channels = 1 if left.ndim == 2 else left.shape[2]
+    area = channels * window_px**2
+    matcher = cv2.StereoSGBM_create(  # type: ignore[attr-defined]
+        minDisparity=0,
+        numDisparities=count,
+        blockSize=window_px,
+        P1=8 * area,
+        P2=32 * area,
+        disp12MaxDiff=-1,  # our own check does that
+        preFilterCap=31,
+        uniquenessRatio=5,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+    # SGBM answers nothing in its first `count` columns, so they are added in front; moving the
+    # right image makes the range start at 0
+    wide = cv2.copyMakeBorder(left, 0, 0, count, 0, cv2.BORDER_REPLICATE)
+    moved = _moved(right, least, count)
+    raw = np.asarray(matcher.compute(wide, moved))[:, count:]
+    return np.where(raw >= 0, raw / np.float32(_UNIT) + least, np.nan).astype(np.float32)
+
+
+def _moved(image: Bytes, by: int, extra: int) -> Bytes:
+    """Return columns −extra … W − 1 of the image moved right by `by`, its edge repeated."""
+    width = image.shape[1]
+    source = np.clip(np.arange(-extra, width) - by, 0, width - 1)
+    return np.ascontiguousarray(image[:, source])
+
+
+def _grey(image: Bytes) -> Bytes:
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)  # type: ignore
+
+
+def _mirrored(image: Bytes) -> Bytes:
+    return np.ascontiguousarray(image[:, ::-1])

@@ -1,0 +1,252 @@
+"""What a camera gave for each frame: numbered image files here, videos in `video.py`.
+
+A miss is a value, None.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes
+from handtrack.capture.images.frame_notes import FrameNotes
+from handtrack.errors import HandtrackError
+
+COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
+_LAST_FRAME = 10_000_000  # days of video; a larger number in a name is a date or a time
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_AS_IT_IS = cv2.IMREAD_UNCHANGED  # all bits, all channels, unturned
+_LEAST_HAND = 128  # of a mask's 255: half
+_DIM_16 = 1 << 15  # a picture of 16 bits none of which reaches the last
+
+
+class FrameSource(Protocol):
+    """Images of one camera by frame number. Safe to read from several threads."""
+
+    @property
+    def where(self) -> str:
+        """Path or pattern, for messages."""
+        ...
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """width, height [px] of the first readable frame; None when nothing is readable."""
+        ...
+
+    @property
+    def frames(self) -> range:
+        """From 0 to the last frame there is; frames in between may be missing."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd so far, in plain sentences."""
+        ...
+
+    def has(self, frame: int) -> bool:
+        """Whether there should be an image for a frame; reading it may still fail."""
+        ...
+
+    def read(self, frame: int) -> Array | None:
+        """Return the image of a frame, None where there is none."""
+        ...
+
+
+def frame_number(name: str) -> int:
+    """Return the frame of a file name: the last group of digits before its suffix.
+
+    Raises HandtrackError.
+    """
+    groups = re.findall(r"\d+", Path(name).stem)
+    if not groups:
+        raise HandtrackError(
+            f"{name}: no digits in the file name; expected the frame number in it, such as "
+            "000018.png."
+        )
+    if int(groups[-1]) > _LAST_FRAME:
+        raise HandtrackError(
+            f"{name}: {groups[-1]} is no frame number, which are at most {_LAST_FRAME}. Is it a time? Rename the files "
+            "to count frames from 0, and give their times as `timestamps` in session.toml."
+        )
+    return int(groups[-1])
+
+
+def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
+    """Return files by their frame number, ascending.
+
+    Raises HandtrackError when two have the same number.
+    """
+    by_frame: dict[int, Path] = {}
+    for path in sorted(paths):
+        frame = frame_number(str(path))
+        if frame in by_frame:
+            raise HandtrackError(
+                f"{path.parent}: '{by_frame[frame].name}' and '{path.name}' are both frame "
+                f"{frame}; expected one file a frame. The frame is the last group of digits in "
+                "the name."
+            )
+        by_frame[frame] = path
+    return dict(sorted(by_frame.items()))
+
+
+class ImageFiles:
+    """Numbered image files of one kind: colour (H, W, 3) uint8 BGR, mask (H, W) uint8 or depth (H,
+    W) uint16.
+
+    expected_size: (width, height) [px] of the calibration; another size raises HandtrackError when
+    read.
+    """
+
+    def __init__(
+        self,
+        paths: Iterable[Path],
+        kind: str = COLOUR,
+        expected_size: tuple[int, int] | None = None,
+        where: str = "",
+    ) -> None:
+        self._files = files_by_frame(paths)
+        self._kind = kind
+        self._expected_size = expected_size
+        self._where = where
+        self._notes = FrameNotes()
+        self._looked_closer = False
+
+    @property
+    def where(self) -> str:
+        return self._where or (str(next(iter(self._files.values())).parent) if self._files else "")
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        for frame in self._files:
+            image = self.read(frame)
+            if image is not None:
+                return image.shape[1], image.shape[0]
+        return None
+
+    @property
+    def frames(self) -> range:
+        return range(max(self._files, default=-1) + 1)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self._notes.texts
+
+    def has(self, frame: int) -> bool:
+        return frame in self._files
+
+    def path(self, frame: int) -> Path:
+        """Return the file of a frame that there is."""
+        return self._files[frame]
+
+    def read(self, frame: int) -> Array | None:
+        path = self._files.get(frame)
+        if path is None:
+            return None
+        data, problem = _bytes(path)
+        image = (
+            None
+            if problem
+            else _decoded(data, cv2.IMREAD_COLOR if self._kind == COLOUR else _AS_IT_IS)
+        )
+        if image is None:
+            problem = problem or "not a readable image"
+            self._notes.add(frame, f"{path}: {problem}; frame {frame} counts as missing.")
+            return None
+        if self._kind == DEPTH:
+            _check_depth(image, path)
+        elif self._kind == MASK:
+            image = _mask(image, path)
+        elif self._kind == COLOUR and not self._looked_closer:
+            self._looked_closer = True
+            self._notes.add(frame, *_oddities(data, image, path))
+        check_size(image, self._expected_size, f"{path}, frame {frame}")
+        return image
+
+
+def check_size(image: Array, expected: tuple[int, int] | None, where: str) -> None:
+    """Raise HandtrackError unless an image has the calibration's size (width, height)."""
+    found = (image.shape[1], image.shape[0])
+    if expected is not None and found != tuple(expected):
+        turned = (
+            " Its sides are exchanged: was the camera turned, or does the file ask to be turned (EXIF orientation), "
+            "which is done?"
+        )
+        raise HandtrackError(
+            f"{where}: the image is {found[0]} x {found[1]}, but the camera is calibrated for "
+            f"{expected[0]} x {expected[1]}. Use the images the calibration belongs to, or scale "
+            f"its matrix and size.{turned if found == tuple(expected)[::-1] else ''}"
+        )
+
+
+def _bytes(path: Path) -> tuple[bytes, str]:
+    """Return a file's content, and what is wrong with it. Not cv2.imread, which fails on non-ASCII paths on Windows."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return b"", f"cannot be read ({error.strerror})"
+    if not data:
+        return data, "the file is empty"
+    # of what is cut off, some decoders fill the rest with black
+    if data.startswith(_PNG) and b"IEND" not in data[-64:]:
+        return data, "the PNG is cut off"
+    # an end marker in the first half is an embedded thumbnail's
+    if data.startswith(_JPEG) and data.rfind(b"\xff\xd9") < len(data) // 2:
+        return data, "the JPEG is cut off"
+    return data, ""
+
+
+def _decoded(data: bytes, flags: int) -> Array | None:
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:  # larger than OpenCV allows
+        return None
+
+
+def _check_depth(image: Array, path: Path) -> None:
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise HandtrackError(
+            f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
+            f"{image.shape}. Eight bits, or colours, are a picture of depth, too coarse to measure by: export "
+            "16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is."
+        )
+
+
+def _mask(image: Array, path: Path) -> Bytes:
+    """Return a mask as (H, W); grey pictures in colour are one. Raises HandtrackError for what only looks like a mask."""
+    if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] != 255).any():
+        raise HandtrackError(
+            f"{path}: a mask must be one channel; this one has an alpha channel that is not opaque everywhere, so it is "
+            "unclear which of them is the hand. Save masks as grey pictures: 0 background, 255 hand."
+        )
+    if image.dtype == np.uint8 and image.ndim == 3:
+        image = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    most = image.max()
+    if image.dtype != np.uint8 or 0 < most < _LEAST_HAND:
+        raise HandtrackError(
+            f"{path}: a mask must be of 8 bits, 0 for background and 255 for hand; found {image.dtype}, the largest "
+            f"value in the mask is {most}. Save the masks so, with hand at 255."
+        )
+    return image
+
+
+def _oddities(data: bytes, image: Array, path: Path) -> list[str]:
+    """Return what a colour image may not have been meant to be."""
+    found, raw = [], _decoded(data, _AS_IT_IS)
+    if raw is not None and raw.dtype == np.uint16 and raw.max() < _DIM_16:
+        found.append(
+            f"{path}: a picture of 16 bits whose largest value is {raw.max()}; as the upper 8 bits are used, it is dark. "
+            "If these are 10 or 12 bits, scale them to the whole range, or save 8 bits."
+        )
+    as_stored = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if as_stored is not None and not np.array_equal(as_stored, image):
+        found.append(
+            f"{path}: the file asks to be turned or mirrored (EXIF orientation), which is done, also when calibrating. If "
+            "the calibration was made otherwise, take that mark out of the files."
+        )
+    return found

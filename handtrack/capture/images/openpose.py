@@ -1,0 +1,117 @@
+"""2D joints as OpenPose writes them: one JSON file a frame, several people in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.files.text_files import read_json
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which of a detector's points are which joints."""
+
+    key: str
+    """of the numbers in the file"""
+    count: int
+    points: Mapping[str, int]
+    """joint name → row"""
+
+
+def _both(rows: Mapping[str, tuple[int, int]]) -> dict[str, int]:
+    return {
+        f"{side}_{joint}": pair[i]
+        for joint, pair in rows.items()
+        for i, side in enumerate(("left", "right"))
+    }
+
+
+_FINGERS = {
+    "thumb": ("cmc", "mcp", "ip", "tip"),
+    **dict.fromkeys(("index", "middle", "ring", "little"), ("mcp", "pip", "dip", "tip")),
+}
+_HAND = {"wrist": 0} | {
+    f"{finger}_{joint}": 1 + 4 * i + k
+    for i, (finger, joints) in enumerate(_FINGERS.items())
+    for k, joint in enumerate(joints)
+}
+LAYOUTS: dict[str, Layout] = {
+    "body_25": Layout(
+        "pose_keypoints_2d",
+        25,
+        {"nose": 0, "neck": 1, "pelvis": 8}
+        | _both(
+            {
+                "shoulder": (5, 2), "elbow": (6, 3), "wrist": (7, 4),
+                "hip": (12, 9), "knee": (13, 10), "ankle": (14, 11), "toe": (19, 22),
+            }
+        ),
+    ),
+    "body_25b": Layout(
+        "pose_keypoints_2d",
+        25,
+        {"nose": 0, "neck": 17, "head_top": 18}
+        | _both(
+            {
+                "shoulder": (5, 6), "elbow": (7, 8), "wrist": (9, 10),
+                "hip": (11, 12), "knee": (13, 14), "ankle": (15, 16), "toe": (19, 22),
+            }
+        ),
+    ),
+    "hand_left": Layout("hand_left_keypoints_2d", 21, _HAND),
+    "hand_right": Layout("hand_right_keypoints_2d", 21, _HAND),
+}  # fmt: skip
+
+
+def read_openpose(path: Path, layout: Layout) -> Floats | None:
+    """Return (K, 3) column and row [px] and confidence of the person who stands tallest in the image.
+
+    Points that were not found are NaN with confidence 0. None when nobody was found. Raises HandtrackError.
+    """
+    people = list(_people(path, layout))
+    if not people:
+        return None
+    return max(people, key=_height)
+
+
+def _height(points: Floats) -> float:
+    rows = points[np.isfinite(points[:, 1]), 1]
+    return float(np.ptp(rows)) if len(rows) else 0.0
+
+
+def _people(path: Path, layout: Layout) -> Iterator[Floats]:
+    table = _read(path)
+    for number, person in enumerate(table):
+        values = person.get(layout.key) if isinstance(person, Mapping) else None
+        if values is None:
+            raise HandtrackError(
+                f"{path}: person {number} has no '{layout.key}'. Another keypoint_layout may fit: "
+                f"{', '.join(LAYOUTS)}."
+            )
+        if len(values) == 0:
+            continue
+        if len(values) != 3 * layout.count or not all(isinstance(v, (int, float)) for v in values):
+            raise HandtrackError(
+                f"{path}: '{layout.key}' of person {number} has {len(values)} values; expected {layout.count} times "
+                "x, y, confidence."
+            )
+        points = np.array(values, dtype=float).reshape(layout.count, 3)
+        missing = ~np.isfinite(points).all(axis=1) | (points[:, 2] <= 0)
+        points[missing] = (np.nan, np.nan, 0.0)
+        if not missing.all():
+            yield points
+
+
+def _read(path: Path) -> Sequence[Any]:
+    table = read_json(path, "joints as OpenPose writes them")
+    people = table.get("people") if isinstance(table, Mapping) else None
+    if not isinstance(people, list):
+        raise HandtrackError(f"{path}: no list 'people'; expected a file as OpenPose writes it.")
+    return people

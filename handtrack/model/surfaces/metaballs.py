@@ -1,0 +1,177 @@
+"""The merged surface of ellipsoids on bones: signed distance, gradient, and who is linked with whom.
+
+2004 paper, sections 3.2 and 3.3. Mathematics: docs/derivations/clouds.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.skeleton import Skeleton
+from handtrack.model.surfaces.metaballs_kernels import merged_distance, pose_table
+
+FORMS = {"d1": np.inf, "d2": 0.0, "d3": 1.0}
+"""Distances to one ellipsoid: the level k below which d1's form (k − 1) r_min holds, d2's beyond."""
+
+SHARPNESS_PER_M = 1000.0
+"""β of a hand of scale 1. The 2004 paper does not state its unit; 1/mm rounds creases by about a millimetre."""
+
+
+@dataclass(frozen=True)
+class NearSurface:
+    """What the surface looks like from given points (N)."""
+
+    distance: Floats
+    """(N,) signed [m], negative inside"""
+    ellipsoid: Ints
+    """(N,) the closest ellipsoid"""
+    gradient: Floats
+    """(N, 3) of the distance, world; about unit length near the surface"""
+
+
+@dataclass(frozen=True, eq=False)
+class MetaballSurface:
+    """d = −(1/β) log Σ exp(−β d_e) over the closest ellipsoid and those linked with it.
+
+    Fingers are not linked with each other, so they never merge. Where the closest ellipsoid changes the sum has other
+    members, and d may jump by a little.
+    """
+
+    ellipsoids: Ellipsoids
+    linked: Array
+    """(E, E) bool, symmetric, True on the diagonal"""
+    sharpness: float = SHARPNESS_PER_M
+    """β [1/m]: n equally close linked ellipsoids move the surface outwards by log(n)/β"""
+    form: str = "d3"
+    """distance to one ellipsoid: `d1`, `d2` or `d3`"""
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise unknown_name("distance to an ellipsoid", self.form, tuple(FORMS))
+        if not 0.0 < self.sharpness < np.inf:
+            raise HandtrackError(
+                f"metaballs: sharpness {self.sharpness:g} per metre; expected a positive number such as "
+                f"{SHARPNESS_PER_M:g}."
+            )
+        check_shape(self.linked, (len(self.ellipsoids), len(self.ellipsoids)), "linked ellipsoids")
+
+    @classmethod
+    def of(
+        cls,
+        model: ArticulatedModel,
+        sharpness: float = SHARPNESS_PER_M,
+        form: str = "d3",
+        flesh: str = "metaballs",
+    ) -> MetaballSurface:
+        """Return a model's surface. sharpness: β [1/m] of a hand of scale 1; larger hands are as round as small ones."""
+        if flesh not in model.flesh:
+            raise unknown_name(
+                "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
+            )
+        ellipsoids = model.flesh[flesh]
+        linked = linked_ellipsoids(model.skeleton, ellipsoids)
+        return cls(ellipsoids, linked, sharpness / model.scale.overall, form)
+
+    @property
+    def turning_level(self) -> float:
+        """The level k below which the distance to an ellipsoid is (k − 1) r_min."""
+        return FORMS[self.form]
+
+    @cached_property
+    def links(self) -> tuple[Ints, Ints]:
+        """Return (start (E + 1,), members): who sums with e, itself first, is members[start[e] : start[e + 1]]."""
+        members = [
+            [e, *(int(i) for i in np.flatnonzero(row) if i != e)]
+            for e, row in enumerate(self.linked)
+        ]
+        start = np.cumsum([0, *map(len, members)])
+        return start.astype(np.int64), np.array([i for row in members for i in row], np.int64)
+
+    def posed(self, bones: BonePoses) -> Floats:
+        """Return the table (E, 16) that kernels read, at these poses; layout: metaballs_kernels.py."""
+        flesh = self.ellipsoids
+        table = np.empty((len(flesh), 16))
+        pose_table(
+            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, table
+        )  # fmt: skip
+        return table
+
+    def near(self, bones: BonePoses, points: Floats) -> NearSurface:
+        """Return signed distance, closest ellipsoid and gradient at points (N, 3) world [m]; NaN at NaN."""
+        points = np.ascontiguousarray(points, dtype=float)
+        check_shape(points, (None, 3), "points")
+        distance, gradient = np.empty(len(points)), np.empty(points.shape)
+        closest = np.empty(len(points), np.int64)
+        start, members = self.links
+        merged_distance(
+            points, self.posed(bones), start, members, self.sharpness, self.turning_level, True,
+            distance, closest, gradient,
+        )  # fmt: skip
+        return NearSurface(distance, closest, gradient)
+
+    def distance(self, bones: BonePoses, points: Floats) -> Floats:
+        """Return the signed distance (N,) [m] of points (N, 3) world, negative inside."""
+        points = np.ascontiguousarray(points, dtype=float)
+        check_shape(points, (None, 3), "points")
+        distance, closest = np.empty(len(points)), np.empty(len(points), np.int64)
+        start, members = self.links
+        merged_distance(
+            points, self.posed(bones), start, members, self.sharpness, self.turning_level, False,
+            distance, closest, np.empty((0, 3)),
+        )  # fmt: skip
+        return distance
+
+    def projected(self, bones: BonePoses, points: Floats, steps: int = 6) -> Floats:
+        """Return points (N, 3) moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
+        points = np.array(points, dtype=float)
+        for _ in range(steps):
+            near = self.near(bones, points)
+            size = np.maximum((near.gradient**2).sum(axis=1), 0.05)
+            points -= (near.distance / size)[:, None] * near.gradient
+        return points
+
+
+def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array:
+    """Return (E, E) True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
+
+    So the palm is linked with the first bone of each finger, and fingers are not linked with each other.
+    """
+    fleshed = set(ellipsoids.bone.tolist())
+    above = np.full(skeleton.bone_count, -1)
+    for bone in fleshed:
+        parent = int(skeleton.parent[bone])
+        while parent >= 0 and parent not in fleshed:
+            parent = int(skeleton.parent[parent])
+        above[bone] = parent
+    bone = ellipsoids.bone
+    over = above[bone][:, None] == bone[None, :]
+    return (bone[:, None] == bone[None, :]) | over | over.T
+
+
+def true_distance(radii: Floats, points: Floats) -> Floats:
+    """Return the exact signed distance (N,) of points (N, 3) to an ellipsoid around the origin, axes along x, y, z.
+
+    The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
+    bisected. Plain and slow: the reference that d1, d2 and d3 approximate.
+    """
+    x, square = np.abs(np.asarray(points, dtype=float)), np.asarray(radii, dtype=float) ** 2
+    x = np.maximum(x, 1e-12)  # on a symmetry plane the root is a limit
+    least = square.min()
+    low = np.full(len(x), -least)
+    high = np.sqrt((square * x**2).sum(axis=1)) - least
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        with np.errstate(divide="ignore"):
+            outside = (square * x**2 / (middle[:, None] + square) ** 2).sum(axis=1) > 1.0
+        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+    closest = square * x / (high[:, None] + square)
+    distance = np.linalg.norm(closest - x, axis=1)
+    return np.where((x**2 / square).sum(axis=1) < 1.0, -distance, distance)

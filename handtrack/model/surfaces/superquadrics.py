@@ -1,0 +1,173 @@
+"""Superquadrics on bones, tapered and bent, as meshes: the flesh of a body. 2003 paper, section 2; docs/body.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
+
+_MM = 1e-3
+_FROM_BONE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""bone ← part: a part's z lies along the bone's y, its x towards the bone's z"""
+
+
+@dataclass(frozen=True, eq=False)
+class Superquadrics:
+    """Parts (|x/a|^(2/ε₂) + |y/b|^(2/ε₂))^(ε₂/ε₁) + |z/c|^(2/ε₁) = 1, then tapered, then bent; nine numbers each."""
+
+    name: tuple[str, ...]
+    bone: Ints
+    """(E,) the bone each one sits on"""
+    centre: Floats
+    """(E, 3) in the bone's frame [m]"""
+    rotation: Floats
+    """(E, 3, 3) part axes → bone frame"""
+    radii: Floats
+    """(E, 3) a, b, c [m]"""
+    exponents: Floats
+    """(E, 2) ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
+    taper: Floats
+    """(E, 2) x and y are scaled by 1 + taper · z/c"""
+    bend: Floats
+    """(E, 2) turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
+
+    def __len__(self) -> int:
+        return len(self.bone)
+
+    @property
+    def shape(self) -> Floats:
+        """Return (E, 9) the shape parameters: radii, exponents, taper, bend."""
+        return np.concatenate([self.radii, self.exponents, self.taper, self.bend], axis=1)
+
+    def level(self, part: int, points: Floats) -> Floats:
+        """Return (N,) the left side of the part's equation at points (N, 3) of its own axes, before deformation."""
+        x, y, z = (np.abs(points) / self.radii[part]).T
+        e1, e2 = self.exponents[part]
+        return (x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)
+
+    def mesh(self, around: int = 16, along: int = 12) -> PartMesh:
+        """Return all parts as closed meshes on a grid of latitudes and longitudes.
+
+        around: points on a circle of latitude; along: steps from end to end.
+        """
+        unit_faces = grid_faces(around, along)
+        count = 2 + (along - 1) * around
+        local, normal = [], []
+        for part in range(len(self)):
+            own = self.deformed(part, self.undeformed(part, around, along))
+            placed = self.centre[part] + own @ self.rotation[part].T
+            local.append(placed)
+            normal.append(vertex_normals(placed, unit_faces))
+        faces = unit_faces[None] + count * np.arange(len(self))[:, None, None]
+        return PartMesh(
+            np.repeat(self.bone, count),
+            np.concatenate(local),
+            np.concatenate(normal),
+            faces.reshape(-1, 3),
+        )
+
+    def undeformed(self, part: int, around: int, along: int) -> Floats:
+        """Return (2 + (along − 1) · around, 3) points of a part in its own axes: lower end, circles upwards, upper end."""
+        latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, along + 1)[1:-1]
+        longitude = 2 * np.pi * np.arange(around) / around
+        e1, e2 = self.exponents[part]
+        wide = _power(np.cos(latitude), e1)[:, None]
+        x, y = wide * _power(np.cos(longitude), e2), wide * _power(np.sin(longitude), e2)
+        z = np.broadcast_to(_power(np.sin(latitude), e1)[:, None], x.shape)
+        circles = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+        ends = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+        return np.concatenate([ends[:1], circles, ends[1:]]) * self.radii[part]
+
+    def deformed(self, part: int, points: Floats) -> Floats:
+        """Return points (N, 3) of a part's own axes where taper and bend carry them.
+
+        A bend lays the z axis on a circle of curvature κ = turn/2c, lengths on the axis kept.
+        """
+        x, y, z = points.T
+        half = self.radii[part, 2]
+        x = x * (1.0 + self.taper[part, 0] * z / half)
+        y = y * (1.0 + self.taper[part, 1] * z / half)
+        turn, towards = self.bend[part]
+        angle = 0.5 * turn * z / half
+        c, s = np.cos(towards), np.sin(towards)
+        across = c * x + s * y
+        # (1 − cos θ)/θ and sin θ/θ hold at θ = 0 too
+        shift = z * 0.5 * angle * np.sinc(angle / (2 * np.pi)) ** 2
+        moved = across * np.cos(angle) + shift - across
+        along = z * np.sinc(angle / np.pi) - across * np.sin(angle)
+        return np.stack([x + c * moved, y + s * moved, along], axis=1)
+
+
+def read_superquadrics(
+    rows: Sequence[dict[str, Any]], bones: tuple[str, ...], factor: dict[str, float], where: str
+) -> Superquadrics:
+    """Return the parts of a definition: lengths in mm along the bone's axes, times each bone's factor."""
+    radii = np.array([row["radii"] for row in rows], dtype=float)
+    parts = Superquadrics(
+        name=tuple(f"{row['bone']}_{i}" for i, row in enumerate(rows)),
+        bone=np.array([bones.index(row["bone"]) for row in rows]),
+        centre=np.array([row["centre"] for row in rows], dtype=float) * _size(rows, factor),
+        rotation=rotation_matrix(np.deg2rad([row.get("rotation_deg", (0, 0, 0)) for row in rows]))
+        @ _FROM_BONE,
+        radii=radii[:, [2, 0, 1]] * _size(rows, factor),
+        exponents=np.array([row.get("exponents", (1, 1)) for row in rows], dtype=float),
+        taper=np.array([row.get("taper", (0, 0))[::-1] for row in rows], dtype=float),
+        bend=np.deg2rad([row.get("bend_deg", (0, 0)) for row in rows]),
+    )
+    _check(parts, where)
+    return parts
+
+
+def _size(rows: Sequence[dict[str, Any]], factor: dict[str, float]) -> Floats:
+    return np.array([factor[row["bone"]] for row in rows])[:, None] * _MM
+
+
+def _check(parts: Superquadrics, where: str) -> None:
+    wide = np.hypot(parts.radii[:, 0], parts.radii[:, 1]) * (1 + np.abs(parts.taper).max(axis=1))
+    rules = (
+        ((parts.radii > 0).all(axis=1), "radii above 0"),
+        (
+            ((parts.exponents > 0) & (parts.exponents <= 2)).all(axis=1),
+            "exponents above 0, up to 2",
+        ),
+        ((np.abs(parts.taper) < 1).all(axis=1), "tapers between -1 and 1"),
+        (
+            0.5 * np.abs(parts.bend[:, 0]) * wide < parts.radii[:, 2],
+            "a bend whose circle is wider than the part",
+        ),
+    )
+    for kept, expected in rules:
+        if not np.all(kept):
+            name = parts.name[int(np.argmin(kept))]
+            raise HandtrackError(f"{where}, superquadric '{name}': expected {expected}.")
+
+
+def _power(base: Floats, exponent: float) -> Floats:
+    """Return sign(base) |base|^exponent."""
+    return np.sign(base) * np.abs(base) ** exponent
+
+
+def grid_faces(around: int, along: int) -> Ints:
+    """Return the faces of a grid of latitudes and longitudes, counter-clockwise from outside, closed at both ends."""
+    if around < 3 or along < 2:
+        raise HandtrackError(
+            f"superquadrics: a mesh of {around} points around and {along} steps along; expected at least 3 and 2."
+        )
+    here = np.arange(around)
+    after = (here + 1) % around
+    first, last = 1, 1 + (along - 2) * around
+    top = last + around
+    faces = [np.stack([np.zeros_like(here), first + after, first + here], axis=1)]
+    for circle in range(along - 2):
+        low, high = first + circle * around, first + (circle + 1) * around
+        faces.append(np.stack([low + here, low + after, high + after], axis=1))
+        faces.append(np.stack([low + here, high + after, high + here], axis=1))
+    faces.append(np.stack([last + here, last + after, np.full_like(here, top)], axis=1))
+    return np.concatenate(faces)

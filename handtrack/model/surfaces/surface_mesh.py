@@ -1,0 +1,107 @@
+"""Mesh of the merged surface, exactly the one that the solver sees, with each vertex bound to a bone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from skimage.measure import marching_cubes
+
+from handtrack.arrays import Floats, Ints
+from handtrack.errors import HandtrackError
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
+
+MOST_NODES = 16_000_000
+"""of the grid; finer ones are refused"""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMesh:
+    """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
+
+    vertices: Floats
+    """(V, 3) world [m]"""
+    faces: Ints
+    """(F, 3) counter-clockwise seen from outside"""
+    normals: Floats
+    """(V, 3) unit, outwards"""
+    ellipsoid: Ints
+    """(V,) the closest ellipsoid"""
+    bone: Ints
+    """(V,) its bone, to which the vertex is fixed"""
+    local: Floats
+    """(V, 3) in that bone's frame [m]"""
+
+    def carried(self, bones: BonePoses) -> Floats:
+        """Return the vertices (V, 3) where other bone poses carry them, world [m]."""
+        return bones.to_world(self.bone, self.local)
+
+
+def surface_mesh(
+    surface: MetaballSurface, bones: BonePoses, spacing_m: float = 0.004
+) -> SurfaceMesh:
+    """Return the marching-cubes mesh (2004 paper, section 5.1) on a grid of `spacing_m`.
+
+    Vertices are then moved onto the surface itself, so that the grid's linear interpolation leaves no trace.
+    """
+    low, shape = _grid(surface, bones, spacing_m)
+    axes = [low[i] + spacing_m * np.arange(shape[i]) for i in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    field = surface.distance(bones, nodes).reshape(shape)
+    corners, faces, _, _ = marching_cubes(field, 0.0, spacing=(spacing_m,) * 3)
+    vertices = corners.astype(float) + low
+    moved = surface.projected(bones, vertices, steps=2)
+    stay = (np.abs(moved - vertices) > spacing_m).any(axis=1)  # beside a jump of d
+    moved[stay] = vertices[stay]
+    near = surface.near(bones, moved)
+    normals = near.gradient / np.maximum(
+        np.linalg.norm(near.gradient, axis=1, keepdims=True), 1e-12
+    )
+    bone = surface.ellipsoids.bone[near.ellipsoid]
+    local = np.einsum("vji,vj->vi", bones.rotation[bone], moved - bones.position[bone])
+    return SurfaceMesh(moved, faces.astype(np.int64), normals, near.ellipsoid, bone, local)
+
+
+def sample_surface(
+    surface: MetaballSurface,
+    bones: BonePoses,
+    count: int,
+    rng: np.random.Generator,
+    spacing_m: float = 0.004,
+) -> tuple[Floats, Floats]:
+    """Return points (count, 3) spread evenly over the surface, world [m], and its unit normals there (count, 3)."""
+    mesh = surface_mesh(surface, bones, spacing_m)
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    face = rng.choice(len(area), size=count, p=area / area.sum())
+    a, b = rng.random((2, count, 1))
+    flip = a + b > 1
+    a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
+    p, q, r = (corners[face, i] for i in range(3))
+    points = surface.projected(bones, p + a * (q - p) + b * (r - p))
+    gradient = surface.near(bones, points).gradient
+    return points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+
+
+def _grid(
+    surface: MetaballSurface, bones: BonePoses, spacing_m: float
+) -> tuple[Floats, tuple[int, int, int]]:
+    """Return the first node (3,) and the nodes along each axis of a grid that holds the whole surface."""
+    if not spacing_m > 0:
+        raise HandtrackError(
+            f"surface mesh: grid spacing {spacing_m:g} m; expected a positive length."
+        )
+    flesh = surface.ellipsoids.posed(bones)
+    half = np.sqrt(((flesh.rotation * flesh.radii[:, None, :]) ** 2).sum(axis=2))
+    margin = np.log(max(len(flesh.bone), 2)) / surface.sharpness + 2.0 * spacing_m
+    low = (flesh.centre - half).min(axis=0) - margin
+    high = (flesh.centre + half).max(axis=0) + margin
+    size = np.ceil((high - low) / spacing_m) + 1.0
+    if not np.prod(size) <= MOST_NODES:
+        raise HandtrackError(
+            f"surface mesh: a grid spacing of {1e3 * spacing_m:g} mm needs {np.prod(size):.3g} nodes; at most "
+            f"{MOST_NODES} are used. Choose a coarser one."
+        )
+    return low, (int(size[0]), int(size[1]), int(size[2]))

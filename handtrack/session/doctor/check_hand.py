@@ -1,0 +1,241 @@
+"""The doctor's look at the first pose and the ground truth: do they fit the cameras and masks?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from scipy.spatial import KDTree
+
+from handtrack.arrays import Floats
+from handtrack.capture.images.frame_notes import listed
+from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
+from handtrack.model.model_file import load_model, read_scale
+from handtrack.observation.observation import Keypoints
+from handtrack.session.doctor.finding import Finding
+from handtrack.session.views import View
+from handtrack.tracking.search.initialize import fit_keypoints
+
+if TYPE_CHECKING:
+    from handtrack.session.first_pose.first_pose import FirstPose
+    from handtrack.session.session import Session
+
+_WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
+_PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
+_FEWEST_FOR_SIDE = 16  # keypoints: fewer fit either hand
+# two meshes' hands with 2 mm of noise fit their own side to 3–8 mm, the other to 6–32
+_OTHER_OFF_M, _OTHER_SHARE = 0.004, 0.65
+_KEYPOINT_SIGMA_M = 0.003
+_MARGIN_PX = 7  # joints lie inside the hand, but calibration and noise move them
+_LEAST_INSIDE = 0.75  # share of keypoints on the mask that is still plausible
+_FAR_FROM_CLOUD_M = 0.06  # joints lie up to 3 cm behind the skin that a camera sees
+_TRUTH_FRAMES = 12  # looked at, evenly spaced
+
+
+def check_init(session: Session) -> Iterator[Finding]:
+    """Yield findings about init.json."""
+    pose = session.init
+    if pose is None:
+        yield Finding(
+            "note",
+            "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench).",
+        )
+        return
+    if pose.pixels:
+        yield from _check_pixels(session, pose)
+        return
+    if pose.xyz is not None:
+        yield from _check_palm("init.json", pose.xyz)
+        yield from _check_side("init.json", pose.xyz, session)
+    points = _joints(session, pose) if pose.xyz is None else pose.xyz
+    points = points[np.isfinite(points).all(axis=1)]
+    misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
+    misses += _misses_cloud(session, pose.frame, points)
+    for text in misses:
+        yield Finding("warning", f"init.json, frame {pose.frame}: {text}")
+    if not misses:
+        known = (
+            f"{len(pose.parameters)} parameters" if pose.xyz is None else f"{len(points)} keypoints"
+        )
+        yield Finding("ok", f"init.json: {known} at frame {pose.frame}; they fit the cameras.")
+
+
+def _joints(session: Session, pose: FirstPose) -> Floats:
+    """Return (J, 3) the joints [m] of a pose given by parameters."""
+    model = _model(session, pose.scale)
+    return model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
+
+
+def check_model(session: Session) -> Iterator[Finding]:
+    """Yield what hand is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
+    model = _model(session)
+    yield Finding("ok", f"the model is {model.name}, {model.side}.")
+
+
+def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:
+    """Return the hand; fitted: its size where session.toml leaves that open."""
+    scale = session.hand_scale
+    if isinstance(scale, Path):
+        size = read_scale(scale)
+    elif scale == "fit":
+        size = fitted or HandScale()
+    else:
+        size = HandScale(float(scale))
+    return load_model(session.hand_model, session.file.hand.side, size, forearm=True)
+
+
+def _misses_cloud(session: Session, frame: int, points: Floats) -> list[str]:
+    """Return that a pose is far from the cloud of its frame."""
+    cloud = session.measured_cloud(frame)
+    if cloud is None or not len(cloud):
+        return []
+    away = float(np.median(KDTree(cloud.points).query(points)[0]))
+    if away <= _FAR_FROM_CLOUD_M:
+        return []
+    return [
+        f"its joints are {away:.2g} m away from the nearest points of the cloud (median). Is the unit right (world_unit_m, "
+        "depth_scale_m), and do cloud, calibration and pose mean the same world?"
+    ]
+
+
+def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
+    strange = [name for name in pose.pixels if name not in session.camera_names]
+    if strange:
+        known = ", ".join(session.camera_names)
+        yield Finding(
+            "error", f"init.json: no camera '{strange[0]}' in this session; known: {known}."
+        )
+        return
+    views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
+    yield Finding("ok", f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
+
+
+def check_truth(session: Session) -> Iterator[Finding]:
+    """Yield findings about truth.npz."""
+    truth = session.truth
+    if truth is None:
+        yield Finding("note", "no truth.npz: the tracking's error cannot be measured.")
+        return
+    outside = [int(frame) for frame in truth.frame if frame not in session.frame_range]
+    if outside:
+        yield Finding("warning", f"truth.npz: the session has no frames {listed(sorted(outside))}.")
+    yield from _check_truth_times(session)
+    points = truth.keypoints21
+    if points is None:
+        yield Finding(
+            "ok", f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames."
+        )
+        return
+    yield from _check_palm("truth.npz", points[0])
+    yield from _check_side("truth.npz", points[0], session)
+    rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
+    wrong = [
+        f"frame {frame}: {text}"
+        for row in rows
+        if (frame := int(truth.frame[row])) in session.frame_range
+        for view in session.views
+        if (text := _misses(view, frame, points[row]))
+    ]
+    if wrong:
+        yield Finding(
+            "warning",
+            f"truth.npz does not fit in {len(wrong)} of {len(rows) * len(session.views)} views "
+            f"looked at; {wrong[0]}",
+        )
+    else:
+        yield Finding(
+            "ok", f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras."
+        )
+
+
+def _check_truth_times(session: Session) -> Iterator[Finding]:
+    truth = session.truth
+    if truth is None or truth.time_s is None:
+        return
+    ours = np.array([session.time_s(int(frame)) for frame in truth.frame])
+    off = truth.time_s - ours
+    worst = int(np.argmax(np.abs(off - np.median(off))))
+    if abs(off[worst] - np.median(off)) > 0.5 / session.fps:
+        yield Finding(
+            "warning",
+            "truth.npz: its times run differently from the session's, by "
+            f"{off[worst] - np.median(off):+.3g} s at frame {int(truth.frame[worst])}. Is fps = "
+            f"{session.fps:g} right?",
+        )
+
+
+def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
+    palm = float(np.linalg.norm(xyz[_MIDDLE_MCP] - xyz[_WRIST]))
+    if np.isfinite(palm) and not _PALM_M[0] <= palm <= _PALM_M[1]:
+        yield Finding(
+            "warning",
+            f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; "
+            f"expected {_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
+            "right, and are the points in order?",
+        )
+
+
+def _check_side(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
+    """Yield that joints (21, 3) are those of the other hand: fingers bend to one side only, and the thumb is on one."""
+    given = session.file.hand.side
+    if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
+        return
+    other = "left" if given == "right" else "right"
+    off = {side: _off_m(xyz, side) for side in (given, other)}
+    if off[given] > _OTHER_OFF_M and off[other] < _OTHER_SHARE * off[given]:
+        yield Finding(
+            "warning",
+            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off[other]:.1f} mm, a {given} one to "
+            f'{1e3 * off[given]:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
+            "look at the order of cameras, and at the signs of axes.",
+        )
+
+
+def _off_m(xyz: Floats, side: str) -> float:
+    """Return how far joints (21, 3) are from those of a hand of that side fitted to them, root mean square [m]."""
+    mean = load_model("hand26", side)
+    usual = mean.keypoints21(mean.bones(mean.rest_params()))
+    size = float(np.nanmedian(_palm_lengths(xyz) / _palm_lengths(usual)))
+    model = load_model("hand26", side, HandScale(min(max(size, 0.5), 2.0)))
+    fitted = fit_keypoints(model, Keypoints(keypoint_names(), xyz, _KEYPOINT_SIGMA_M))
+    found = model.keypoints21(model.bones(fitted))
+    return float(np.sqrt(np.nanmean(((found - xyz) ** 2).sum(axis=1))))
+
+
+def _palm_lengths(xyz: Floats) -> Floats:
+    """Return (4,) from the wrist to the knuckles of the fingers [m]: the same in every pose."""
+    return np.linalg.norm(xyz[[5, 9, 13, 17]] - xyz[_WRIST], axis=1)
+
+
+def _misses(view: View, frame: int, xyz: Floats) -> str:
+    """Return what is wrong with points in a view, empty when nothing is."""
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    depth = view.camera.to_camera(known)[:, 2]
+    if (depth <= 0).any():
+        return (
+            f"{int((depth <= 0).sum())} of {len(known)} keypoints lie behind camera '{view.name}'."
+        )
+    if not view.sources:
+        return ""
+    pixels = view.camera.project(known)
+    width, height = view.camera.size
+    with np.errstate(invalid="ignore"):
+        shown = ((pixels >= -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
+    if shown.mean() < 0.5:
+        outside = int((~shown).sum())
+        return f"{outside} of {len(known)} keypoints lie outside the image of camera '{view.name}'."
+    mask = view.mask(frame) if view.has_masks else None
+    if mask is None or not mask.any():
+        return ""
+    near = cv2.dilate(mask, np.ones((2 * _MARGIN_PX + 1,) * 2, np.uint8)) > 0
+    columns, rows = pixels[shown].round().astype(int).clip(0, (width - 1, height - 1)).T
+    share = float(near[rows, columns].mean())
+    if share < _LEAST_INSIDE:
+        return (
+            f"only {share:.0%} of the keypoints lie on the mask of camera '{view.name}'. Do "
+            "calibration, side, unit and frame numbers belong together?"
+        )
+    return ""

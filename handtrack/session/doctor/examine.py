@@ -1,0 +1,75 @@
+"""Everything that can be odd about a session, looked at in one go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_cameras import check_cameras
+from handtrack.session.doctor.check_clouds import check_clouds
+from handtrack.session.doctor.check_hand import check_init, check_model, check_truth
+from handtrack.session.doctor.check_outlines import check_outlines
+from handtrack.session.doctor.check_synchrony import check_synchrony
+from handtrack.session.doctor.check_views import check_files, check_lengths, check_view
+from handtrack.session.doctor.finding import Finding
+
+if TYPE_CHECKING:
+    from handtrack.session.session import Session
+
+_START = 5  # frames from the first pose on
+
+
+def examine(session: Session) -> list[Finding]:
+    """Return the findings about a session's files, cameras, masks, first pose and truth, in this
+    order."""
+    if session.frame_count == 0:
+        return [
+            Finding(
+                "error",
+                f"{session.folder}: no frames at all; no camera has images, masks or depth.",
+            )
+        ]
+    found = [
+        Finding(
+            "ok",
+            f"{session.frame_count} frames, {session.frame_count / session.fps:.1f} s at "
+            f"{session.fps:g} fps.",
+        )
+    ]
+    for view in session.views:
+        found += _all_of(check_view(view, session))
+    for check in (
+        check_files,
+        check_lengths,
+        check_synchrony,
+        check_cameras,
+        check_outlines,
+        check_clouds,
+        check_model,
+        check_init,
+        check_truth,
+    ):
+        found += _all_of(check(session))
+    # last, since looking at the files is what brings these to light
+    found += [Finding("warning", text) for text in session.warnings]
+    return list(dict.fromkeys(found))  # two checks may meet the same damaged file
+
+
+def examine_start(session: Session) -> list[str]:
+    """Return what is odd about the cameras and the first pose, in sentences: quickly seen, and in vain all tracking else."""
+    first = 0 if session.init is None else session.init.frame
+    begin = range(first, min(first + _START, session.frame_count))
+    checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
+    if session.file.clouds is not None and session.file.clouds.stereo:
+        checks.append(check_synchrony(session))
+    found = [finding for check in checks for finding in _all_of(check)]
+    return [finding.text for finding in found if finding.severity in ("warning", "error")]
+
+
+def _all_of(check: Iterator[Finding]) -> Iterator[Finding]:
+    """Yield a check's findings; what it cannot read becomes one more."""
+    try:
+        yield from check
+    except HandtrackError as error:
+        yield Finding("error", str(error))

@@ -1,0 +1,220 @@
+"""init.json: the pose that tracking starts from, as parameters by name or as keypoints."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.text_files import read_json
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import scale_from, scale_table
+
+CONVENTIONS = ("openpose21",)
+_PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
+_FORMS = (
+    f"expected {_PARAMETERS_FORM} or "
+    '{"frame": 0, "convention": "openpose21", "unit": "m", "xyz": [[x, y, z], ... 21 rows]}'
+)
+_FLAT_FORM = '{"frame": 0, "convention": "openpose21", "unit": "px", "cameras": {"cam0": [[u, v], ... 21 rows]}}'
+_IN_IMAGE = ("uv", "xy", "pixels", "px", "image", "camera", "views")
+_LARGEST_HAND_M = 0.6
+_SMALLEST_HAND_M = 0.02
+_LARGEST_ANGLE = 2 * math.pi
+_FARTHEST_ROOT_M = 50.0
+_FEWEST_IN_IMAGE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPose:
+    """A pose at one frame: parameters, keypoints in space, or keypoints in images; the others are empty or None."""
+
+    frame: int
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """joint parameters by name [m, rad]; missing ones are 0."""
+    xyz: Floats | None = None
+    """(21, 3) world [m], NaN rows where unknown."""
+    convention: str | None = None
+    """order of the keypoints: openpose21."""
+    pixels: Mapping[str, Floats] = field(default_factory=dict)
+    """(21, 2) by camera, in the image as it was taken [px], NaN rows where unknown."""
+    scale: HandScale | None = None
+    """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
+
+
+def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:
+    """Return the pose of an init.json. parameter_names: the model's, None to accept any.
+
+    Raises HandtrackError naming the row or parameter that is wrong.
+    """
+    data = read_json(path, f"a first pose such as {_PARAMETERS_FORM}")
+    if not isinstance(data, dict):
+        raise HandtrackError(f"{path}: a {type(data).__name__}; {_FORMS}.")
+    frame = data.get("frame")
+    if isinstance(frame, bool) or not isinstance(frame, int) or frame < 0:
+        raise HandtrackError(
+            f"{path}: frame = {frame}; expected the number of the frame the pose belongs to, from "
+            "0."
+        )
+    forms = [form for form in ("parameters", "xyz", "cameras") if form in data]
+    if len(forms) > 1:
+        raise HandtrackError(f"{path}: both {' and '.join(forms)}; expected one of them.")
+    if "parameters" in data:
+        parameters = _parameters(data["parameters"], parameter_names, path)
+        scale = scale_from(data["scale"], path) if "scale" in data else None
+        return FirstPose(frame, parameters, scale=scale)
+    if "xyz" in data:
+        return _keypoints(data, frame, path)
+    if "cameras" in data:
+        return _in_images(data, frame, path)
+    flat = [key for key in _IN_IMAGE if key in data]
+    if flat:
+        raise _two_dimensional(path, f"the key '{flat[0]}'")
+    raise HandtrackError(f"{path}: neither parameters nor xyz; {_FORMS}.")
+
+
+def write_first_pose(path: Path, pose: FirstPose) -> None:
+    """Write an init.json that reads back as the same pose."""
+    data: dict[str, Any] = {"frame": pose.frame}
+    if pose.pixels:
+        rows_of = {name: _written(pixels) for name, pixels in pose.pixels.items()}
+        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "px", "cameras": rows_of}
+    elif pose.xyz is None:
+        data["parameters"] = dict(pose.parameters)
+        if pose.scale is not None:
+            data["scale"] = scale_table(pose.scale)
+    else:
+        rows = _written(pose.xyz)
+        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
+    Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _written(points: Floats) -> list[list[float] | None]:
+    return [row.tolist() if np.isfinite(row).all() else None for row in points]
+
+
+def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str, float]:
+    if not isinstance(given, dict):
+        raise HandtrackError(f"{path}: parameters = {given}; expected names with numbers [m, rad].")
+    for name, value in given.items():
+        if known is not None and name not in known:
+            raise unknown_name("parameter", name, list(known), str(path))
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            raise HandtrackError(f"{path}: parameter {name} = {value}; expected a finite number.")
+        most, hint = _LARGEST_ANGLE, "radians; is it in degrees?"
+        if name.startswith("root_t"):
+            most, hint = _FARTHEST_ROOT_M, "metres; is it in millimetres?"
+        if abs(value) > most:
+            raise HandtrackError(f"{path}: parameter {name} = {value:g} is implausible in {hint}")
+    return {name: float(value) for name, value in given.items()}
+
+
+def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
+    convention, unit = _convention(data, path), data.get("unit")
+    if unit != "m":
+        hint = '; divide the coordinates by 1000 and write "m"' if unit == "mm" else ""
+        raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
+    rows = data["xyz"]
+    if not isinstance(rows, list) or len(rows) != 21:
+        found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
+        raise HandtrackError(
+            f"{path}: xyz has {found}; expected 21 rows [x, y, z], null where unknown."
+        )
+    xyz = np.array([_row(row, index, path) for index, row in enumerate(rows)])
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    if len(known) < 3:
+        raise HandtrackError(
+            f"{path}: only {len(known)} of 21 keypoints are known; expected at least 3."
+        )
+    extent = float(np.linalg.norm(known.max(axis=0) - known.min(axis=0)))
+    if extent > _LARGEST_HAND_M:
+        raise HandtrackError(
+            f"{path}: the keypoints span {extent:g} m, too much for a hand. Are they in "
+            "millimetres? Expected metres, in the world frame of the calibration after "
+            "world_unit_m."
+        )
+    if len(known) == 21 and extent < _SMALLEST_HAND_M:
+        raise HandtrackError(
+            f"{path}: the keypoints span only {extent:g} m, too little for a hand; expected metres."
+        )
+    return FirstPose(frame, {}, xyz, convention)
+
+
+def _convention(data: dict[str, Any], path: Path) -> str:
+    convention = data.get("convention")
+    if convention not in CONVENTIONS:
+        raise HandtrackError(
+            f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}."
+        )
+    return str(convention)
+
+
+def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
+    """Return keypoints of one or more cameras' images."""
+    convention, cameras = _convention(data, path), data["cameras"]
+    if data.get("unit") != "px":
+        raise HandtrackError(
+            f'{path}: unit = {json.dumps(data.get("unit"))}; points in images are in pixels: expected "px".'
+        )
+    if not isinstance(cameras, dict) or not cameras:
+        raise HandtrackError(
+            f"{path}: cameras = {cameras}; expected keypoints by camera: {_FLAT_FORM}."
+        )
+    pixels = {}
+    for name, rows in cameras.items():
+        if not isinstance(rows, list) or len(rows) != 21:
+            found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
+            raise HandtrackError(
+                f"{path}: camera '{name}' has {found}; expected 21 rows [u, v], null where unknown."
+            )
+        pixels[str(name)] = np.array([_pixel(row, i, name, path) for i, row in enumerate(rows)])
+    known = max(int(np.isfinite(p).all(axis=1).sum()) for p in pixels.values())
+    if known < _FEWEST_IN_IMAGE:
+        raise HandtrackError(
+            f"{path}: no camera has more than {known} of 21 keypoints; expected at least {_FEWEST_IN_IMAGE} in one."
+        )
+    return FirstPose(frame, {}, None, convention, pixels)
+
+
+def _pixel(row: Any, index: int, camera: str, path: Path) -> list[float]:
+    if row is None or row == [None] * 2:
+        return [math.nan] * 2
+    numbers = isinstance(row, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
+    )
+    if not numbers or len(row) != 2:
+        raise HandtrackError(
+            f"{path}: row {index} of camera '{camera}' is {row}; expected [u, v] in pixels, or null."
+        )
+    return [float(v) for v in row]
+
+
+def _row(row: Any, index: int, path: Path) -> list[float]:
+    if row is None or row == [None] * 3:
+        return [math.nan] * 3
+    if isinstance(row, list) and len(row) == 2:
+        raise _two_dimensional(path, f"row {index} of xyz")
+    numbers = isinstance(row, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
+    )
+    if not numbers or len(row) != 3:
+        raise HandtrackError(f"{path}: row {index} of xyz is {row}; expected [x, y, z] or null.")
+    return [float(v) for v in row]
+
+
+def _two_dimensional(path: Path, what: str) -> HandtrackError:
+    return HandtrackError(
+        f"{path}: {what} looks like points in an image; say of which cameras: {_FLAT_FORM}. Or triangulate them: "
+        f"{_FORMS}."
+    )

@@ -1,0 +1,157 @@
+"""First poses that the program finds by itself, in one frame of a session or in the surest of several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.observation.observation import Observation
+from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
+from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
+from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
+
+SURE = 0.7
+"""how surely a pose must be the right one of those found, for no other frame to be tried"""
+_MOST_TRIED = 4  # frames in which a hand is looked for
+_MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
+_SIZES = (1.0, 0.8, 1.2)  # of a hand of unknown size; a start is found within a tenth of each
+_SEEN_PX = 200  # mask pixels, or points, that may be a hand
+
+
+def find_first_poses(
+    run: TrackingRun,
+    frame: int | range | None = None,
+    should_stop: Callable[[], bool] | None = None,
+    on_progress: Progress | None = None,
+) -> list[FirstPoseCandidate]:
+    """Return first poses of one frame, the surest first; empty where no hand was found.
+
+    frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at silhouettes and
+    clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for a model
+    that is no hand.
+    """
+    tell = on_progress or (lambda share, text: None)
+    stop = should_stop or (lambda: False)
+    sizes = (1.0,) if _is_size_known(run) else _SIZES
+    models = {
+        size: _models(run if size == 1.0 else run.with_scale(HandScale(size))) for size in sizes
+    }
+
+    def is_over(best: list[FirstPoseCandidate]) -> bool:
+        return stop() or bool(best and best[0].settled >= SURE)
+
+    def surer(
+        best: list[FirstPoseCandidate], seen: Observation, size: float, step: int
+    ) -> list[FirstPoseCandidate]:
+        """Return the poses of this frame for a hand of that size, or the best so far if they are surer."""
+
+        def tell_here(share: float, text: str) -> None:
+            tell((step + share) / (len(sizes) * _MOST_TRIED), f"frame {seen.frame}: {text}")
+
+        found = _found(run, models[size], seen, stop, tell_here)
+        if not found or (best and found[0].confidence <= best[0].confidence):
+            return best
+        return found if size == 1.0 else [_of_size(row, size) for row in found]
+
+    best: list[FirstPoseCandidate] = []
+    looked_at: list[Observation] = []
+    for step, seen in enumerate(_worth_a_look(run, frame)):
+        best = surer(best, seen, 1.0, step)
+        looked_at.append(seen)
+        if is_over(best):
+            break
+    for turn, size in enumerate(sizes[1:], start=1):  # only where the mean size leaves doubt
+        looked_at = [seen for seen in looked_at if not best or seen.frame == best[0].frame]
+        for index, seen in enumerate(looked_at):
+            if not is_over(best):
+                best = surer(best, seen, size, turn * _MOST_TRIED + index)
+    tell(1.0, "done")
+    return best
+
+
+def _is_size_known(run: TrackingRun) -> bool:
+    return run.session.hand_scale != "fit" or run.scale != HandScale()
+
+
+def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
+    """Yield what was seen of a frame, or of a few that may show a hand, spread over all."""
+    if isinstance(frame, int):
+        return iter([run.seen(frame)])
+    order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
+    return islice(filter(_may_show_a_hand, (run.seen(number) for number in order)), _MOST_TRIED)
+
+
+def _of_size(row: FirstPoseCandidate, size: float) -> FirstPoseCandidate:
+    """Return a pose of a hand of that size, with its joints in space, to which the size is fitted."""
+    joints = row.model.keypoints21(row.model.bones(row.params))
+    given = FirstPose(row.frame, {}, joints, CONVENTIONS[0])
+    return replace(row, given=given, note=f"{row.note}; {size:g} times the usual size")
+
+
+def spread_order(frames: range) -> list[int]:
+    """Return the frames in an order whose beginning is spread over all: the first, the middle, the quarters …"""
+    count = len(frames)
+    bits = max(count - 1, 1).bit_length()
+    order = [int(f"{i:0{bits}b}"[::-1], 2) * count >> bits for i in range(1 << bits)]
+    return [frames[i] for i in dict.fromkeys(order)]
+
+
+def no_hand_found(run: TrackingRun) -> HandtrackError:
+    """Return what to tell the user where no frame shows a hand."""
+    return HandtrackError(
+        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a hand in silhouettes or "
+        "cloud. Look at them with `handtrack doctor`, or pose the hand in the workbench (`handtrack open`)."
+    )
+
+
+def _models(run: TrackingRun) -> list[ArticulatedModel]:
+    """Return whole hands that may explain what is seen: without and with a forearm, as the settings leave open."""
+    models = run.whole_hands()
+    if not all(model.has_keypoints21 for model in models):
+        raise HandtrackError(
+            f"the model '{run.model.name}' is no hand: a first pose is found by itself for hands only. Pose it in the "
+            "workbench, or give one with --init FILE."
+        )
+    return models
+
+
+def _found(
+    run: TrackingRun,
+    models: Sequence[ArticulatedModel],
+    seen: Observation,
+    should_stop: Callable[[], bool] | None,
+    tell: Progress,
+) -> list[FirstPoseCandidate]:
+    sigma = KNOWN_SIZE_SIGMA if _is_size_known(run) else SIZE_SIGMA
+    found = auto_start(models, run.settings, seen, should_stop, tell, sigma)
+    if not found:
+        return []
+    rows = [
+        FirstPoseCandidate(
+            seen.frame, c.params, c.confidence, "", c.model, c.cost, nearness=c.nearness
+        )
+        for c in found
+    ]
+    notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
+    return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+
+
+def _fits(best: StartCandidate) -> str:
+    arm = "with a forearm" if best.model.has_forearm else "no forearm in view"
+    if best.nearness < 0.5:
+        arm += "; from here, its joints are not known to 12 mm"
+    return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
+
+
+def _may_show_a_hand(seen: Observation) -> bool:
+    """Return whether a frame has enough to look for a hand in: two silhouettes (one, where there is one camera), or a cloud."""
+    if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
+        return True
+    full = sum(float(s.mask.sum()) >= _SEEN_PX for s in seen.silhouettes)
+    return full >= min(2, len(seen.silhouettes)) > 0

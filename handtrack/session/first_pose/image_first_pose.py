@@ -1,0 +1,84 @@
+"""A first pose given as joints in images, brought into space: triangulated, or all that one camera leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.errors import unknown_name
+from handtrack.model.articulated import ArticulatedModel, keypoint_names
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
+from handtrack.session.session import Session
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.auto_start import FINALISTS, finished
+from handtrack.tracking.search.evidence.start_shapes import shape_of
+from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.search.keypoint_start import hands_from_images, triangulated
+from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.start_search import start_sources
+
+_ENOUGH_IN_SPACE = 12  # of 21 points; fewer leave fingers open, and lines of sight say more
+
+
+def poses_from_images(
+    session: Session,
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    first: FirstPose,
+    seen: Observation,
+) -> list[FirstPoseCandidate]:
+    """Return the poses that joints in images may mean, the surest first.
+
+    Where two cameras agree on most joints there is one, the points in space. Otherwise fingers may bend to or from the
+    camera: silhouettes and cloud of the frame decide as far as there are any. model: a hand with all joints.
+    Raises HandtrackError for a camera that the session does not have, and for too few joints.
+    """
+    images = image_keypoints(session, settings, first)
+    points = triangulated(images)
+    if np.isfinite(points).all(axis=1).sum() >= _ENOUGH_IN_SPACE:
+        params = fit_keypoints(
+            model, Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
+        )
+        given = FirstPose(first.frame, {}, points, first.convention)
+        note = f"{len(images)} cameras agree on {int(np.isfinite(points).all(axis=1).sum())} of 21 joints"
+        return [FirstPoseCandidate(first.frame, params, 1.0, note, model, 0.0, given)]
+    found = hands_from_images(model, images)
+    sources = start_sources(seen, settings)
+    if sources:
+        laid = [
+            Laid(shape_of(model, model.joint_params(h.params), "given"), h.params, h.cost)
+            for h in found[:FINALISTS]
+        ]
+        with_joints = replace(seen, keypoints=tuple(images))
+        rows = [
+            FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
+            for c in finished(sources, laid, settings, with_joints, lambda: False)
+        ]
+    else:
+        rows = [
+            FirstPoseCandidate(first.frame, h.params, h.weight, "", model, h.cost) for h in found
+        ]
+    many = "one camera" if len(images) == 1 else f"{len(images)} cameras"
+    notes = [f"joints seen by {many}", *(differs(rows[0], row) for row in rows[1:])]
+    return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+
+
+def image_keypoints(
+    session: Session, settings: TrackerSettings, first: FirstPose
+) -> list[ImageKeypoints]:
+    """Return a first pose's joints in the undistorted images of the session's cameras. Raises HandtrackError."""
+    found = []
+    for name, pixels in first.pixels.items():
+        if name not in session.camera_names:
+            raise unknown_name("camera", name, session.camera_names, "the first pose")
+        camera = session.rig[name]
+        flat = camera.without_distortion()
+        found.append(
+            ImageKeypoints(
+                flat, keypoint_names(), camera.undistort_points(pixels), settings.keypoints.sigma_px
+            )
+        )
+    return found

@@ -1,0 +1,241 @@
+"""TrackResult ↔ poses.npz, and tables of it for other programs (contracts §5)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.errors import HandtrackError
+from handtrack.files.atomic import replace_text, replacing
+from handtrack.files.npz_files import read_arrays
+from handtrack.files.versions import keep_version
+from handtrack.model.articulated import keypoint_names
+from handtrack.tracking.frame.result import Status, TrackResult
+
+FORMAT = 1
+
+_NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
+_TEXTS = ("model", "side", "scale", "session", "settings", "version")
+_WHOLE = ("frame", "status", "iterations")
+_FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "frame": ("F",),
+    "time_s": ("F",),
+    "parameter_names": ("S",),
+    "parameters": ("F", "S"),
+    "bone_names": ("B",),
+    "T_world_bone": ("F", "B", 4, 4),
+    "joint_names": ("J",),
+    "joint_positions": ("F", "J", 3),
+    "keypoints21": ("F", 21, 3),
+    "status": ("F",),
+    "energy": ("F",),
+    "iterations": ("F",),
+    "parameter_std": ("F", "S"),
+    "joint_covariance": ("F", "J", 3, 3),
+    "energy_names": ("T",),
+    "energies": ("F", "T"),
+    **dict.fromkeys(_TEXTS, ()),
+}
+_OPTIONAL = ("keypoints21", "energy_names", "energies")
+
+# ---- poses.npz -------------------------------------------------------------------------------------
+
+
+def write_result(path: Path | str, track: TrackResult) -> Path | None:
+    """Write a result as poses.npz; what stood there is kept in versions/, and returned."""
+    previous = keep_version(Path(path))
+    write_npz(path, track)
+    return previous
+
+
+def write_npz(path: Path | str, track: TrackResult) -> None:
+    """Write a result whole or not at all. The same result gives the same bytes."""
+    arrays: dict[str, Array] = {"format": np.array(FORMAT)}
+    for field in fields(track):
+        value = getattr(track, field.name)
+        if value is not None:
+            arrays[field.name] = np.asarray(value)
+    write_arrays(path, arrays)
+
+
+def write_arrays(path: Path | str, arrays: Mapping[str, Array]) -> None:
+    """Write an .npz without dates and pickles, whole or not at all."""
+    with replacing(Path(path)) as part, zipfile.ZipFile(part, "w") as archive:
+        for name, array in arrays.items():
+            data = io.BytesIO()
+            np.lib.format.write_array(data, np.asarray(array, order="C"), allow_pickle=False)
+            entry = zipfile.ZipInfo(f"{name}.npy", (1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.create_system = zipfile.ZIP_DEFLATED, 3
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, data.getvalue(), compresslevel=1)
+
+
+def read_npz(path: Path | str) -> TrackResult:
+    """Return the result of a poses.npz. Raises HandtrackError saying which array is wrong."""
+    path = Path(path)
+    if path.is_dir():
+        raise HandtrackError(
+            f"{path} is a folder; expected a poses.npz. A session's is at tracks/poses.npz in it."
+        )
+    arrays = read_arrays(path)
+    if "format" not in arrays:
+        raise HandtrackError(
+            f"{path}: no array `format`, so this is no tracked sequence; expected a poses.npz written "
+            f"by `handtrack track`. Found: {', '.join(arrays) or 'nothing'}."
+        )
+    found = arrays["format"]
+    if found.shape != () or found.dtype.kind not in "iu" or not 1 <= int(found) <= FORMAT:
+        raise HandtrackError(
+            f"{path}: format {found.tolist()}; this version of handtrack reads format {FORMAT}. "
+            "Update handtrack, or track the session again."
+        )
+    _check_shapes(path, arrays)
+    values: dict[str, object] = {}
+    for name in _SHAPES:
+        values[name] = _value(path, name, arrays[name]) if name in arrays else None
+    track = TrackResult(**values)  # type: ignore[arg-type]
+    _check_rows(path, track)
+    return track
+
+
+def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
+    missing = [name for name in _SHAPES if name not in arrays and name not in _OPTIONAL]
+    if missing:
+        raise HandtrackError(
+            f"{path}: arrays are missing: {', '.join(missing)}. Found: {', '.join(arrays)}."
+        )
+    sizes: dict[str | int, int] = {}
+    for name, shape in _SHAPES.items():
+        if name not in arrays:
+            continue
+        have = arrays[name].shape
+        if len(have) == len(shape):
+            for letter, length in zip(shape, have, strict=True):
+                if isinstance(letter, str):
+                    sizes.setdefault(letter, length)
+        expected = tuple(sizes.get(n, n) if isinstance(n, str) else n for n in shape)
+        if have != expected:
+            raise HandtrackError(
+                f"{path}: {name} has the shape {have}; expected {expected}, as the other arrays have it."
+            )
+
+
+def _value(path: Path, name: str, array: Array) -> object:
+    kinds = "U" if name in (*_NAMES, *_TEXTS) else "iu" if name in _WHOLE else "fiu"
+    if array.dtype.kind not in kinds:
+        what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
+        raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
+    if name in _NAMES:
+        return tuple(str(text) for text in array)
+    if name in _TEXTS:
+        return str(array)
+    return array.astype(np.int64 if name in _WHOLE else float)
+
+
+def _check_rows(path: Path, track: TrackResult) -> None:
+    if not len(track):
+        raise HandtrackError(f"{path}: no frames; expected at least one.")
+    if (np.diff(track.frame) <= 0).any():
+        raise HandtrackError(
+            f"{path}: frame numbers do not ascend; expected each frame once, in order."
+        )
+    if track.frame[0] < 0:
+        raise HandtrackError(f"{path}: frame {track.frame[0]}; expected numbers from 0.")
+    for name in _FINITE:
+        rows = getattr(track, name)
+        if rows is None:
+            continue
+        bad = ~np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
+        if bad.any():
+            raise HandtrackError(
+                f"{path}: {name} of frame {track.frame[bad][0]} is not finite; a lost frame holds the last estimate."
+            )
+    known = [int(status) for status in Status]
+    if not np.isin(track.status, known).all():
+        raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")
+
+
+# ---- tables for other programs ---------------------------------------------------------------------
+
+
+def write_csv(path: Path | str, track: TrackResult) -> None:
+    """Write one row a frame: angles in degrees, lengths in metres, joints in the world (contracts §5)."""
+    header = ["frame", "time_s", "status", "energy"]
+    header += [f"{n}_m" if is_length(n) else f"{n}_deg" for n in track.parameter_names]
+    header += [f"{joint}_{axis}_m" for joint in track.joint_names for axis in "xyz"]
+    angle = np.array([not is_length(name) for name in track.parameter_names])
+    values = np.where(angle, np.rad2deg(track.parameters), track.parameters)
+    rows = []
+    for i, frame in enumerate(track.frame):
+        numbers = [track.time_s[i], track.energy[i], *values[i], *track.joint_positions[i].ravel()]
+        time_s, *rest = (_number(x) for x in numbers)
+        rows.append([int(frame), time_s, int(track.status[i]), *rest])
+    _write_rows(path, header, rows)
+
+
+def write_csv_long(path: Path | str, track: TrackResult) -> None:
+    """Write one row a frame and joint, with the standard deviation along each axis [m]."""
+    header = ["frame", "time_s", "status", "joint"]
+    header += ["x_m", "y_m", "z_m", "std_x_m", "std_y_m", "std_z_m"]
+    spread = np.sqrt(np.maximum(np.diagonal(track.joint_covariance, axis1=2, axis2=3), 0.0))
+    rows = [
+        [
+            int(track.frame[i]),
+            _number(track.time_s[i]),
+            int(track.status[i]),
+            joint,
+            *(_number(x) for x in track.joint_positions[i, j]),
+            *(_number(x) for x in spread[i, j]),
+        ]
+        for i in range(len(track))
+        for j, joint in enumerate(track.joint_names)
+    ]
+    _write_rows(path, header, rows)
+
+
+def write_keypoints(path: Path | str, track: TrackResult) -> None:
+    """Write joint positions alone, in the form of a session's truth.npz; the 21 keypoints of hands too."""
+    arrays: dict[str, Array] = {
+        "frame": track.frame,
+        "time_s": track.time_s,
+        "joint_names": np.asarray(track.joint_names),
+        "joint_positions": track.joint_positions,
+    }
+    if track.keypoints21 is not None:
+        arrays["keypoint_names"] = np.asarray(keypoint_names())
+        arrays["keypoints21"] = track.keypoints21
+    write_arrays(path, arrays)
+
+
+def is_length(parameter: str) -> bool:
+    """Return whether a joint parameter is a translation [m]; the others are angles [rad]."""
+    return parameter.endswith(("_tx", "_ty", "_tz"))
+
+
+def _number(value: float | Floats) -> str:
+    return f"{float(value):.9g}"
+
+
+def _write_rows(path: Path | str, header: list[str], rows: list[list[object]]) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    replace_text(Path(path), text.getvalue())
+
+
+EXPORTS: dict[str, tuple[Callable[[Path, TrackResult], None], str]] = {
+    "csv": (write_csv, ".csv"),
+    "csv-long": (write_csv_long, "_long.csv"),
+    "npz": (write_npz, "_export.npz"),
+    "keypoints": (write_keypoints, "_keypoints.npz"),
+}
+"""by the name of `handtrack export --to`: what writes it, and the ending of its default file name"""

@@ -1,0 +1,110 @@
+"""truth.npz: what a recording really shows, where that is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.errors import HandtrackError
+from handtrack.files.npz_files import read_arrays
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Ground truth of F frames."""
+
+    frame: Ints
+    """(F,) frame numbers, each once."""
+    time_s: Floats | None
+    """(F,) [s], or None when not given."""
+    keypoints21: Floats | None
+    """(F, 21, 3) world [m]."""
+    joint_names: tuple[str, ...]
+    """J names; empty without joint positions."""
+    joint_positions: Floats | None
+    """(F, J, 3) world [m]."""
+
+
+def read_truth(path: Path) -> Truth:
+    """Return the ground truth of a file. Raises HandtrackError naming the array that is wrong."""
+    arrays = read_arrays(path)
+    keypoints = _positions(arrays, "keypoints21", path)
+    joints = _positions(arrays, "joint_positions", path)
+    if keypoints is None and joints is None:
+        raise HandtrackError(
+            f"{path}: no keypoints21 and no joint_positions; expected at least one. Found: "
+            f"{', '.join(arrays) or 'nothing'}."
+        )
+    if keypoints is not None and keypoints.shape[1] != 21:
+        raise HandtrackError(
+            f"{path}: keypoints21 has the shape {keypoints.shape}; expected (F, 21, 3)."
+        )
+    names = _joint_names(arrays, joints, path)
+    counts = {len(a) for a in (keypoints, joints) if a is not None}
+    if len(counts) > 1:
+        raise HandtrackError(
+            f"{path}: keypoints21 and joint_positions differ in their number of frames: "
+            f"{sorted(counts)}."
+        )
+    count = counts.pop()
+    frame = _frames(arrays.get("frame"), count, path)
+    return Truth(frame, _times(arrays.get("time_s"), count, path), keypoints, names, joints)
+
+
+def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None:
+    array = arrays.get(name)
+    if array is None:
+        return None
+    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fiu":
+        raise HandtrackError(
+            f"{path}: {name} has the shape {array.shape} of {array.dtype}; expected (F, points, "
+            "3) numbers [m]."
+        )
+    if not np.isfinite(array).all():
+        row = int(np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))[0])
+        raise HandtrackError(
+            f"{path}: {name} has NaN or infinite values, first in row {row}; leave frames without "
+            "truth out and list the others in `frame`."
+        )
+    return array.astype(float)
+
+
+def _joint_names(arrays: dict[str, Array], joints: Floats | None, path: Path) -> tuple[str, ...]:
+    names = arrays.get("joint_names")
+    if joints is None:
+        return ()
+    if names is None or names.ndim != 1 or names.dtype.kind != "U" or len(names) != joints.shape[1]:
+        found = "none" if names is None else f"shape {names.shape} of {names.dtype}"
+        raise HandtrackError(
+            f"{path}: joint_positions has {joints.shape[1]} joints, so joint_names must be as "
+            f"many texts; found {found}."
+        )
+    return tuple(str(name) for name in names)
+
+
+def _frames(frame: Array | None, count: int, path: Path) -> Ints:
+    if frame is None:
+        return np.arange(count)
+    if frame.shape != (count,) or frame.dtype.kind not in "iu":
+        raise HandtrackError(
+            f"{path}: frame has the shape {frame.shape} of {frame.dtype}; expected ({count},) "
+            "integers."
+        )
+    if (frame < 0).any() or len(np.unique(frame)) != count:
+        raise HandtrackError(
+            f"{path}: frame has negative or repeated numbers; expected each frame once."
+        )
+    return frame.astype(np.int64)
+
+
+def _times(time_s: Array | None, count: int, path: Path) -> Floats | None:
+    if time_s is None:
+        return None
+    if time_s.shape != (count,) or time_s.dtype.kind not in "fiu" or not np.isfinite(time_s).all():
+        raise HandtrackError(
+            f"{path}: time_s has the shape {time_s.shape}; expected ({count},) finite seconds."
+        )
+    return time_s.astype(float)

@@ -1,0 +1,174 @@
+"""Read a BVH file: a skeleton, and its joints' positions over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.simulation.motion_files.clip import MotionClip
+
+POSITIONS = ("add", "replace")
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    parent: int
+    offset: Floats
+    channels: tuple[str, ...]
+    first: int
+    """its first column among the frame's numbers"""
+
+
+def read_bvh(path: Path, positions: str = "add", unit_m: float = 0.01) -> MotionClip:
+    """Return the joints' positions.
+
+    positions: whether a joint's position channels `add` to its OFFSET, as files with channels of the root alone mean
+    it, or `replace` it, as files do that give six channels to every joint. unit_m: metres in the file's unit.
+    End sites that stand off their joint are `<joint>_end`. Raises HandtrackError naming file and line.
+    """
+    if positions not in POSITIONS:
+        raise HandtrackError(
+            f"read_bvh: positions '{positions}'; expected one of {', '.join(POSITIONS)}."
+        )
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise HandtrackError(f"{path}: cannot be read as a BVH file: {error}.") from None
+    joints, after = _hierarchy(lines, path)
+    width = sum(len(joint.channels) for joint in joints)
+    frames, step = _motion(lines, after, width, path)
+    rotation: list[Floats] = []
+    place: list[Floats] = []
+    for joint in joints:
+        turn, move = _local(joint, frames, positions)
+        if joint.parent < 0:
+            rotation.append(turn)
+            place.append(move)
+        else:
+            above = rotation[joint.parent]
+            rotation.append(above @ turn)
+            place.append(place[joint.parent] + np.einsum("fij,fj->fi", above, move))
+    known = [i for i, joint in enumerate(joints) if not _is_bare_end(joint)]
+    names = tuple(joints[i].name for i in known)
+    return MotionClip(names, np.stack([place[i] for i in known], axis=1) * unit_m, 1.0 / step)
+
+
+def _is_bare_end(joint: _Joint) -> bool:
+    return joint.name.endswith("_end") and not joint.offset.any()
+
+
+def _hierarchy(lines: list[str], path: Path) -> tuple[list[_Joint], int]:
+    """Return the joints, parents first, and the line of MOTION."""
+    joints: list[_Joint] = []
+    open_joints: list[int] = []
+    column = 0
+    for number, line in enumerate(lines):
+        words = line.split()
+        if not words or words[0] in ("HIERARCHY", "{"):
+            continue
+        if words[0] == "MOTION":
+            if joints and not open_joints:
+                return joints, number
+            raise _wrong(path, number, "MOTION after a closed HIERARCHY", line)
+        if words[0] in ("ROOT", "JOINT", "End"):
+            parent = open_joints[-1] if open_joints else -1
+            name = f"{joints[parent].name}_end" if words[0] == "End" else " ".join(words[1:])
+            open_joints.append(len(joints))
+            joints.append(_Joint(name, parent, np.zeros(3), (), column))
+        elif words[0] == "}" and open_joints:
+            open_joints.pop()
+        elif words[0] == "OFFSET" and open_joints:
+            offset = np.array(_numbers(words[1:], 3, path, number, line))
+            old = joints[open_joints[-1]]
+            joints[open_joints[-1]] = _Joint(old.name, old.parent, offset, old.channels, old.first)
+        elif words[0] == "CHANNELS" and open_joints:
+            channels = tuple(word.lower() for word in words[2:])
+            odd = [
+                c for c in channels if c[:1] not in "xyz" or c[1:] not in ("position", "rotation")
+            ]
+            if odd or len(words) < 2 or words[1] != str(len(channels)):
+                raise _wrong(
+                    path, number, "CHANNELS, their number, and Xposition … Zrotation", line
+                )
+            old = joints[open_joints[-1]]
+            joints[open_joints[-1]] = _Joint(old.name, old.parent, old.offset, channels, column)
+            column += len(channels)
+        else:
+            raise _wrong(
+                path, number, "ROOT, JOINT, End Site, OFFSET, CHANNELS, braces or MOTION", line
+            )
+    raise HandtrackError(f"{path}: no line MOTION; is this a whole BVH file?")
+
+
+def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, float]:
+    """Return the frames' numbers (F, width) and the seconds between frames."""
+    count, step = -1, 0.0
+    for number in range(at + 1, len(lines)):
+        words = lines[number].split()
+        if words[:1] == ["Frames:"]:
+            count = int(_numbers(words[1:], 1, path, number, lines[number])[0])
+        elif words[:2] == ["Frame", "Time:"]:
+            step = _numbers(words[2:], 1, path, number, lines[number])[0]
+            first = number + 1
+            break
+    else:
+        raise HandtrackError(f"{path}: no lines 'Frames:' and 'Frame Time:' after MOTION.")
+    if not step > 0:
+        raise HandtrackError(f"{path}: Frame Time {step:g}; expected seconds above 0.")
+    rows = [
+        _numbers(line.split(), width, path, number, line)
+        for number, line in enumerate(lines[first:], first)
+        if line.strip()
+    ]
+    if len(rows) != count:
+        raise HandtrackError(f"{path}: 'Frames: {count}', but {len(rows)} frames follow.")
+    return np.array(rows, dtype=float).reshape(len(rows), width), step
+
+
+def _numbers(words: list[str], count: int, path: Path, number: int, line: str) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        raise _wrong(path, number, f"{count} numbers", line) from None
+    if len(values) != count:
+        raise _wrong(path, number, f"{count} numbers", line)
+    return values
+
+
+def _wrong(path: Path, number: int, expected: str, line: str) -> HandtrackError:
+    return HandtrackError(
+        f"{path}, line {number + 1}: expected {expected}; found '{line.strip()[:60]}'."
+    )
+
+
+def _local(joint: _Joint, frames: Floats, positions: str) -> tuple[Floats, Floats]:
+    """Return rotation (F, 3, 3) and place (F, 3) of a joint in its parent."""
+    turn = np.tile(np.eye(3), (len(frames), 1, 1))
+    moved = np.zeros((len(frames), 3))
+    given = np.zeros(3, bool)
+    for c, channel in enumerate(joint.channels):
+        axis = "xyz".index(channel[0])
+        values = frames[:, joint.first + c]
+        if channel.endswith("position"):
+            moved[:, axis] = values
+            given[axis] = True
+        else:
+            turn = turn @ turns_about(axis, np.deg2rad(values))
+    kept = np.where(given & (positions == "replace"), 0.0, joint.offset)
+    return turn, kept + moved
+
+
+def turns_about(axis: int, angles: Floats) -> Floats:
+    """Return rotations (F, 3, 3) by angles (F,) [rad] about x, y or z (0, 1, 2)."""
+    turn = np.zeros((len(angles), 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn[:, axis, axis] = 1.0
+    turn[:, i, i] = turn[:, j, j] = np.cos(angles)
+    turn[:, j, i] = np.sin(angles)
+    turn[:, i, j] = -np.sin(angles)
+    return turn

@@ -1,0 +1,77 @@
+"""Body motion as somebody else's joint positions → parameters of our model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from handtrack.arrays import Floats, check_shape
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.observation.observation import Keypoints
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.size.body_size import body_problem, fit_body
+
+_SIGMA_M = 0.01  # how well another skeleton's joints are ours
+_SIZE_FRAMES = 24  # spread over the clip, to fit the person's size
+_SOLVER = SolverSettings(iterations=30, damping=1e-3)
+_FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as well
+
+
+def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats) -> Floats:
+    """Return solver parameters (F, P) whose joints are nearest to positions (F, J, 3) world [m], within limits.
+
+    names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
+    that leads far off. The model's size stays: `fitted_model` finds a person's.
+    """
+    check_shape(positions, (None, len(names), 3), "positions to retarget")
+    poses: list[Floats] = []
+    for points in positions:
+        seen = Keypoints(tuple(names), points, _SIGMA_M)
+        start = poses[-1] if poses else fit_keypoints(model, seen)
+        solved = solve(body_problem(model, seen), start, _SOLVER)
+        if poses and np.nanmax(_errors(model, seen, solved.params)) > _FAR_M:
+            afresh = solve(body_problem(model, seen), fit_keypoints(model, seen), _SOLVER)
+            solved = min(solved, afresh, key=lambda summary: summary.cost)
+        poses.append(_shortest_turn(model, solved.params))
+    return np.array(poses).reshape(len(positions), -1)
+
+
+def fitted_model(
+    build: Callable[[HandScale], ArticulatedModel], names: tuple[str, ...], positions: Floats
+) -> ArticulatedModel:
+    """Return the model in the size of the person whose joints are at positions (F, J, 3) world [m].
+
+    build: makes the model of a given size.
+    """
+    check_shape(positions, (None, len(names), 3), "positions to fit a body to")
+    chosen = np.unique(np.linspace(0, len(positions) - 1, _SIZE_FRAMES).astype(int))
+    seen = [Keypoints(tuple(names), positions[i], _SIGMA_M) for i in chosen]
+    mean = build(HandScale())
+    starts = [fit_keypoints(mean, points) for points in seen]
+    return build(fit_body(build, seen, starts)[0])
+
+
+def retarget_errors(
+    model: ArticulatedModel, names: tuple[str, ...], positions: Floats, params: Floats
+) -> Floats:
+    """Return (F, J) how far the model's joints are from positions (F, J, 3) [m]; NaN where unknown."""
+    pairs = zip(positions, params, strict=True)
+    return np.stack(
+        [_errors(model, Keypoints(tuple(names), points, _SIGMA_M), pose) for points, pose in pairs]
+    )
+
+
+def _shortest_turn(model: ArticulatedModel, params: Floats) -> Floats:
+    """Return params (P,) with the same root turn written as a vector of at most half a turn."""
+    joint = model.joint_params(params)
+    joint[3:6] = rotation_vector(rotation_matrix(joint[3:6]))
+    return model.transform.solver_params(joint)
+
+
+def _errors(model: ArticulatedModel, seen: Keypoints, params: Floats) -> Floats:
+    joints = [model.joint_names.index(name) for name in seen.names]
+    placed = model.joint_positions(model.bones(params))[joints]
+    return np.linalg.norm(placed - seen.positions, axis=1)

@@ -1,0 +1,47 @@
+"""What simulated cameras see of a known pose: field images as in the 2007 paper's first experiment, and masks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.diagnostics.residual_image import field_image, model_mask
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation, Silhouette
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+
+
+def field_views(
+    model: ArticulatedModel, params: Floats, cameras: Sequence[Camera], depth_scaled: bool = False
+) -> list[PreparedSilhouette]:
+    """Return each camera's field image of a pose (P,), ready for ConicFieldTerm.
+
+    depth_scaled: the paper's scale 1/C*₃₃ [m⁻²]; otherwise fields are −1 at their centres.
+    """
+    flesh = model.flesh["fine"].posed(model.bones(params))
+    seen = []
+    for camera in cameras:
+        field = field_image(camera, flesh, depth_scaled=depth_scaled)
+        silhouette = Silhouette(camera, (field < 0).astype(np.float32), everything(camera))
+        seen.append(prepare(silhouette, observation=field))
+    return seen
+
+
+def mask_views(
+    model: ArticulatedModel, params: Floats, cameras: Sequence[Camera], frame: int = 0
+) -> Observation:
+    """Return the binary masks of a pose (P,), decided at pixel centres."""
+    flesh = model.flesh["fine"].posed(model.bones(params))
+    seen = tuple(
+        Silhouette(camera, model_mask(camera, flesh).astype(np.float32), everything(camera))
+        for camera in cameras
+    )
+    return Observation(frame, frame / 25.0, seen)
+
+
+def everything(camera: Camera) -> Array:
+    """Return the spans (H, 2) of a camera whose every pixel is observed."""
+    return np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))

@@ -1,0 +1,222 @@
+"""Render a known motion to a session folder, with its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.session import layout
+from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    write_session_file,
+)
+from handtrack.simulation.body_motion import body_motion
+from handtrack.simulation.motion import motion
+from handtrack.simulation.render import pixel_rays, render, shade
+
+_SKIN = np.array([224, 172, 140.0])
+
+BODY_TRACKING = {
+    "silhouettes": {
+        "bands_mm": (60.0, 30.0, 10.0),
+        "outline_sigma_mm": 10.0,
+        "outline_correlation_mm": 80.0,
+    },
+    "prior": {"motion_sigma_mm": 60.0, "motion_sigma_deg": 15.0},
+}
+"""[tracking] of a body: outlines are as much coarser than a hand's as the body is larger"""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What to simulate."""
+
+    cameras: int = 3
+    frames: int = 100
+    size: tuple[int, int] = (640, 480)
+    motion: str = "open_fist_open"
+    model: str = "hand26"
+    """or body34, with a motion of a body"""
+    side: str = "right"
+    scale: float = 1.0
+    forearm: bool = False
+    distance_m: float = 0.5
+    fps: float = 25.0
+    images: bool = True
+    """colour videos beside the masks"""
+    distortion: bool = False
+    init_noise_m: float = 0.005
+    """of the 21 keypoints in init.json; 0 writes the exact pose by parameters, as for a body always"""
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise HandtrackError for numbers that make no recording."""
+        if not 1 <= self.cameras <= 32 or not 1 <= self.frames <= 100_000:
+            raise HandtrackError(
+                f"simulate: expected 1–32 cameras and 1–100000 frames, found {self.cameras} and {self.frames}."
+            )
+        if min(self.size) < 32 or not 0.15 <= self.distance_m <= 5 or not 0 < self.fps <= 1000:
+            raise HandtrackError(
+                f"simulate: expected images of at least 32 pixels, cameras 0.15–5 m away and 0–1000 frames a second, "
+                f"found {self.size}, {self.distance_m} m, {self.fps}."
+            )
+
+
+def simulated_rig(
+    count: int,
+    size: tuple[int, int] = (640, 480),
+    distance_m: float = 0.5,
+    distortion: bool = False,
+) -> CameraRig:
+    """Return cameras around the world's origin, looking at it.
+
+    Two or three stand 40° apart in an arc before the hand's back; more surround the hand, alternately above and below.
+    """
+    cameras = []
+    focal = 0.95 * size[0]
+    matrix = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+    lens = np.array([-0.08, 0.02, 0.0003, -0.0002, 0.0]) if distortion else np.zeros(5)
+    for i in range(count):
+        if count <= 3:
+            around, height = np.deg2rad(40.0) * (i - (count - 1) / 2), 0.25 * (-1) ** i
+        else:
+            around, height = 2 * np.pi * i / count, 0.35 * (-1) ** i
+        out = np.array([np.sin(around), 0.0, np.cos(around)]) * np.cos(height)
+        out[1] = np.sin(height)
+        rotation = _looking(-out, down=np.array([0.0, -1.0, 0.0]))
+        cameras.append(
+            Camera(f"cam{i}", size, matrix, lens, rotation, -rotation @ (out * distance_m))
+        )
+    return CameraRig(tuple(cameras))
+
+
+def simulate(
+    folder: Path, what: Simulation, progress: Callable[[int, int], None] | None = None
+) -> Path:
+    """Write a session folder: calibration, masks, videos, exact truth and init.json. Returns the folder.
+
+    Raises HandtrackError when the folder holds something already: nothing is written over.
+    """
+    what.check()
+    if folder.exists() and any(folder.iterdir()):
+        raise HandtrackError(
+            f"simulate: the folder {folder} is not empty; nothing was written. Name a new folder with --out."
+        )
+    rng = np.random.default_rng(what.seed)
+    model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
+    moves = body_motion if model.kind == "body" else motion
+    joint = moves(model, what.motion, what.frames, rng)
+    rig = simulated_rig(what.cameras, what.size, what.distance_m, what.distortion)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_rig(folder / layout.CALIBRATION_FILE, rig)
+    _render_all(folder, what, model, rig, joint, progress)
+    _write_truth(folder, what, model, joint)
+    _write_init(folder, what, model, joint[0], rng)
+    entries = tuple(
+        CameraSettings(
+            name=camera.name,
+            images=f"{camera.name}.mp4" if what.images else None,
+            masks=f"masks/{camera.name}/*.png",
+        )
+        for camera in rig.cameras
+    )
+    recording = RecordingSettings(name=f"simulated {what.motion}", fps=what.fps)
+    hand = HandSettings(model=what.model, side=what.side, scale=what.scale)
+    tracking = BODY_TRACKING if model.kind == "body" else {}
+    file = SessionFile(recording, hand, entries, tracking=tracking)
+    write_session_file(folder / layout.SESSION_FILE, file)
+    return folder
+
+
+def _looking(forward: Floats, down: Floats) -> Floats:
+    """Return R_camera_world of a camera that looks along `forward`, image down nearest to `down`."""
+    x = np.cross(down, forward)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(forward, x), forward])
+
+
+def _render_all(
+    folder: Path,
+    what: Simulation,
+    model: ArticulatedModel,
+    rig: CameraRig,
+    joint: Floats,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    flesh = model.flesh["fine"]
+    colors = np.tile(_SKIN, (len(flesh), 1))
+    for c, camera in enumerate(rig.cameras):
+        rays = pixel_rays(camera)
+        masks = folder / "masks" / camera.name
+        masks.mkdir(parents=True)
+        video = _video(folder / f"{camera.name}.mp4", what) if what.images else None
+        for frame, params in enumerate(joint):
+            posed = flesh.posed(model.bones(model.transform.solver_params(params)))
+            front, _, normal = render(camera, posed, rays)
+            mask = np.where(front >= 0, 255, 0).astype(np.uint8)
+            _saved(masks / f"{frame:06d}.png", mask)
+            if video is not None:
+                picture = shade(front, normal, colors, _backdrop(what.size))
+                video.write(np.ascontiguousarray(picture[..., ::-1]))
+            if progress is not None:
+                progress(c * len(joint) + frame + 1, len(joint) * len(rig.cameras))
+        if video is not None:
+            video.release()
+
+
+def _backdrop(size: tuple[int, int]) -> Array:
+    fall = np.linspace(96, 58, size[1])[:, None, None]
+    return np.broadcast_to(fall * [0.92, 1.0, 1.08], (size[1], size[0], 3))
+
+
+def _video(path: Path, what: Simulation) -> cv2.VideoWriter:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), what.fps, what.size)
+    if not writer.isOpened():
+        raise HandtrackError(
+            f"simulate: this OpenCV cannot write the video {path.name}; use --no-images for masks alone."
+        )
+    return writer
+
+
+def _saved(path: Path, image: Array) -> None:
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+        raise HandtrackError(f"simulate: could not write {path}; is the disk full or read-only?")
+
+
+def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
+    bones = [model.bones(model.transform.solver_params(params)) for params in joint]
+    arrays: dict[str, Any] = {
+        "joint_names": np.array(model.joint_names),
+        "joint_positions": np.stack([model.joint_positions(b) for b in bones]),
+        "time_s": np.arange(len(joint)) / what.fps,
+    }
+    if model.has_keypoints21:
+        arrays = {"keypoints21": np.stack([model.keypoints21(b) for b in bones])} | arrays
+    np.savez_compressed(folder / layout.TRUTH_FILE, **arrays)
+
+
+def _write_init(
+    folder: Path, what: Simulation, model: ArticulatedModel, first: Floats, rng: np.random.Generator
+) -> None:
+    if what.init_noise_m > 0 and model.has_keypoints21:
+        points = model.keypoints21(model.bones(model.transform.solver_params(first)))
+        noisy = points + rng.normal(scale=what.init_noise_m, size=points.shape)
+        pose = FirstPose(0, xyz=np.round(noisy, 5))
+    else:
+        pose = FirstPose(0, dict(zip(model.parameter_names, first.tolist(), strict=True)))
+    write_first_pose(folder / layout.INIT_FILE, pose)

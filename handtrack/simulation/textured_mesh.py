@@ -1,0 +1,103 @@
+"""Pictures of a textured model before a background: what a simulated camera sees of somebody in patterned clothes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.geometry.camera import Camera
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.terms.images.carried_texture import texture_points
+from handtrack.terms.images.depth_picture import depth_picture
+
+Paint = Callable[[Ints, Floats], Floats]
+"""bone (N,), place in its frame (N, 3) [m] → colour (N, 3), 0 … 255"""
+
+_FINER = 2  # samples along a pixel's side
+_LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera
+_AMBIENT = 0.55
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Smooth random patterns, another on every bone: sums of waves in the bone's own frame."""
+
+    base: Floats
+    """(B, 3) mean colour"""
+    wave: Floats
+    """(B, K, 3) [1/m]"""
+    phase: Floats
+    """(B, K)"""
+    swing: Floats
+    """(B, K, 3) of each colour"""
+
+    @classmethod
+    def random(cls, bones: int, rng: np.random.Generator, wave_length_m: float) -> Pattern:
+        """Return a pattern with spots of about half the wave length."""
+        count = 8
+        direction = rng.normal(size=(bones, count, 3))
+        direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+        length = wave_length_m * rng.uniform(0.6, 1.6, (bones, count, 1))
+        return cls(
+            rng.uniform(70, 185, (bones, 3)),
+            2 * np.pi * direction / length,
+            rng.uniform(0, 2 * np.pi, (bones, count)),
+            rng.normal(scale=22.0, size=(bones, count, 3)),
+        )
+
+    def __call__(self, bone: Ints, local: Floats) -> Floats:
+        angle = np.einsum("nki,ni->nk", self.wave[bone], local) + self.phase[bone]
+        return self.base[bone] + np.einsum("nk,nkc->nc", np.sin(angle), self.swing[bone])
+
+
+def textured_picture(
+    camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array
+) -> tuple[Array, Array]:
+    """Return a picture (H, W, 3) uint8 and the share (H, W) of each pixel that the model covers.
+
+    Lit from the upper left. background: (H, W, 3). Four samples a pixel; no lens distortion.
+    """
+    fine = _finer(camera)
+    picture = depth_picture(mesh, bones, fine)
+    bone, local, pixel = texture_points(mesh, bones, picture, 1)
+    column, row = np.rint(pixel).astype(int).T
+    face, _ = picture.in_image()
+    normal = mesh.carried(bones)[1][mesh.faces[face[row, column]]].mean(axis=1)
+    light = np.clip(normal @ camera.rotation.T @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+    height, width = background.shape[:2]
+    image = cv2.resize(background, fine.size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
+    image[row, column] = paint(bone, local) * (_AMBIENT + (1 - _AMBIENT) * light)[:, None]
+    covered = (face >= 0).astype(np.float32)
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    share = cv2.resize(covered, (width, height), interpolation=cv2.INTER_AREA)
+    return np.clip(np.rint(small), 0, 255).astype(np.uint8), share
+
+
+def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Return a picture (H, W, 3) uint8 of random rectangles and spots of all sizes, width and height `size`."""
+    width, height = size
+    image = np.full((height, width, 3), rng.uniform(60, 190, 3), np.float32)
+    for _ in range(60):
+        w, h = rng.integers(15, width // 3, 2)
+        x, y = rng.integers(-w // 2, width), rng.integers(-h // 2, height)
+        color = 128 + 0.6 * (rng.uniform(30, 225) - 128) + rng.uniform(-40, 40, 3)
+        cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), color.tolist(), -1)
+    for spot in (2.0, 5.0, 15.0):
+        noise = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), spot)
+        image += 14.0 * noise / noise.std()
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.8), 0, 255).astype(np.uint8)
+
+
+def _finer(camera: Camera) -> Camera:
+    """Return the camera with _FINER² as many pixels."""
+    matrix = camera.matrix.copy()
+    matrix[:2] *= _FINER
+    # the first fine pixel's centre lies outwards of the first coarse one's
+    matrix[:2, 2] += (_FINER - 1) / 2.0
+    width, height = camera.size
+    return replace(camera, matrix=matrix, size=(_FINER * width, _FINER * height))

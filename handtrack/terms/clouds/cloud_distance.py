@@ -1,0 +1,130 @@
+"""E1: the cloud's points lie on the merged surface. 2004 paper, section 4; mathematics: docs/derivations/clouds.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.errors import HandtrackError
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.terms.clouds.cloud_kernels import BLOCK, aligned, arrange, cloud_system
+from handtrack.terms.clouds.cloud_loss import compiled_loss
+from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.loss import Loss, Quadratic
+
+FARTHEST_M = 1e6
+"""A coordinate beyond this is no measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCloud:
+    """A cloud in an order in which neighbours in memory are neighbours in space. Once a frame."""
+
+    points: Floats
+    """(3, N') world [m], rows x, y, z, filled up to a multiple of 8 with its last point"""
+    order: Ints
+    """(N,) which of the given points each one is"""
+    spheres: Floats
+    """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
+    given: int
+    """points handed in, with those that were dropped"""
+
+    @property
+    def count(self) -> int:
+        return len(self.order)
+
+    @property
+    def dropped(self) -> int:
+        """How many points were left out because a coordinate is NaN, infinite or absurd."""
+        return self.given - self.count
+
+
+def prepare_cloud(points: Floats) -> PreparedCloud:
+    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
+    points = np.asarray(points, dtype=float)
+    check_shape(points, (None, 3), "cloud")
+    with np.errstate(invalid="ignore"):
+        finite = np.flatnonzero((np.abs(points) < FARTHEST_M).all(axis=1))  # False for NaN
+    kept = np.ascontiguousarray(points[finite])
+    along, count = np.arange(len(kept)), len(kept)
+    arrange(kept, along, BLOCK)
+    ordered = np.concatenate(
+        [kept[along].T, np.repeat(kept[along[-1:]].T, -count % 8, axis=1)], axis=1
+    )
+    blocks = -(-count // BLOCK)
+    spheres = np.zeros((4, blocks + -blocks % 8))
+    if count:
+        first = np.arange(blocks) * BLOCK
+        low = np.minimum.reduceat(ordered, first, axis=1)
+        high = np.maximum.reduceat(ordered, first, axis=1)
+        spheres[:3, :blocks] = 0.5 * (low + high)
+        off = ordered - np.repeat(spheres[:3], BLOCK, axis=1)[:, : ordered.shape[1]]
+        furthest = np.maximum.reduceat((off**2).sum(axis=0), first)
+        spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
+    rows = aligned(ordered.size).reshape(ordered.shape)
+    rows[:] = ordered
+    return PreparedCloud(rows, finite[along], spheres, len(points))
+
+
+@dataclass(frozen=True, eq=False)
+class CloudDistanceTerm(CompiledTerm):
+    """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
+
+    A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
+    entry is −w_e [n_e ; (X − o) × n_e].
+    """
+
+    cloud: PreparedCloud
+    surface: MetaballSurface
+    sigma_m: float = 0.002
+    """how far a point is from the surface it was measured on"""
+    loss: Loss = Quadratic()
+    weight: float = 1.0
+    name: str = "cloud_distance"
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sigma_m < np.inf:
+            raise HandtrackError(
+                f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length."
+            )
+        _ = self._loss
+
+    def residuals(self, bones: BonePoses) -> Floats:
+        """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
+        out = np.full(self.cloud.given, np.nan)
+        points = np.ascontiguousarray(self.cloud.points[:, : self.cloud.count].T)
+        out[self.cloud.order] = self.surface.distance(bones, points)
+        return out
+
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
+        kind, scale = self._loss
+        start, members = self.surface.links
+        return cloud_system(
+            self.cloud.points,
+            self.cloud.count,
+            self.cloud.spheres,
+            self.surface.posed(bones),
+            self.surface.ellipsoids.bone,
+            start,
+            members,
+            self.surface.sharpness,
+            self.surface.turning_level,
+            self.sigma_m,
+            kind,
+            scale,
+            self.weight,
+            bones.reference,
+            want_system,
+            gradient,
+            hessian,
+        )
+
+    @cached_property
+    def _loss(self) -> tuple[int, float]:
+        return compiled_loss(self.loss, self.name)

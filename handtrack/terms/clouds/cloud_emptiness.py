@@ -1,0 +1,159 @@
+"""E2: no part of the model lies where the cloud is empty. 2004 paper, section 4; docs/derivations/clouds.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.errors import HandtrackError
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.surface_mesh import SurfaceMesh
+from handtrack.terms.clouds.cloud_loss import compiled_loss
+from handtrack.terms.clouds.distance_map import MOST_VOXELS, SPACING_M, DistanceMap, distance_map
+from handtrack.terms.clouds.distance_map_kernels import emptiness_system
+from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.loss import Loss, Quadratic
+
+GRAZING = 0.25
+"""cosine between normal and line of sight below which a surface is seen too flatly to be asked for"""
+CELL, DEPTH_STEP = 0.006, 0.012
+"""[m] of the depth picture in which model points hide each other"""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudEmptinessTerm(CompiledTerm):
+    """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
+
+    The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
+    +[n ; (X − o) × n] with n = ∇D.
+    """
+
+    distances: DistanceMap
+    bone: Ints
+    """(V,) the bone of each model point"""
+    local: Floats
+    """(V, 3) in that bone's frame [m]"""
+    sigma_m: float = 0.004
+    slack_m: float = 0.002
+    """a cloud point this near is near enough: half a voxel, within which the map says little"""
+    loss: Loss = Quadratic()
+    weight: float = 1.0
+    name: str = "cloud_emptiness"
+
+    def __post_init__(self) -> None:
+        check_shape(self.local, (len(self.bone), 3), f"{self.name}: model points")
+        if not (0.0 < self.sigma_m < np.inf and self.slack_m >= 0.0):
+            raise HandtrackError(
+                f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
+            )
+        _ = self._loss
+
+    @classmethod
+    def at_start(
+        cls,
+        cloud: Floats,
+        mesh: SurfaceMesh,
+        views: Sequence[Floats] = (),
+        *,
+        margin_m: float = 0.04,
+        spacing_m: float = SPACING_M,
+        most_voxels: int = MOST_VOXELS,
+        sigma_m: float = 0.004,
+        slack_m: float = 0.002,
+        loss: Loss = Quadratic(),
+        weight: float = 1.0,
+    ) -> CloudEmptinessTerm:
+        """Return the term of a cloud (N, 3) world [m] and the mesh of the model where the frame starts.
+
+        views: what can have seen the surface, see `seen_from`; without any, the whole surface is asked for.
+        margin_m: how far the map reaches beyond the mesh; beyond it distances are prolonged.
+        """
+        low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
+        distances = distance_map(cloud, low, high, spacing_m, most_voxels)
+        nothing = np.empty(0, np.int64), np.empty((0, 3))
+        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).asking(mesh, views)
+
+    def asking(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
+        """Return the term of the same cloud for another mesh of the model."""
+        kept = seen_from(mesh.vertices, mesh.normals, views)
+        return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
+
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
+        if self.distances.is_empty:
+            return 0.0
+        kind, scale = self._loss
+        return emptiness_system(
+            self.distances.values,
+            self.distances.low,
+            self.distances.spacing,
+            bones.rotation,
+            bones.position,
+            bones.reference,
+            self.bone,
+            self.local,
+            self.slack_m,
+            self.sigma_m,
+            kind,
+            scale,
+            self.weight,
+            want_system,
+            gradient,
+            hessian,
+        )
+
+    @cached_property
+    def _loss(self) -> tuple[int, float]:
+        return compiled_loss(self.loss, self.name)
+
+
+def seen_from(points: Floats, normals: Floats, views: Sequence[Floats]) -> Array:
+    """Return (V,) True where a view can have measured surface points (V, 3) with outward normals (V, 3), world [m].
+
+    A view is the centres (K, 3) of cameras that must all see a point: one for a depth camera, two for a stereo pair.
+    A point that faces away, or lies behind other points, can have no cloud: to ask for one would drag the model's
+    back to the measured front. No views: all True.
+    """
+    if not len(views):
+        return np.ones(len(points), bool)
+    seen = np.zeros(len(points), bool)
+    for view in views:
+        centres = np.atleast_2d(np.asarray(view, dtype=float))
+        check_shape(centres, (None, 3), "camera centres of a view")
+        by_all = np.ones(len(points), bool)
+        for centre in centres:
+            by_all &= _faces(points, normals, centre) & _in_front(points, centre)
+        seen |= by_all
+    return seen
+
+
+def _faces(points: Floats, normals: Floats, centre: Floats) -> Array:
+    sight = centre - points
+    return (normals * sight).sum(axis=1) > GRAZING * np.linalg.norm(sight, axis=1)
+
+
+def _in_front(points: Floats, centre: Floats) -> Array:
+    """Return (V,) True where no other point hides a point: a coarse depth picture of the points themselves."""
+    out = points - centre
+    middle = out.mean(axis=0)
+    far = float(np.linalg.norm(middle))
+    if far < 1e-6:
+        return np.ones(len(points), bool)
+    z = middle / far
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    depth = out @ z
+    flat = (
+        np.stack([out @ x, out @ np.cross(z, x)], axis=1) * (far / np.maximum(depth, 1e-3))[:, None]
+    )
+    cell = np.floor((flat - flat.min(axis=0)) / CELL).astype(np.int64)
+    width = int(cell[:, 1].max()) + 1
+    place = cell[:, 0] * width + cell[:, 1]
+    nearest = np.full(int(place.max()) + 1, np.inf)
+    np.minimum.at(nearest, place, depth)
+    return depth <= nearest[place] + DEPTH_STEP

@@ -1,0 +1,278 @@
+"""Compiled sums of E1: each cloud point against the merged surface. The plain form: tests/model/metaballs_reference.py.
+
+1. Points come in blocks that are compact in space. Bounds on an ellipsoid's distance over a block's sphere leave a few
+   that can be closest somewhere in it; only those are tried.
+2. Points with the same closest ellipsoid gather in a buffer of 128. It is worked off as one small dense
+   problem: rows for the bones that count there, and their products. No point enters the system one by one.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from handtrack.model.surfaces.metaballs_kernels import STRETCH
+from handtrack.terms.clouds.cloud_lanes_kernels import (
+    cross_products,
+    distances,
+    gradients,
+    merge,
+    nearer,
+    own_products,
+    shares,
+    twist_rows,
+)
+from handtrack.terms.clouds.cloud_loss_kernels import counted
+from handtrack.terms.lanes_kernels import LANES
+
+BLOCK = 32
+"""points of a block in space"""
+BUFFER = 128
+"""points that are worked off together"""
+NEGLIGIBLE = 25.0
+"""An ellipsoid whose weight is below e^−25 of the closest one's counts for nothing: 1e-11."""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def aligned(count):  # pragma: no cover - compiled
+    """Return an empty array (count,) that starts on a cache line: vectors that straddle two cost twice."""
+    memory = np.empty(count + LANES)
+    start = (-memory.ctypes.data // 8) % LANES
+    return memory[start : start + count]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cloud_system(
+    points, count, spheres, table, bone, start, members, sharpness, turning, sigma, loss, scale, weight,
+    reference, want_system, gradient, hessian,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Add E1 to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ ρ(d²/σ²).
+
+    points: (3, N') world, N' ≥ count a multiple of 8; spheres: (4, blocks') centre and radius of each block of 32.
+    """
+    ellipsoids, stride, flat = table.shape[0], points.shape[1], points.reshape(-1)
+    low, least_high = bounds(table, turning, spheres)
+    buffers = aligned(ellipsoids * 3 * BUFFER).reshape(ellipsoids, 3, BUFFER)
+    filled = np.zeros(ellipsoids, np.int64)
+    wanted = np.zeros(members.shape[0], np.bool_)
+    best, who = aligned(BLOCK), aligned(BLOCK)
+    tried = np.empty(ellipsoids, np.int64)
+    most = 0
+    for e in range(ellipsoids):
+        most = max(most, start[e + 1] - start[e])
+    near = aligned(most * 5 * BUFFER).reshape(most, 5, BUFFER)
+    rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
+    vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
+    margin = NEGLIGIBLE / sharpness
+    cost = 0.0
+    for block in range((count + BLOCK - 1) // BLOCK + 1):
+        first = block * BLOCK
+        here = min(count - first, BLOCK)
+        last = here <= 0
+        tries, first_try = 0, 0
+        for e in range(ellipsoids):
+            if last or low[e, block] <= least_high[block]:
+                tried[tries] = e
+                if not last and low[e, block] < low[tried[first_try], block]:
+                    first_try = tries
+                tries += 1
+        worst = least_high[block] if not last else 0.0
+        if tries == 1:
+            who[:] = tried[0]
+        elif not last:
+            best[:], who[:] = np.inf, ellipsoids
+            groups = (here + LANES - 1) // LANES
+            likely = tried[first_try]
+            worst = nearer(flat, first, stride, groups, table, likely, turning, best, who)
+            kept = 0
+            for t in range(tries):  # those that the likely one beats at every point need no look
+                e = tried[t]
+                if e != likely:
+                    if low[e, block] > worst:
+                        continue
+                    worst = nearer(flat, first, stride, groups, table, e, turning, best, who)
+                tried[kept] = e
+                kept += 1
+            tries = kept
+        for t in range(
+            tries
+        ):  # room for a whole block in each buffer; at the end all are worked off
+            e = tried[t]
+            if filled[e] > (0 if last else BUFFER - BLOCK):
+                cost += work_off(
+                    e, filled[e], buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale,
+                    weight, reference, want_system, near, rows, vectors, gradient, hessian,
+                )  # fmt: skip
+                filled[e] = 0
+            if not last:
+                for n in range(start[e], start[e + 1]):
+                    wanted[n] |= low[members[n], block] <= worst + margin
+        for i in range(here):
+            e = np.int64(who[i])
+            at = filled[e]
+            for axis in range(3):
+                buffers[e, axis, at] = points[axis, first + i]
+            filled[e] = at + 1
+    return 0.5 * weight * cost
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def bounds(table, turning, spheres):  # pragma: no cover - compiled
+    """Return low (E, blocks'), lower bounds of the distances over spheres, and the least upper bounds (blocks',).
+
+    Exact distance at a sphere's centre, plus or minus its steepest slope times the radius.
+    """
+    blocks = spheres.shape[1]
+    low = aligned(table.shape[0] * blocks).reshape(table.shape[0], blocks)
+    least_high = np.full(blocks, np.inf)
+    flat, out = spheres.reshape(-1), low.reshape(-1)
+    for e in range(table.shape[0]):
+        distances(flat, blocks // LANES, blocks, table, e, turning, 0.0, out, e * blocks)
+        stretch = table[e, STRETCH]
+        for i in range(blocks):
+            change = stretch * spheres[3, i]
+            d = max(low[e, i], 0.0) if turning == 0.0 else low[e, i]
+            least_high[i] = min(least_high[i], d + change)
+            low[e, i] -= change
+        if turning == 0.0:  # d2 has no bounded slope inside
+            for i in range(blocks):
+                if low[e, i] < 0.0:
+                    low[e, i] = -np.inf
+    return low, least_high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def arrange(points, order, size):  # pragma: no cover - compiled
+    """Reorder `order` (N,) so that each run of `size` points is compact: halves along the longest side, again and again."""
+    stack = np.empty((64, 2), np.int64)
+    stack[0, 0], stack[0, 1] = 0, order.shape[0]
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        a, b = stack[depth, 0], stack[depth, 1]
+        if b - a <= size:
+            continue
+        axis, widest = 0, -1.0
+        for k in range(3):
+            least, most = np.inf, -np.inf
+            for i in range(a, b):
+                least, most = min(least, points[order[i], k]), max(most, points[order[i], k])
+            if most - least > widest:
+                axis, widest = k, most - least
+        middle = a + ((b - a + size - 1) // size // 2) * size
+        low, high = a, b - 1
+        while low < high:  # quickselect: order[middle] gets the value that belongs there
+            pivot = points[order[(low + high) // 2], axis]
+            i, j = low, high
+            while i <= j:
+                while points[order[i], axis] < pivot:
+                    i += 1
+                while points[order[j], axis] > pivot:
+                    j -= 1
+                if i <= j:
+                    order[i], order[j] = order[j], order[i]
+                    i += 1
+                    j -= 1
+            if middle <= j:
+                high = j
+            elif middle >= i:
+                low = i
+            else:
+                break
+        stack[depth, 0], stack[depth, 1] = a, middle
+        stack[depth + 1, 0], stack[depth + 1, 1] = middle, b
+        depth += 2
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def work_off(
+    e, count, buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale, weight,
+    reference, want_system, near, rows, vectors, gradient, hessian,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors: workspace."""
+    for i in range(count, (count + LANES - 1) // LANES * LANES):
+        for axis in range(3):
+            buffers[e, axis, i] = buffers[e, axis, count - 1]
+    groups = (count + LANES - 1) // LANES
+    points = buffers[e].reshape(-1)
+    close, row = near.reshape(-1), rows.reshape(-1)
+    total, distance, factor, residual, size = (
+        vectors[0],
+        vectors[1],
+        vectors[2],
+        vectors[3],
+        vectors[4],
+    )
+    who = np.empty(near.shape[0], np.int64)
+    total[:], near[0, 4] = 1.0, 1.0
+    who[0], used = e, 1
+    margin = NEGLIGIBLE / sharpness
+    if want_system:
+        gradients(points, groups, BUFFER, table, e, turning, margin, close, 0)
+    else:
+        distances(points, groups, BUFFER, table, e, turning, margin, close, 0)
+    for n in range(start[e] + 1, start[e + 1]):
+        if not wanted[n]:
+            continue
+        wanted[n] = False
+        other, at = members[n], used * 5 * BUFFER
+        if want_system:
+            counts = gradients(points, groups, BUFFER, table, other, turning, margin, close, at)
+        else:
+            counts = distances(points, groups, BUFFER, table, other, turning, margin, close, at)
+        if not counts:
+            continue
+        shares(close, 0, at, groups, sharpness, close, at + 4 * BUFFER, total)
+        who[used], used = other, used + 1
+    if used > 1:
+        merge(close, 0, groups, sharpness, total, distance)
+    else:
+        distance[:] = near[0, 0]
+    cost = robust(loss, scale, sigma, count, distance, residual, size)
+    if not want_system:
+        return cost
+    for i in range(8 * groups):
+        strength = np.sqrt(weight * size[i])
+        residual[i] *= strength
+        size[i] = -strength * total[i] / sigma
+    for a in range(used):
+        for i in range(8 * groups):
+            factor[i] = size[i] * near[a, 4, i]
+        twist_rows(
+            points, BUFFER, groups, reference, close, a * 5 * BUFFER, factor, row, a * 6 * BUFFER
+        )
+    sums = np.empty(36)
+    for a in range(used):
+        at = 6 * bone[who[a]]
+        own_products(row, a * 6 * BUFFER, BUFFER, groups, residual, sums)
+        k = 0
+        for i in range(6):
+            gradient[at + i] += sums[21 + i]
+            hessian[at + i, at + i] += sums[k]
+            k += 1
+            for j in range(i + 1, 6):
+                hessian[at + i, at + j] += sums[k]
+                hessian[at + j, at + i] += sums[k]
+                k += 1
+        for b in range(a + 1, used):
+            cross_products(row, a * 6 * BUFFER, b * 6 * BUFFER, BUFFER, groups, sums)
+            to = 6 * bone[who[b]]
+            for i in range(6):
+                for j in range(6):
+                    hessian[at + i, to + j] += sums[6 * i + j]
+                    hessian[to + j, at + i] += sums[6 * i + j]
+    return cost
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def robust(loss, scale, sigma, count, distance, residual, size):  # pragma: no cover - compiled
+    """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ."""
+    cost = 0.0
+    for i in range(count):
+        r = distance[i] / sigma
+        value, size[i] = counted(loss, scale, r * r)
+        residual[i] = r
+        cost += value
+    for i in range(count, (count + LANES - 1) // LANES * LANES):
+        residual[i], size[i] = 0.0, 0.0
+    return cost

@@ -1,0 +1,125 @@
+"""Compiled sums of a cloud's lines of sight against ellipsoids. The plain form: tests/terms/cloud_rays_reference.py."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from handtrack.model.surfaces.metaballs_kernels import REACH, TINY
+from handtrack.terms.clouds.cloud_loss_kernels import GEMAN_MCCLURE, OUTLIERS, counted
+
+_FAR = 1e6  # sigmas: an outlier without doubt
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def slope_distance(table, e, x, y, z):  # pragma: no cover - compiled
+    """Return (d, nx, ny, nz): (k² − k)/|∇k²/2|, the distance to ellipsoid e to first order near it, and its gradient."""
+    x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
+    square, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+    for i in range(3, 12, 3):
+        u = table[e, i] * x + table[e, i + 1] * y + table[e, i + 2] * z
+        square += u * u
+        gx, gy, gz = gx + table[e, i] * u, gy + table[e, i + 1] * u, gz + table[e, i + 2] * u
+    hx, hy, hz = 0.0, 0.0, 0.0
+    for i in range(3, 12, 3):
+        u = table[e, i] * gx + table[e, i + 1] * gy + table[e, i + 2] * gz
+        hx, hy, hz = hx + table[e, i] * u, hy + table[e, i + 1] * u, hz + table[e, i + 2] * u
+    k = max(np.sqrt(square), TINY)
+    slope = max(np.sqrt(gx * gx + gy * gy + gz * gz), TINY)
+    a, b = (2.0 - 1.0 / k) / slope, (k * k - k) / (slope * slope * slope)
+    return (k * k - k) / slope, a * gx - b * hx, a * gy - b * hy, a * gz - b * hz
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
+    """Return which ellipsoid a ray from `centre` hits first, or passes nearest to if it hits none; whether it hits; and
+    where along it, in metres, it is deepest in that ellipsoid, or nearest to it."""
+    who, front, least, where, hits = 0, np.inf, np.inf, 0.0, False
+    for e in range(table.shape[0]):
+        x, y, z = centre[0] - table[e, 0], centre[1] - table[e, 1], centre[2] - table[e, 2]
+        along = x * rx + y * ry + z * rz
+        beside = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)) - table[e, REACH]
+        if beside > 0.0 and (hits or beside >= least):
+            continue
+        u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
+        v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
+        w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
+        du = table[e, 3] * rx + table[e, 4] * ry + table[e, 5] * rz
+        dv = table[e, 6] * rx + table[e, 7] * ry + table[e, 8] * rz
+        dw = table[e, 9] * rx + table[e, 10] * ry + table[e, 11] * rz
+        a = du * du + dv * dv + dw * dw
+        t = -(u * du + v * dv + w * dw) / a
+        level = (u + t * du) ** 2 + (v + t * dv) ** 2 + (w + t * dw) ** 2
+        if level < 1.0:
+            entry = t - np.sqrt((1.0 - level) / a)
+            if entry < front:
+                hits, who, front, where = True, e, entry, t
+        elif not hits:
+            x, y, z = centre[0] + t * rx, centre[1] + t * ry, centre[2] + t * rz
+            off = slope_distance(table, e, x, y, z)[0]
+            if off < least:
+                who, least, where = e, off, t
+    return who, hits, where
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def rays_system(
+    centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, want_system, gradient,
+    hessian,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Add the lines of sight to gradient (6B,) and hessian (6B, 6B); returns their cost.
+
+    rays: (N, 3) unit; depth: (N,) where the points are along them [m]; beside, along: sigmas [m]; robust, outlier: scales
+    of the two losses.
+    """
+    cost, row = 0.0, np.empty(6)
+    unexplained = counted(OUTLIERS, outlier, _FAR)[0]
+    for n in range(rays.shape[0]):
+        rx, ry, rz = rays[n, 0], rays[n, 1], rays[n, 2]
+        e, hits, middle = first_met(table, centre, rx, ry, rz)
+        behind = hits and depth[n] > middle
+        t = depth[n] if hits and not behind else middle
+        x, y, z = centre[0] + t * rx, centre[1] + t * ry, centre[2] + t * rz
+        off, nx, ny, nz = slope_distance(table, e, x, y, z)
+        follows = 0.0 if hits and not behind else nx * rx + ny * ry + nz * rz
+        sigma = along if hits else beside
+        if hits:
+            if behind:
+                off, follows = off - (depth[n] - middle), follows + 1.0
+            value, size = counted(OUTLIERS, outlier, (off / sigma) ** 2)
+        else:
+            value, size = counted(GEMAN_MCCLURE, robust, (off / sigma) ** 2)
+            value += unexplained
+        cost += value
+        if not want_system:
+            continue
+        ox, oy, oz = x - reference[0], y - reference[1], z - reference[2]
+        row[0], row[1], row[2] = -nx, -ny, -nz
+        if follows != 0.0:  # the place of closest approach slides along the ray
+            cx, cy, cz = x - table[e, 0], y - table[e, 1], z - table[e, 2]
+            mx, my, mz, sx, sy, sz, a = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for i in range(3, 12, 3):
+                p, q, r = table[e, i], table[e, i + 1], table[e, i + 2]
+                v = p * rx + q * ry + r * rz
+                u = p * cx + q * cy + r * cz
+                a += v * v
+                mx, my, mz = mx + p * v, my + q * v, mz + r * v
+                sx, sy, sz = sx + p * u, sy + q * u, sz + r * u
+            share = follows / a
+            row[0] += share * mx
+            row[1] += share * my
+            row[2] += share * mz
+        row[3] = oy * row[2] - oz * row[1]
+        row[4] = oz * row[0] - ox * row[2]
+        row[5] = ox * row[1] - oy * row[0]
+        if follows != 0.0:
+            row[3] += share * (ry * sz - rz * sy)
+            row[4] += share * (rz * sx - rx * sz)
+            row[5] += share * (rx * sy - ry * sx)
+        first = 6 * bone[e]
+        for i in range(6):
+            part = weight * size * row[i] / (sigma * sigma)
+            gradient[first + i] += part * off
+            for j in range(6):
+                hessian[first + i, first + j] += part * row[j]
+    return 0.5 * weight * cost

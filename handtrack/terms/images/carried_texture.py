@@ -1,0 +1,151 @@
+"""The model's texture, carried from an earlier frame's pose and looked for in this one's image. 2003 paper, section 2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.terms.clouds.cloud_loss import compiled_loss
+from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.images.carried_texture_kernels import texture_system
+from handtrack.terms.images.depth_picture import DepthPicture
+from handtrack.terms.images.smooth_image import SmoothImage
+from handtrack.terms.loss import GemanMcClure, Loss
+
+_UNSURE = 4.0  # [grey levels] contrast below which nothing is said about a change of exposure
+_MOST_GAIN = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Colours of points of the model's surface, as one camera saw them."""
+
+    camera: Camera
+    bone: Ints
+    """(N,)"""
+    local: Floats
+    """(N, 3) in the bone's frame [m]"""
+    color: Floats
+    """(N, 3) 0 … 255"""
+
+    def subset(self, keep: Array) -> Texture:
+        """Return only the points for which `keep` (N,) is True."""
+        return replace(self, bone=self.bone[keep], local=self.local[keep], color=self.color[keep])
+
+
+def texture_points(
+    mesh: PartMesh, bones: BonePoses, picture: DepthPicture, spacing_px: int
+) -> tuple[Ints, Floats, Floats]:
+    """Return bone (N,), place in its frame (N, 3) and pixel (N, 2) of visible surface points, evenly in the image.
+
+    picture: of the same mesh at the same pose.
+    """
+    camera = picture.camera
+    half = spacing_px // 2
+    row, column = np.nonzero(picture.face[half::spacing_px, half::spacing_px] >= 0)
+    row, column = row * spacing_px + half, column * spacing_px + half
+    pixel: Floats = np.stack([column, row], axis=1).astype(float) + picture.corner
+    flat = (pixel - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+    depth = picture.depth[row, column, None]
+    seen = np.concatenate([flat * depth, depth], axis=1)
+    world = (seen - camera.translation) @ camera.rotation
+    bone = mesh.bone[mesh.faces[picture.face[row, column], 0]]
+    local = np.einsum("nji,nj->ni", bones.rotation[bone], world - bones.position[bone])
+    return bone, local, pixel
+
+
+def still_visible(
+    texture: Texture, bones: BonePoses, picture: DepthPicture, tolerance_m: float
+) -> Texture:
+    """Return the points that can be seen at another pose too. picture: at that pose, of any camera's image."""
+    points = bones.to_world(texture.bone, texture.local)
+    _, front = picture.at(picture.camera.project(points))
+    depth = picture.camera.to_camera(points)[:, 2]
+    return texture.subset(np.isfinite(front) & (depth < front + tolerance_m))
+
+
+def exposed_as(texture: Texture, bones: BonePoses, image: SmoothImage) -> Texture:
+    """Return the texture with the gain and offsets that make it as bright and contrasted as the image around `bones`.
+
+    From medians and median deviations, not by matching point to point: a pose that is still off would call it grey.
+    """
+    if not len(texture.bone):
+        return texture
+    now = image.look_up(texture.camera.project(bones.to_world(texture.bone, texture.local)))[0]
+    middle, middle_now = np.median(texture.color, axis=0), np.median(now, axis=0)
+    spread = np.median(np.abs(texture.color - middle)) + _UNSURE
+    spread_now = np.median(np.abs(now - middle_now)) + _UNSURE
+    gain = np.clip(spread_now / spread, 1.0 / _MOST_GAIN, _MOST_GAIN)
+    return replace(texture, color=middle_now + gain * (texture.color - middle))
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedTextureTerm(CompiledTerm):
+    """½ weight Σ ρ(|I(π(X)) − T(X)|²/σ²) over surface points X fixed to their bones, all channels of a point together.
+
+    Which points are seen, and the exposure, are those of the stage's start, so that cost and gradient agree.
+    """
+
+    seen: Sequence[tuple[Texture, SmoothImage]]
+    """of each camera"""
+    sigma: float
+    """[grey levels] how far a surface point's colour is from what it was"""
+    loss: Loss = GemanMcClure(3.0)
+    weight: float = 1.0
+    from_unexplained: bool = False
+    """count from the most that a point costs, so that a pose that shows less of the surface does not seem better"""
+    name: str = "intensity"
+
+    def __post_init__(self) -> None:
+        if not self.sigma > 0:
+            raise HandtrackError(
+                f"{self.name}: sigma {self.sigma:g} grey levels; expected a positive number."
+            )
+        _ = self._loss
+        if self.from_unexplained and not isinstance(self.loss, GemanMcClure):
+            raise HandtrackError(
+                f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
+            )
+
+    def _accumulate(
+        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+    ) -> float:
+        kind, scale = self._loss
+        cost = 0.0
+        for texture, image in self.seen:
+            camera = texture.camera
+            matrix = camera.matrix.copy()
+            matrix[:2, 2] -= image.corner
+            cost += texture_system(
+                image.values,
+                texture.bone,
+                texture.local,
+                texture.color,
+                self.sigma,
+                kind,
+                scale,
+                scale**2 if self.from_unexplained else 0.0,
+                self.weight,
+                matrix,
+                camera.rotation,
+                camera.translation,
+                bones.rotation,
+                bones.position,
+                bones.reference,
+                want_system,
+                gradient,
+                hessian,
+            )
+        return cost
+
+    @cached_property
+    def _loss(self) -> tuple[int, float]:
+        return compiled_loss(self.loss, self.name)

@@ -1,0 +1,89 @@
+"""Silhouettes as coverage: 0 outside, −1 inside, and a ramp in a band around each outline. The default."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
+from handtrack.terms.silhouettes.silhouette_field import (
+    FieldShape,
+    field_system,
+    per_camera,
+    prepared,
+)
+
+_NARROWEST, _WIDEST = 1e-6, 100.0  # of a band, in minor radii
+
+
+class CoverageTerm:
+    """½ weight Σ (P − Z)² over all observed pixels, P = clip((q − t_o)/(t_i + t_o), −1, 0), Z = −mask.
+
+    The band reaches ± band_px around the outline (at the minor axis' ends), so mask that the model misses pulls it.
+    antisymmetric: t_o = t_i, the unbiased form for the last iterations and for estimating size; otherwise the wide
+    form. The band's width in field units is fixed by the depths at `bones_at_start`, so that cost and gradient agree.
+    """
+
+    def __init__(
+        self,
+        silhouettes: Sequence[Silhouette | PreparedSilhouette],
+        ellipsoids: Ellipsoids,
+        band_px: float | Sequence[float],
+        bones_at_start: BonePoses,
+        antisymmetric: bool = False,
+        weight: float | Sequence[float] = 1.0,
+        name: str = "coverage",
+    ) -> None:
+        self.name = name
+        self.weight = weight
+        self.ellipsoids = ellipsoids
+        self.silhouettes = prepared(silhouettes)
+        cameras = [s.camera for s in self.silhouettes]
+        self.shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ weight Σ (P − Z)²."""
+        return field_system(
+            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
+        )[0].cost
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
+        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
+
+
+def ramp(
+    cameras: Sequence[Camera],
+    ellipsoids: Ellipsoids,
+    band_px: float | Sequence[float],
+    bones: BonePoses,
+    antisymmetric: bool,
+) -> FieldShape:
+    """Return the ramp whose band is ± band_px wide at the depths of `bones`; mathematics: docs/derivations."""
+    centre = ellipsoids.posed(bones).centre
+    least = ellipsoids.radii.min(axis=1)
+    levels = np.empty((len(cameras), len(ellipsoids), 2))
+    bands = per_camera(band_px, len(cameras), "the band's width")
+    for i, camera in enumerate(cameras):
+        focal = camera.focal_px
+        depth = np.maximum(camera.to_camera(centre)[:, 2], least)
+        share = np.clip(bands[i] * depth / np.maximum(least * focal, 1e-12), _NARROWEST, _WIDEST)
+        outer, inner = ramp_levels(share, antisymmetric)
+        levels[i, :, 0] = outer
+        levels[i, :, 1] = 1.0 / (inner + outer)
+    return FieldShape(levels, 1.0)
+
+
+def ramp_levels(share: Floats, antisymmetric: bool) -> tuple[Floats, Floats]:
+    """Return t_o and t_i of a band of ± share · (minor radius)."""
+    if antisymmetric:
+        both = np.minimum(2.0 * share, 1.0)
+        return both, both
+    return (1.0 + share) ** 2 - 1.0, 1.0 - np.maximum(0.0, 1.0 - share) ** 2

@@ -1,0 +1,124 @@
+"""What a silhouette needs once a frame, whatever terms look at it: sums of the observation along its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.silhouettes.silhouette_kernels import prefix_sums, window_of
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSilhouette:
+    """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
+
+    camera: Camera
+    valid: Array
+    """(H, 2) int32: per row the half-open column span that counts."""
+    sums: Floats
+    """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
+    window: Ints
+    """(4,): image width, the window's first column and row, the column where x = 0 [px]."""
+    energy: float
+    """Σ Z² over valid pixels."""
+    area: float
+    """−Σ Z over valid pixels: the mask's area [px]."""
+    powers: Floats
+    """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
+    heights: Floats
+    """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
+
+
+def prepare(
+    silhouette: Silhouette, line: Sequence[float] | None = None, observation: Array | None = None
+) -> PreparedSilhouette:
+    """Return a silhouette made ready for ConicFieldTerm and CoverageTerm.
+
+    line: (a, b, c), pixels with a u + b v + c < 0 are not observed, see `clip_spans`.
+    observation: (H, W) the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
+    Raises HandtrackError for wrong shapes and for values that are not finite numbers.
+    """
+    camera = silhouette.camera
+    width, height = camera.size
+    where = f"silhouette of camera '{camera.name}'"
+    image = silhouette.mask if observation is None else np.asarray(observation, dtype=np.float64)
+    check_shape(image, (height, width), where)
+    check_shape(silhouette.valid, (height, 2), f"valid spans of the {where}")
+    valid = np.clip(silhouette.valid, 0, width).astype(np.int32)
+    if line is not None:
+        valid = clip_spans(valid, line)
+    image = np.ascontiguousarray(image, dtype=np.float32 if observation is None else np.float64)
+    x0, x1, y0, y1 = window_of(image, valid)
+    sums = np.empty((y1 - y0 + 1, x1 - x0 + 1, 4))
+    origin = (x0 + x1) // 2
+    energy, area = prefix_sums(
+        image, -1.0 if observation is None else 1.0, valid, x0, y0, origin, sums
+    )
+    if not np.isfinite(energy):
+        raise HandtrackError(
+            f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
+        )
+    window = np.array([width, x0, y0, origin], dtype=np.int64)
+    return PreparedSilhouette(
+        camera,
+        valid,
+        sums,
+        window,
+        float(energy),
+        float(area),
+        power_sums(width),
+        height_powers(height),
+    )
+
+
+def clip_spans(valid: Array, line: Sequence[float]) -> Array:
+    """Return the spans (H, 2) without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
+    a, b, c = (float(x) for x in line)
+    begin, end = valid[:, 0].astype(float), valid[:, 1].astype(float)
+    level = b * np.arange(len(valid)) + c
+    if a == 0.0:
+        end = np.where(level >= 0, end, begin)
+    else:
+        edge = -level / a
+        # the division may round across a whole number: decide the pixel next to it by the sum itself
+        near = np.rint(edge)
+        on_pixel = a * near + level >= 0
+        if a > 0:
+            begin = np.maximum(
+                begin, np.where(np.abs(edge - near) < 1e-6, near + ~on_pixel, np.ceil(edge))
+            )
+        else:
+            end = np.minimum(
+                end, np.where(np.abs(edge - near) < 1e-6, near + on_pixel, np.floor(edge) + 1)
+            )
+    spans = np.stack([begin, end], axis=1)
+    spans[spans[:, 0] >= spans[:, 1]] = 0
+    return spans.astype(np.int32)
+
+
+@lru_cache(maxsize=16)
+def power_sums(width: int) -> Floats:
+    """Return (2W + 1, 8): row i holds Σ x⁰ … Σ x⁴ over whole x from −W to i − W − 1. Exact up to W ≈ 2000."""
+    x = np.arange(-width, width, dtype=float)
+    table = np.zeros((2 * width + 1, 8))
+    table[1:, :5] = np.cumsum(x[:, None] ** np.arange(5), axis=0)
+    table.flags.writeable = False
+    return table
+
+
+@lru_cache(maxsize=16)
+def height_powers(height: int) -> Floats:
+    """Return (2H + 1, 24): row j holds, with y = j − H, the power of y in each sum of MOMENTS."""
+    y = np.arange(-height, height + 1, dtype=float)[:, None]
+    powers = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4, 0, 0, 0, 0, 1, 1, 2, 0, 0])
+    table = y**powers
+    table[:, [15, 22, 23]] = 0.0
+    table.flags.writeable = False
+    return table

@@ -1,0 +1,104 @@
+"""Silhouettes against a field painted by ellipsoids: what ConicFieldTerm and CoverageTerm share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+from handtrack.terms.silhouettes.silhouette_kernels import camera_system
+
+MOST_ELLIPSOIDS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class FieldShape:
+    """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
+
+    levels: Floats
+    """(C, E, 2): t and s of each ellipsoid in each camera."""
+    limit: float
+    """infinite for a field without a floor"""
+    depth_scaled: bool = False
+    """the paper's scale: s = −1/C*₃₃ [m⁻²] instead, which puts near ellipsoids before far ones"""
+
+
+def plain_field(cameras: int, ellipsoids: int, depth_scaled: bool = False) -> FieldShape:
+    """Return the field of the 2007 paper, eqs. 18–19: negative inside the outlines, no floor."""
+    levels = np.zeros((cameras, ellipsoids, 2))
+    levels[..., 1] = 1.0
+    return FieldShape(levels, np.inf, depth_scaled)
+
+
+def prepared(
+    silhouettes: Sequence[Silhouette | PreparedSilhouette],
+) -> tuple[PreparedSilhouette, ...]:
+    """Return the silhouettes, prepared where they are not yet."""
+    return tuple(s if isinstance(s, PreparedSilhouette) else prepare(s) for s in silhouettes)
+
+
+def field_system(
+    silhouettes: Sequence[PreparedSilhouette],
+    ellipsoids: Ellipsoids,
+    shape: FieldShape,
+    bones: BonePoses,
+    weight: float | Sequence[float],
+    want_system: bool = True,
+) -> tuple[BoneSystem, Floats]:
+    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
+
+    weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
+    those of no residual.
+    """
+    if len(ellipsoids) > MOST_ELLIPSOIDS:
+        raise HandtrackError(
+            f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
+        )
+    system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    cost = 0.0
+    weights = per_camera(weight, len(silhouettes), "weight")
+    areas = np.empty((len(silhouettes), 2))
+    for i, seen in enumerate(silhouettes):
+        part, areas[i, 0], areas[i, 1] = camera_system(
+            bones.rotation,
+            bones.position,
+            bones.reference,
+            ellipsoids.bone,
+            ellipsoids.centre,
+            ellipsoids.rotation,
+            ellipsoids.radii,
+            seen.camera.projection,
+            seen.valid,
+            seen.sums,
+            seen.window,
+            seen.powers,
+            seen.heights,
+            shape.levels[i],
+            shape.limit,
+            shape.depth_scaled,
+            weights[i],
+            want_system,
+            system.gradient,
+            system.hessian,
+        )
+        cost += max(part + 0.5 * weights[i] * seen.energy, 0.0)
+    return BoneSystem(cost, system.gradient, system.hessian), areas
+
+
+def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
+    """Return one number a camera."""
+    if isinstance(value, float | int):
+        return (float(value),) * cameras
+    if len(value) != cameras:
+        raise HandtrackError(
+            f"silhouettes: {len(value)} numbers for {name}; expected one, or {cameras} (one a camera)."
+        )
+    return tuple(float(x) for x in value)

@@ -1,0 +1,247 @@
+"""What a frame's images contribute by themselves: edges on the outline, and the texture of the frame before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.observation.observation import ImageView, Observation
+from handtrack.terms.images.carried_texture import (
+    CarriedTextureTerm,
+    Texture,
+    exposed_as,
+    still_visible,
+    texture_points,
+)
+from handtrack.terms.images.depth_picture import DepthPicture, depth_picture
+from handtrack.terms.images.edge_search import edges_near
+from handtrack.terms.images.model_outline import outline_points
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.images.smooth_image import smooth_image
+from handtrack.terms.images.texture_agreement import contradicts
+from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.frame.settings import TrackerSettings
+
+_MM = 1e-3
+_STEP = 0.5  # of a thin part's radius: what is that much further behind shows an edge
+_SIGMAS = 3.0  # of an edge's place, within the search
+# sigmas; another colour is another thing, or, at first, still the wrong place
+_ROBUST = (12.0, 6.0, 3.0)
+_SPACING_PX = 3  # between points of texture
+_BORDER_PX = 2  # of the model, where the colour may be the background's
+_SAME, _SAME_PX = 4.0, 2.0  # sigmas within which a colour is the same, images smoothed by that much
+_LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """A frame that is solved already."""
+
+    seen: Observation
+    bones: BonePoses
+    """where the model was found in it"""
+    first: Before | None = None
+    """the frame that tracking started from, where its pose was given"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """Points of the surface that one camera saw in a frame before."""
+
+    share: float
+    """of the weight"""
+    camera: Camera
+    """of this frame's image"""
+    pixels: Array
+    """that frame's image"""
+    bone: Ints
+    local: Floats
+    pixel: Floats
+    spacing_m: float
+    """about how far the points are from each other"""
+
+    def texture(self, smoothing_px: float) -> Texture:
+        """Return the points with the colours that the smoothed image has there."""
+        image = smooth_image(self.pixels, smoothing_px, self.pixel)
+        return Texture(self.camera, self.bone, self.local, image.look_up(self.pixel)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class SeenAppearance:
+    """The images of a frame, ready for terms."""
+
+    images: tuple[ImageView, ...]
+    mesh: PartMesh
+    step_m: float
+    """parts nearer together than this in depth show no edge between them"""
+    carried: tuple[_Carried, ...]
+    length: Floats
+    """(B,) bone lengths of the model [m]"""
+
+    def of(self, model: ArticulatedModel, settings: TrackerSettings) -> SeenAppearance:
+        """Return the same images for a model of another size; each bone's surface grows with the bone."""
+        share = model.skeleton.length / self.length
+        carried = [replace(c, local=c.local * share[c.bone, None]) for c in self.carried]
+        mesh = _looked_at(model, settings)
+        return replace(self, mesh=mesh, carried=tuple(carried), length=model.skeleton.length)
+
+
+def see_appearance(
+    seen: Observation, model: ArticulatedModel, settings: TrackerSettings, before: Before | None
+) -> SeenAppearance | None:
+    """Return what the frame's images show; None without images, or where neither edges nor intensity count."""
+    by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
+    if not seen.images or not (by_edges or (by_texture and before is not None)):
+        return None
+    mesh = _looked_at(model, settings)
+    carried: list[_Carried] = []
+    if by_texture and before is not None:
+        first, memory = before.first, settings.intensity.memory
+        memory = 0.0 if first is None else memory
+        last = _carried(mesh, before, seen.images, 1.0 - memory)
+        if first is not None and memory > 0:
+            known = _carried(mesh, first, seen.images, memory)
+            last = [_agreeing(c, known, settings) for c in last]
+            carried += known
+        carried += last if memory < 1 else []
+    if not by_edges and not carried:
+        return None
+    step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
+    return SeenAppearance(seen.images, mesh, step, tuple(carried), model.skeleton.length)
+
+
+def appearance_terms(
+    seen: SeenAppearance, settings: TrackerSettings, stage: int, start: BonePoses
+) -> list[ObservationTerm]:
+    """Return edges and texture of one stage; what is visible, and which edges are near, is frozen at `start`."""
+    pictures = [depth_picture(seen.mesh, start, view.camera) for view in seen.images]
+    terms: list[ObservationTerm] = []
+    if settings.edges.weight > 0:
+        terms.append(_edges(seen, settings, stage, start, pictures))
+    for carried in seen.carried:
+        terms.append(_texture(carried, seen, settings, stage, start, pictures))
+    return terms
+
+
+def _edges(
+    seen: SeenAppearance,
+    settings: TrackerSettings,
+    stage: int,
+    start: BonePoses,
+    pictures: Sequence[DepthPicture],
+) -> OutlineEdgesTerm:
+    chosen = settings.edges
+    search = at_stage(chosen.search_px, stage)
+    sigma = max(search / _SIGMAS, chosen.sigma_px)
+    found = []
+    for view, picture in zip(seen.images, pictures, strict=True):
+        outline = outline_points(seen.mesh, start, picture, seen.step_m)
+        smoothing = max(_LEAST_SMOOTHING_PX, search / 8.0)
+        image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
+        found.append(edges_near(outline, image, search))
+    return OutlineEdgesTerm(
+        found,
+        sigma_px=sigma,
+        stretch_px=chosen.correlation_px,
+        weight=chosen.weight,
+        from_unexplained=_compared(settings),
+    )
+
+
+def _texture(
+    carried: _Carried,
+    seen: SeenAppearance,
+    settings: TrackerSettings,
+    stage: int,
+    start: BonePoses,
+    pictures: Sequence[DepthPicture],
+) -> CarriedTextureTerm:
+    chosen = settings.intensity
+    smoothing = at_stage(chosen.smooth_px, stage)
+    i = next(i for i, view in enumerate(seen.images) if view.camera is carried.camera)
+    texture = still_visible(carried.texture(smoothing), start, pictures[i], seen.step_m)
+    at = carried.camera.project(start.to_world(texture.bone, texture.local))
+    now = smooth_image(seen.images[i].pixels, smoothing, at, 8.0 + 4.0 * smoothing)
+    share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
+    return CarriedTextureTerm(
+        [(exposed_as(texture, start, now), now)],
+        chosen.sigma,
+        GemanMcClure(at_stage(_ROBUST, stage)),
+        weight=chosen.weight * carried.share * share,
+        from_unexplained=_compared(settings),
+    )
+
+
+def _compared(settings: TrackerSettings) -> bool:
+    """Return whether costs of different poses are held against each other, each with what it shows of the model."""
+    return settings.tracker.hypotheses > 1
+
+
+def appearance_stages(settings: TrackerSettings) -> int:
+    """Return how many stages the schedule of edges and texture has."""
+    return max(
+        len(settings.edges.search_px) if settings.edges.weight > 0 else 1,
+        len(settings.intensity.smooth_px) if settings.intensity.weight > 0 else 1,
+    )
+
+
+def at_stage(values: Sequence[float], stage: int) -> float:
+    """Return a stage's value; the last one holds for all that follow."""
+    return values[min(stage, len(values) - 1)]
+
+
+def _carried(
+    mesh: PartMesh, before: Before, images: Sequence[ImageView], share: float
+) -> list[_Carried]:
+    """Return the surface points that each camera saw in an earlier frame, but not those next to the background."""
+    now = {view.camera.name: view.camera for view in images}
+    found = []
+    for view in before.seen.images:
+        if view.camera.name not in now:
+            continue
+        picture = depth_picture(mesh, before.bones, view.camera)
+        on_model = np.pad((picture.face >= 0).astype(np.uint8), 1)
+        size = 2 * _BORDER_PX + 1
+        inner = cv2.erode(on_model, np.ones((size, size), np.uint8))[1:-1, 1:-1]
+        picture = replace(picture, face=np.where(inner > 0, picture.face, -1))
+        points = texture_points(mesh, before.bones, picture, _SPACING_PX)
+        depth = picture.depth[np.isfinite(picture.depth)]
+        far = float(np.median(depth)) if len(depth) else 0.0
+        spacing = _SPACING_PX * far / float(view.camera.matrix[0, 0])
+        camera = now[view.camera.name]
+        found.append(_Carried(share, camera, view.pixels, *points, spacing))
+    return found
+
+
+def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSettings) -> _Carried:
+    """Return the points without those that the first frame showed in another colour.
+
+    There the model was not on what it should be on: carried further, they would hold it where it slipped to.
+    """
+    same = [k for k in known if k.camera is carried.camera]
+    if not same:
+        return carried
+    first = same[0]
+    tolerance = _SAME * np.sqrt(3.0) * settings.intensity.sigma  # all three channels
+    now, then = carried.texture(_SAME_PX), first.texture(_SAME_PX)
+    kept = ~contradicts(now, then, first.spacing_m, tolerance)
+    return replace(
+        carried, bone=carried.bone[kept], local=carried.local[kept], pixel=carried.pixel[kept]
+    )
+
+
+def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:
+    """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
+    mesh = model_mesh(model)
+    reach = settings.silhouettes.forearm_seen_mm * _MM
+    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < reach))

@@ -1,0 +1,204 @@
+"""What a point cloud contributes to a frame: which of its points, how much, how robustly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
+from handtrack.observation.observation import Observation
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.clouds.cloud_loss import UniformOutliers
+from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
+from handtrack.terms.loss import GemanMcClure, Loss
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.frame.settings import TrackerSettings
+
+_MM = 1e-3
+_ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
+_SIGMA_BANDS = 0.5  # of depths, in bands: beyond three of them a doubted depth counts as wrong
+_FEWEST = 30
+_CELL_M = 0.004  # of the grid that measures a surface, and of the model's mesh
+_CELL_AREA = _CELL_M**2 / 1.5  # in each cell: a plane meets 1.5 of them per a² (mean of directions)
+_NORMAL_MEDIAN = 1.4826  # σ of a normal distribution by the median of its absolute values
+_BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that is taken as found,
+_EXACT = 0.1  # but for no more exact than this
+_EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
+_SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
+_AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
+
+
+@dataclass(frozen=True)
+class SeenCloud:
+    """The hand's part of a cloud, ready for terms."""
+
+    prepared: PreparedCloud
+    share: float
+    """how much one point counts: neighbours on the same finger err together"""
+    emptiness: CloudEmptinessTerm | None
+    """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
+    only the cloud's side is asked for"""
+    length: Floats
+    """(B,) bone lengths of the model that `emptiness` was made for [m]"""
+    views: tuple[Floats, ...] = ()
+    """what can have seen the surface, as in `seen_from`"""
+    sigma_m: float | None = None
+    """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
+
+    def sharpened(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
+        """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
+
+        What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.
+        Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
+        """
+        if self.share * self.prepared.count < len(model.transform.names):
+            return self
+        points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
+        off = np.abs(MetaballSurface.of(model).distance(bones, points))
+        found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
+        return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
+
+    def looked_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
+        """Return the same points, asking of the model what is in view at another pose.
+
+        A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
+        """
+        if self.emptiness is None:
+            return self
+        mesh = surface_mesh(MetaballSurface.of(model), bones)
+        term = _hand_only(self.emptiness.asking(mesh, self.views), model)
+        return replace(self, emptiness=term, length=model.skeleton.length)
+
+
+def see_cloud(
+    seen: Observation, model: ArticulatedModel, start: BonePoses, settings: TrackerSettings
+) -> SeenCloud | None:
+    """Return the points near the hand at `start`; None where too few are.
+
+    Far points are background or the rest of the body; beyond the forearm's stretch the model knows nothing.
+    """
+    if seen.cloud is None or settings.cloud.weight == 0:
+        return None
+    points = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)]
+    surface = MetaballSurface.of(model)
+    points = points[surface.distance(start, points) < settings.cloud.crop_mm * _MM]
+    if model.has_forearm:
+        bone = model.skeleton.bone("forearm")
+        along = (points - start.position[bone]) @ start.rotation[bone][:, 1]
+        points = points[along < settings.silhouettes.forearm_seen_mm * _MM]
+    if len(points) < _FEWEST:
+        return None
+    patches = _area(points) / _patch_area(model, settings)
+    emptiness = None
+    if settings.cloud.balance < 1:
+        margin = settings.cloud.crop_mm * _MM
+        mesh = surface_mesh(surface, start)
+        filled = points
+        if _is_doubted(seen.cloud_views, settings):
+            filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
+        emptiness = CloudEmptinessTerm.at_start(filled, mesh, seen.cloud_views, margin_m=margin)
+        emptiness = _hand_only(emptiness, model)
+    share = min(1.0, patches / len(points))
+    views = tuple(seen.cloud_views)
+    return SeenCloud(prepare_cloud(points), share, emptiness, model.skeleton.length, views)
+
+
+def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
+    """Return whether lines of sight are all that is believed; each point's must be known."""
+    return settings.cloud.doubt_depth and len(views) == 1
+
+
+def _eye(views: Sequence[Floats]) -> Floats:
+    """Return the centre (3,) that lines of sight start from; of a pair, the left one's pixels are matched."""
+    return np.atleast_2d(views[0])[0]
+
+
+def _lines_of_sight(points: Floats, eye: Floats, mesh: SurfaceMesh, margin_m: float) -> Floats:
+    """Return (M, 3) places on the lines from `eye` through points (N, 3), as far as the mesh may be, world [m]."""
+    out = points - eye
+    sight = out / np.linalg.norm(out, axis=1)[:, None]
+    far = np.linalg.norm(mesh.vertices - eye, axis=1)
+    along = np.arange(far.min() - margin_m, far.max() + margin_m, _SIGHT_STEP_M)
+    return (eye + sight[:, None] * along[:, None]).reshape(-1, 3)
+
+
+def _area(points: Floats) -> float:
+    """Return about how much surface [m²] points (N, 3) lie on, however dense they are."""
+    cells = np.unique(np.floor(points / _CELL_M).astype(np.int64), axis=0)
+    return len(cells) * _CELL_AREA
+
+
+def _patch_area(model: ArticulatedModel, settings: TrackerSettings) -> float:
+    """Return the surface [m²] over which the error is the same; a larger hand's parts are broader."""
+    return (settings.cloud.patch_mm * _MM * model.scale.overall) ** 2
+
+
+def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptinessTerm:
+    """Return E2 without the forearm's points: a sleeve may hide it anywhere, and where it is bare it is seen anyway."""
+    kept = ~model.is_forearm(term.bone)
+    return replace(term, bone=term.bone[kept], local=np.ascontiguousarray(term.local[kept]))
+
+
+def cloud_terms(
+    seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
+) -> list[ObservationTerm]:
+    """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
+
+    E1 and E2 ask after the same error, from either side, so their weights add up to one. A line of sight that meets the
+    hand, and a piece of the hand that no line meets, are two observations: each counts whole.
+    """
+    chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
+    if _is_doubted(seen.views, settings):
+        rays = CloudRaysTerm(
+            np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
+            _eye(seen.views),
+            MetaballSurface.of(model),
+            along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
+            weight=chosen.weight * seen.share,
+        )
+        return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, 1.0)]
+    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
+    points = CloudDistanceTerm(
+        seen.prepared,
+        MetaballSurface.of(model),
+        sigma_m=seen.sigma_m or sigma_m,
+        loss=robust,
+        weight=chosen.balance * chosen.weight * seen.share,
+    )
+    far = GemanMcClure(_EMPTY_FAR_M / sigma_m)
+    return [points, *_empty(seen, model, settings, far, 1.0 - chosen.balance)]
+
+
+def _empty(
+    seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, loss: Loss, weight: float
+) -> list[ObservationTerm]:
+    """Return E2, or nothing where only the cloud's side is asked for."""
+    if seen.emptiness is None:
+        return []
+    share = min(1.0, _CELL_AREA / _patch_area(model, settings))
+    # A person's size scales each bone's flesh about the bone's head.
+    stretch = (model.skeleton.length / seen.length)[seen.emptiness.bone, None]
+    term = replace(
+        seen.emptiness,
+        local=seen.emptiness.local * stretch,
+        sigma_m=settings.cloud.sigma_mm * _MM,
+        loss=loss,
+        weight=weight * settings.cloud.weight * share,
+    )
+    return [term]
+
+
+def explained_share(
+    seen: SeenCloud, model: ArticulatedModel, bones: BonePoses, within_m: float
+) -> float:
+    """Return the share of the cloud's points that lie within a distance of the surface."""
+    points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
+    off = MetaballSurface.of(model).distance(bones, points)
+    return float(np.mean(np.abs(off) < within_m))

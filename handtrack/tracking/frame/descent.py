@@ -1,0 +1,112 @@
+"""From starts to minima: the schedule of one start, and many starts at once where only keypoints are seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.sampling.polish import PolishSettings, polish
+from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.frame_terms import FrameTerms
+
+Watch = Callable[[int, Floats, float], None]
+"""called after each accepted solver step with its count, parameters (P,) and cost"""
+_POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
+_LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Minima:
+    """Where N starts ended."""
+
+    params: Floats
+    """(N, P)"""
+    cost: Floats
+    """(N,) infinite where a start led nowhere"""
+    hessian: Floats
+    """(N, P, P) of the cost, Gauss-Newton"""
+
+
+def stage_problem(
+    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats
+) -> Problem:
+    """Return the problem of one stage of the schedule; bands are frozen at params (P,)."""
+    return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
+
+
+def descend(
+    model: ArticulatedModel,
+    settings: SolverSettings,
+    terms: FrameTerms,
+    params: Floats,
+    should_stop: Callable[[], bool] | None = None,
+    on_iteration: Watch | None = None,
+) -> tuple[SolveSummary, Problem, int]:
+    """Run the schedule: wide bands first, each from where the one before ended."""
+    done, left = 0, settings.iterations
+    for stage in range(terms.stages):
+        share = max(left // (terms.stages - stage), 1)
+        problem = stage_problem(model, terms, stage, params)
+        offset = done
+
+        def watch(k: int, x: Floats, cost: float, offset: int = offset) -> None:
+            if on_iteration is not None:
+                on_iteration(offset + k, x, cost)
+
+        summary = solve(problem, params, replace(settings, iterations=share), should_stop, watch)
+        params = summary.params
+        done, left = done + summary.iterations, left - summary.iterations
+        if summary.why == "stopped":
+            break
+    return summary, problem, done
+
+
+def by_keypoints_alone(terms: FrameTerms) -> bool:
+    """Return whether keypoints are all that a frame is solved by, so that many starts can be polished at once."""
+    plain = all(term.weight == 1.0 for term in terms.keypoints)
+    return plain and bool(terms.keypoints) and not terms.views
+
+
+def minima(
+    model: ArticulatedModel,
+    settings: SolverSettings,
+    terms: FrameTerms,
+    starts: Sequence[Floats] | Floats,
+    most: int,
+    should_stop: Callable[[], bool] | None = None,
+    is_far: bool = False,
+) -> Minima:
+    """Return the minima that starts (N, P) lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
+
+    is_far: the starts may need many iterations, as in a first frame.
+    """
+    starts = np.asarray(starts)
+    if by_keypoints_alone(terms):
+        seen = [term.observed for term in terms.keypoints]
+        found = polish(
+            model,
+            starts,
+            seen,
+            terms.priors,
+            terms.keypoints[0].loss,
+            settings=_LONG if is_far else _POLISH,
+        )
+        return Minima(found.params, found.cost, found.normal)
+    if len(starts) > most:
+        costs = [stage_problem(model, terms, 0, x).cost(x) for x in starts]
+        starts = starts[np.argsort(costs, kind="stable")[:most]]
+    params, cost, hessian = [], [], []
+    for start in starts:
+        summary, problem, _ = descend(model, settings, terms, start, should_stop)
+        system = problem.linearize(summary.params)
+        params.append(summary.params)
+        cost.append(system.cost)
+        hessian.append(system.hessian)
+        if summary.why == "stopped":
+            break
+    return Minima(np.array(params), np.array(cost), np.array(hessian))

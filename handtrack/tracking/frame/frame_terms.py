@@ -1,0 +1,223 @@
+"""The terms of one frame, stage by stage: what each band of the schedule sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import (
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    Silhouette,
+)
+from handtrack.terms.collision import CollisionTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import GemanMcClure, Huber, Loss
+from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracking.frame.appearance_terms import (
+    Before,
+    SeenAppearance,
+    appearance_stages,
+    appearance_terms,
+    at_stage,
+    see_appearance,
+)
+from handtrack.tracking.frame.cloud_terms import SeenCloud, cloud_terms, see_cloud
+from handtrack.tracking.frame.forearm import forearm_cut
+from handtrack.tracking.frame.posture import posture_prior
+from handtrack.tracking.frame.settings import TrackerSettings
+
+_MM = 1e-3
+_LEAST_BAND_PX = 0.75  # a pixel is that coarse
+_FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
+_ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
+_ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
+
+
+@dataclass(frozen=True)
+class FrameTerms:
+    """What is fixed while one frame is solved."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings
+    prepared: tuple[PreparedSilhouette, ...]
+    pixels_per_m: tuple[float, ...]
+    """of each silhouette, at the hand's distance"""
+    cloud: SeenCloud | None
+    appearance: SeenAppearance | None
+    keypoints: tuple[KeypointTerm, ...]
+    priors: tuple[ParameterTerm, ...]
+    parts: tuple[ObservationTerm, ...] = ()
+    """what keeps a body's parts out of each other"""
+
+    def of(self, model: ArticulatedModel) -> FrameTerms:
+        """Return the same observation for a hand of another size."""
+        points = tuple(replace(term, model=model) for term in self.keypoints)
+        images = self.appearance and self.appearance.of(model, self.settings)
+        return replace(self, model=model, keypoints=points, appearance=images)
+
+    def without_motion(self) -> FrameTerms:
+        """Return the terms without the pull to the predicted pose."""
+        return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))
+
+    def looked_at(self, bones: BonePoses) -> FrameTerms:
+        """Return the same observation, asking of the model what is in view at another pose."""
+        cloud = self.cloud and self.cloud.looked_at(self.model, bones)
+        return replace(self, cloud=cloud)
+
+    def sharpened(self, bones: BonePoses) -> FrameTerms:
+        """Return the terms with a cloud taken as exactly as it lies on the surface of a solved pose; self if not nearer than usual."""
+        usual = self.settings.cloud.sigma_mm * _MM
+        cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
+        return self if cloud is self.cloud else replace(self, cloud=cloud)
+
+    @property
+    def stages(self) -> int:
+        """How many bands the schedule has; one for the 2007 field, or where only keypoints are given."""
+        bands = self.settings.silhouettes
+        ramps = self.prepared and bands.term == "coverage"
+        count = len(bands.bands_mm) if ramps or self.cloud is not None else 1
+        return count if self.appearance is None else max(count, appearance_stages(self.settings))
+
+    @property
+    def views(self) -> int:
+        """How many silhouettes, clouds and images were seen."""
+        images = 0 if self.appearance is None else len(self.appearance.images)
+        return len(self.prepared) + (self.cloud is not None) + images
+
+    @property
+    def has_seen(self) -> bool:
+        """Whether anything was observed at all."""
+        return bool(self.views or self.keypoints)
+
+    def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
+        """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
+        settings = self.settings.silhouettes
+        flesh = self.model.flesh["fine"]
+        band_mm = at_stage(settings.bands_mm, index)
+        terms: list[ObservationTerm] = [*self.parts, *self.keypoints]
+        if self.cloud is not None:
+            terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
+        if self.appearance is not None:
+            terms += appearance_terms(self.appearance, self.settings, index, start)
+        if not self.prepared:
+            return terms
+        scale = np.array(self.pixels_per_m) * _MM
+        if settings.term == "conic_field":
+            weight = self._weight(_FIELD_BAND_MM * scale)
+            terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
+            return terms
+        band = np.maximum(band_mm * scale, _LEAST_BAND_PX)
+        terms.append(
+            CoverageTerm(
+                self.prepared,
+                flesh,
+                band_px=band.tolist(),
+                bones_at_start=start,
+                antisymmetric=index >= len(settings.bands_mm) - 1,
+                weight=self._weight(band),
+            )
+        )
+        return terms
+
+    def _weight(self, band_px: Floats) -> list[float]:
+        """Return a weight for each camera that make the cost a negative log-likelihood.
+
+        ½ Σ r² grows by d²/(4·band) for each pixel of outline that is shifted by d. An outline that is off by sigma,
+        the same error over a stretch of it, should cost ½ for each stretch.
+        """
+        settings = self.settings.silhouettes
+        scale = np.array(self.pixels_per_m) * _MM
+        sigma, stretch = settings.outline_sigma_mm * scale, settings.outline_correlation_mm * scale
+        return (settings.weight * 2 * band_px / (stretch * sigma**2)).tolist()
+
+
+def frame_terms(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    observation: Observation,
+    start: BonePoses,
+    expected: Floats | None,
+    frames_ahead: int = 1,
+    before: Before | None = None,
+) -> FrameTerms:
+    """Return the terms of a frame.
+
+    start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
+    expected: predicted joint parameters (S,), or None in a first frame. before: where texture is carried from.
+    """
+    prepared, scales = [], []
+    looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
+    for silhouette in looked_at:
+        cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
+        prepared.append(prepare(silhouette, cut))
+        scales.append(_pixels_per_m(silhouette, start))
+    keypoints = []
+    if settings.keypoints.weight > 0:
+        keypoints = [
+            KeypointTerm(model, seen, settings.keypoints.weight, _keypoint_loss(seen))
+            for seen in observation.keypoints
+        ]
+    cloud = see_cloud(observation, model, start, settings)
+    fingers_seen = model.kind == "hand" and bool(prepared or cloud)
+    return FrameTerms(
+        model,
+        settings,
+        tuple(prepared),
+        tuple(scales),
+        cloud,
+        see_appearance(observation, model, settings, before),
+        tuple(keypoints),
+        tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
+        (CollisionTerm.of(model),) if model.kind == "body" and settings.prior.collision else (),
+    )
+
+
+def _keypoint_loss(seen: Keypoints | ImageKeypoints) -> Loss:
+    """Return how points count that are far off: given ones are let go, seen ones pull on, whatever the start."""
+    if isinstance(seen, ImageKeypoints):
+        return Huber(_ROBUST_SIGMAS)
+    return GemanMcClure(_ROBUST_SIGMAS)
+
+
+def _priors(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    expected: Floats | None,
+    frames_ahead: int,
+    fingers_seen: bool,
+) -> list[ParameterTerm]:
+    prior, strength = settings.prior, settings.tracker.smoothing
+    count = len(model.parameter_names)
+    terms: list[ParameterTerm] = []
+    if prior.rest_sigma_deg > 0:
+        sigma = np.full(count, np.deg2rad(prior.rest_sigma_deg))
+        sigma[:6] = np.inf
+        terms.append(GaussianPrior(model.rest, sigma, "rest"))
+    if model.stabilise is not None:
+        terms.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
+    together = posture_prior(model, prior.posture) if prior.posture > 0 else None
+    if together is not None:
+        terms.append(
+            replace(together, loss=GemanMcClure(_ON_PURPOSE)) if fingers_seen else together
+        )
+    if expected is not None and strength > 0:
+        sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
+        sigma[:3] = prior.motion_sigma_mm * _MM
+        sigma *= np.sqrt(max(frames_ahead, 1)) / np.sqrt(strength)
+        terms.append(GaussianPrior(expected, sigma, "motion"))
+    return terms
+
+
+def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
+    camera = silhouette.camera
+    return float(camera.pixels_per_m(float(np.median(camera.to_camera(start.position)[:, 2]))))

@@ -1,0 +1,34 @@
+"""How far points are from a hand: what crops a cloud before it is thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
+
+_FAR_M = 0.25
+
+
+def hand_distance(model: ArticulatedModel, bones: BonePoses) -> Callable[[Floats], Floats]:
+    """Return a function: points (N, 3) world [m] → distance (N,) [m] to the hand posed by `bones`, negative inside.
+
+    Of points more than 0.25 m from a box around the hand, the distance to that box: most of a room is there, and
+    it need not be known well.
+    """
+    surface = MetaballSurface.of(model)
+    flesh = surface.ellipsoids.posed(bones)
+    reach = flesh.radii.max(axis=1, keepdims=True)
+    low, high = (flesh.centre - reach).min(axis=0), (flesh.centre + reach).max(axis=0)
+
+    def distance(points: Floats) -> Floats:
+        outside = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)
+        near = outside <= _FAR_M
+        outside[near] = surface.distance(bones, points[near])
+        return outside
+
+    return distance

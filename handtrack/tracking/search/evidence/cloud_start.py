@@ -1,0 +1,144 @@
+"""A cloud as a search for the hand sees it: where a palm may be, how well a shape laid there fits, and what pulls it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.capture.clouds.cloud_filters import thinned
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
+from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.search.evidence.start_kernels import cloud_scores
+from handtrack.tracking.search.evidence.start_shapes import REACH_M, StartShape, palm_middle
+from handtrack.tracking.search.laid_shapes import PIECE_M
+
+_VOXEL_M = 0.008
+_MOST = 2000  # points; voxels grow until there are no more
+_CELLS_A_SIDE = 1.5  # a plane crosses about 1.5 voxels for each of its faces' area
+_MAP_M = 0.005
+_PLACE_M = 0.028  # between places where a palm may be
+_MOST_PLACES = 60
+_PALM_DEEP_M = 0.014  # from the palm's skin to its middle
+_SIGMA_BANDS, _ROBUST = 0.5, 5.0  # of errors, in bands; how many sigmas pull
+_FEWEST = 60
+
+
+@dataclass(frozen=True, eq=False)
+class CloudStart:
+    """One frame's cloud, thinned; made by `cloud_start`."""
+
+    points: Floats
+    """(N, 3) world [m]"""
+    area: float
+    """of the surface around each point [m²]"""
+    distances: DistanceMap
+    views: tuple[Floats, ...]
+    """camera centres (K, 3), world [m], that must all see a point to measure it"""
+
+    @cached_property
+    def _sights(self) -> tuple[Floats, Ints]:
+        middle = np.median(self.points, axis=0)
+        ways = [np.atleast_2d(view) - middle for view in self.views]
+        ways = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways]
+        start = np.cumsum([0, *map(len, ways)]).astype(np.int64)
+        return np.concatenate([*ways, np.zeros((0, 3))]), start
+
+    @property
+    def places(self) -> Floats:
+        return self._places
+
+    @cached_property
+    def _places(self) -> Floats:
+        """Return (M, 3) where a palm's middle may be: all over the cloud, the nearest to the cameras first."""
+        sights = self._sights[0]
+        away = -sights.mean(axis=0) if len(sights) else np.zeros(3)
+        near = self.points @ away
+        order = np.argsort(near, kind="stable")
+        left, chosen = self.points[order], []
+        while len(left) and len(chosen) < _MOST_PLACES:
+            around = np.linalg.norm(left - left[0], axis=1)
+            chosen.append(left[around < _PLACE_M].mean(axis=0))
+            left = left[around >= _PLACE_M]
+        return np.array(chosen) + _PALM_DEEP_M * away
+
+    def scores(
+        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
+    ) -> Floats:
+        """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        sights, start = self._sights
+        hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
+        out = np.empty((len(rotations), len(places)))
+        cloud_scores(
+            self.points, self.area, self.distances.values, self.distances.low, self.distances.spacing, sights, start,
+            np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle, shape.reach, shape.field,
+            shape.low, shape.spacing, shape.points[hand], shape.normals[hand], shape.area, out,
+        )  # fmt: skip
+        return out
+
+    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+        """Return E1 and E2 around a pose (P,) of the shape's model, with arms as long as band_m: coarse, but quick."""
+        model = shape.model
+        middle = palm_middle(model, params)
+        near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        sigma = _SIGMA_BANDS * band_m
+        terms: list[ObservationTerm] = []
+        if near.sum() >= _FEWEST // 3:
+            cloud = prepare_cloud(self.points[near])
+            terms.append(
+                CloudDistanceTerm(cloud, MetaballSurface.of(model), sigma, GemanMcClure(_ROBUST))
+            )
+        seen = self._visible(shape, model, params, middle)
+        terms.append(
+            CloudEmptinessTerm(
+                self.distances,
+                shape.mesh.bone[seen],
+                np.ascontiguousarray(shape.mesh.local[seen]),
+                sigma,
+                slack_m=0.5 * _VOXEL_M,
+                loss=GemanMcClure(_ROBUST),
+                weight=shape.area / self.area,
+            )
+        )
+        return terms
+
+    def pieces(self, shape: StartShape, params: Floats) -> float:
+        """Return how many pieces of a hand are seen about a pose (P,)."""
+        middle = palm_middle(shape.model, params)
+        near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        return float(near.sum() * self.area / (0.5 * PIECE_M**2))
+
+    def _visible(
+        self, shape: StartShape, model: ArticulatedModel, params: Floats, middle: Floats
+    ) -> Array:
+        bones = model.bones(params)
+        points = shape.mesh.carried(bones)
+        rest = model.bones(model.transform.solver_params(shape.joint))
+        turn = np.einsum("bij,bkj->bik", bones.rotation, rest.rotation)[shape.mesh.bone]
+        normals = np.einsum("vij,vj->vi", turn, shape.mesh.normals)
+        near = np.linalg.norm(points - middle, axis=1) < shape.reach
+        return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
+
+
+def cloud_start(points: Floats, views: tuple[Floats, ...]) -> CloudStart | None:
+    """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return None
+    voxel = _VOXEL_M
+    kept = points[thinned(points, voxel)]
+    while len(kept) > _MOST:
+        voxel *= 1.2
+        kept = points[thinned(points, voxel)]
+    if len(kept) < _FEWEST:
+        return None
+    low, high = kept.min(axis=0) - REACH_M, kept.max(axis=0) + REACH_M
+    distances = distance_map(points, low, high, max(_MAP_M, 0.6 * voxel), most_voxels=1_500_000)
+    return CloudStart(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)

@@ -1,0 +1,223 @@
+"""Silhouettes as a search for the hand sees them: where a palm may be, how well a shape covers them, what pulls it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from handtrack.arrays import Array, Floats, Ints
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.prepared_silhouette import prepare
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.search.evidence.start_kernels import silhouette_scores
+from handtrack.tracking.search.evidence.start_shapes import StartShape, palm_middle
+from handtrack.tracking.search.evidence.visual_hull import VisualHull, visual_hull
+from handtrack.tracking.search.laid_shapes import PIECE_M
+
+_PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
+_HAND_M2 = 0.012  # of an open hand's outline
+_SAMPLES = 130  # mask pixels of a camera that are looked at in a score, within a hand's reach
+_STEP_PX = 2
+_MOST_SCORED = 4  # cameras
+_PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 100, 0.007
+# of outline errors, in bands; along how much outline they stay the same
+_SIGMA_BANDS, _STRETCH_M = (0.35, 0.010)
+_WIDE_PIXELS = 2.0
+_LEAST_SEEN = 0.25  # share of a box that counts as the whole
+
+
+@dataclass(frozen=True, eq=False)
+class SilhouetteStart:
+    """One frame's silhouettes, reduced; made by `silhouette_start`."""
+
+    whole: tuple[Silhouette, ...]
+    small: tuple[Silhouette, ...]
+    """at about 3.5 mm a pixel at the hand's distance"""
+    hull: VisualHull
+
+    @property
+    def places(self) -> Floats:
+        return self._places
+
+    @cached_property
+    def _places(self) -> Floats:
+        """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
+        deep = self.hull.depth > min(_PALM_DEEP_M, 0.5 * float(self.hull.depth.max(initial=0.0)))
+        order = np.argsort(-self.hull.depth[deep], kind="stable")
+        # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
+        volume = int(deep.sum()) * self.hull.side**3
+        apart = max(_PLACE_M, (3 * volume / (4 * np.pi * _MOST_PLACES)) ** (1 / 3))
+        chosen = _spread(self.hull.centres[deep][order], apart)
+        while len(chosen) > _MOST_PLACES:
+            apart *= 1.15
+            chosen = _spread(self.hull.centres[deep][order], apart)
+        return chosen
+
+    @cached_property
+    def _scored(self) -> tuple[Silhouette, ...]:
+        """Return the silhouettes that scores look at: of many, those whose lines of sight differ most."""
+        middle = self.hull.centres.mean(axis=0)
+        sights = np.stack([s.camera.centre - middle for s in self.small])
+        sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+        chosen = [0]
+        while len(chosen) < min(_MOST_SCORED, len(self.small)):
+            # seen from behind, an outline is the same
+            alike = np.abs(sights @ sights[chosen].T).max(axis=1)
+            alike[chosen] = np.inf
+            chosen.append(int(np.argmin(alike)))
+        return tuple(self.small[i] for i in sorted(chosen))
+
+    @cached_property
+    def _pictures(self) -> tuple[Array, Ints]:
+        """Return distances to the masks (C, H, W) [px] and how many columns and rows of each count (C, 2)."""
+        far = [_outside(s)[::_STEP_PX, ::_STEP_PX] for s in self._scored]
+        sizes = np.array([[f.shape[1], f.shape[0]] for f in far], np.int64)
+        whole = np.zeros((len(far), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
+        for i, f in enumerate(far):
+            whole[i, : f.shape[0], : f.shape[1]] = f
+        return whole, sizes
+
+    @cached_property
+    def _samples(self) -> tuple[Floats, Ints, Floats]:
+        """Return evenly spread mask pixels (N, 2) of all cameras, where each camera's begin, and their areas (C,) [px²]."""
+        chosen, areas = [], []
+        for silhouette in self._scored:
+            row, column = np.nonzero((silhouette.mask > 0.5) & _looked_at(silhouette))
+            hand = _HAND_M2 / _PIXEL_M**2  # samples are that dense, however much arm there is
+            every = max(1, round(np.sqrt(hand / _SAMPLES)))
+            kept = (row % every == 0) & (column % every == 0)
+            chosen.append(np.stack([column[kept], row[kept]], axis=1).astype(float))
+            areas.append(float(every**2))
+        start = np.cumsum([0, *map(len, chosen)]).astype(np.int64)
+        return np.concatenate(chosen), start, np.array(areas)
+
+    def scores(
+        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
+    ) -> Floats:
+        """Return (R, M) the share of area on which shape and masks disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        outside, sizes = self._pictures
+        samples, start, area = self._samples
+        cameras = [s.camera for s in self._scored]
+        out = np.empty((len(rotations), len(places)))
+        silhouette_scores(
+            np.stack([c.projection for c in cameras]), np.array([c.focal_px for c in cameras]), outside, sizes, _STEP_PX,
+            samples, start, area, np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle,
+            shape.reach, shape.spheres, shape.points, shape.normals, shape.area, enough, out,
+        )  # fmt: skip
+        return out
+
+    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+        """Return coverage with a band around a pose (P,) of the shape's model: on small pictures where it is wide."""
+        model = shape.model
+        bones, middle = model.bones(params), palm_middle(model, params)
+        near, bands, weights = [], [], []
+        for silhouette in self.small if band_m > _WIDE_PIXELS * _PIXEL_M else self.whole:
+            boxed = _boxed(silhouette, middle, shape.reach)
+            if boxed is None:
+                continue
+            metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
+            band = max(band_m * metre, 1.0)
+            sigma = _SIGMA_BANDS * band_m * metre
+            near.append(prepare(boxed))
+            bands.append(band)
+            # what is out of sight is taken to fit as badly as what is seen of the same hand
+            seen = (boxed.valid[:, 1] - boxed.valid[:, 0]).sum() / (2 * shape.reach * metre) ** 2
+            unseen = 1.0 / np.clip(seen, _LEAST_SEEN, 1.0)
+            weights.append(unseen * 2 * band / (_STRETCH_M * metre * sigma**2))
+        if not near:
+            return []
+        return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
+
+    def pieces(self, shape: StartShape, params: Floats) -> float:
+        """Return how many pieces of a hand's outline are seen about a pose (P,)."""
+        middle, count = palm_middle(shape.model, params), 0.0
+        for silhouette in self.whole:
+            boxed = _boxed(silhouette, middle, shape.reach)
+            if boxed is not None:
+                metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
+                count += _outline_px(boxed) / (metre * PIECE_M)
+        return count
+
+
+def _outline_px(silhouette: Silhouette) -> float:
+    """Return how long the mask's outline is where it was observed [px]: Crofton, by crossings of rows and columns."""
+    mask, seen = silhouette.mask > 0.5, _looked_at(silhouette)
+    down = (mask[1:] != mask[:-1]) & seen[1:] & seen[:-1]
+    across = (mask[:, 1:] != mask[:, :-1]) & seen[:, 1:] & seen[:, :-1]
+    return 0.25 * np.pi * float(down.sum() + across.sum())
+
+
+def silhouette_start(silhouettes: Sequence[Silhouette]) -> SilhouetteStart | None:
+    """Return silhouettes made ready for the search; None where they show nothing in common."""
+    seen = [s for s in silhouettes if (s.mask > 0.5).any()]
+    hull = visual_hull(seen)
+    if not len(hull.centres):
+        return None
+    middle = hull.centres.mean(axis=0)
+    return SilhouetteStart(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
+
+
+def _spread(points: Floats, apart: float) -> Floats:
+    """Return the middles (M, 3) of groups of points (N, 3) that are `apart` [m] from each other; the first come first."""
+    chosen = []
+    while len(points):
+        around = np.linalg.norm(points - points[0], axis=1) < apart
+        chosen.append(points[around].mean(axis=0))
+        points = points[~around]
+    return np.array(chosen).reshape(-1, 3)
+
+
+def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
+    """Return the silhouette with several pixels merged into one, about _PIXEL_M large at `middle` (3,)."""
+    camera = silhouette.camera
+    depth = max(float(camera.to_camera(middle)[2]), 0.05)
+    merged = max(1, round(_PIXEL_M * camera.focal_px / depth))
+    if merged == 1:
+        return silhouette
+    width, height = camera.size[0] // merged, camera.size[1] // merged
+    cut = silhouette.mask[: height * merged, : width * merged]
+    mask = cut.reshape(height, merged, width, merged).mean(axis=(1, 3), dtype=np.float32)
+    spans = silhouette.valid[: height * merged].reshape(height, merged, 2)
+    valid = np.stack(
+        [-(-spans[..., 0].max(axis=1) // merged), spans[..., 1].min(axis=1) // merged], 1
+    )
+    valid[valid[:, 0] >= valid[:, 1]] = 0
+    matrix = camera.matrix / merged
+    matrix[:2, 2] = (camera.matrix[:2, 2] + 0.5) / merged - 0.5  # whole numbers are pixel centres
+    matrix[2, 2] = 1.0
+    small = replace(camera, size=(width, height), matrix=matrix)
+    return Silhouette(small, np.ascontiguousarray(mask), np.minimum(valid, width).astype(np.int32))
+
+
+def _boxed(silhouette: Silhouette, middle: Floats, reach: float) -> Silhouette | None:
+    """Return the silhouette with only a box around a hand that counts; None where that is out of sight."""
+    camera = silhouette.camera
+    depth = float(camera.to_camera(middle)[2])
+    if depth < 0.05:
+        return None
+    column, row = camera.project(middle)
+    half = reach * camera.focal_px / depth
+    rows = np.arange(camera.size[1])
+    low = np.maximum(silhouette.valid[:, 0], np.ceil(column - half))
+    high = np.minimum(silhouette.valid[:, 1], np.floor(column + half) + 1)
+    seen = (np.abs(rows - row) <= half) & (low < high)
+    if not seen.any():
+        return None
+    valid = np.where(seen[:, None], np.stack([low, high], axis=1), 0).astype(np.int32)
+    return Silhouette(camera, silhouette.mask, valid)
+
+
+def _looked_at(silhouette: Silhouette) -> Array:
+    column = np.arange(silhouette.camera.size[0])
+    return (column >= silhouette.valid[:, :1]) & (column < silhouette.valid[:, 1:])
+
+
+def _outside(silhouette: Silhouette) -> Array:
+    """Return (H, W) float32 distance to the mask [px], 0 where nothing was observed."""
+    far = np.asarray(distance_transform_edt(silhouette.mask <= 0.5), np.float32)
+    return np.where(_looked_at(silhouette), far, np.float32(0.0))

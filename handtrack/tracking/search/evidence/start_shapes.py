@@ -1,0 +1,141 @@
+"""Hands in some postures, each as a rigid shape: what a search lays everywhere before it lets fingers move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
+
+POSTURES = ("open", "curl", "fist", "point")
+_WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
+_MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
+REACH_M = 0.14
+"""Around the palm's middle of a mean hand lies the whole hand, its fingers stretched, and some of the forearm."""
+_NODE_M = 0.006
+_POINT_M = 0.012
+_LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with their middle so near
+
+
+@dataclass(frozen=True, eq=False)
+class StartShape:
+    """A hand in one posture, in its own frame: the root at the origin, not turned."""
+
+    model: ArticulatedModel
+    posture: str
+    joint: Floats
+    """(S,) joint parameters"""
+    middle: Floats
+    """(3,) the palm's middle [m]"""
+    reach: float
+    """[m] around the middle: points further away say nothing about this hand"""
+    points: Floats
+    """(V, 3) evenly on the surface, within reach [m]"""
+    normals: Floats
+    """(V, 3) unit, outwards"""
+    is_arm: Array
+    """(V,) whether a point is on the forearm, which a sleeve may hide anywhere"""
+    area: float
+    """of the surface around each point [m²]"""
+    spheres: Floats
+    """(K, 4) centres and radii of balls that fill the inside [m]"""
+    mesh: SurfaceMesh
+    """the same surface, with all of its points, each on its bone"""
+    low: Floats
+    """(3,) the first node of `field` [m]"""
+    field: Array
+    """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+
+    @property
+    def is_typical(self) -> bool:
+        """Whether this is one of the few shapes that tell where a hand may be at all."""
+        bent = self.model.has_forearm and self.joint[self.model.parameter_names.index("wrist_flex")]
+        return self.posture in ("open", "curl") and not bent
+
+    @property
+    def spacing(self) -> float:
+        return _NODE_M
+
+    def params_at(self, rotation: Floats, place: Floats) -> Floats:
+        """Return solver parameters (P,) with this posture, turned by rotation (3, 3), its palm's middle at place (3,)."""
+        joint = self.joint.copy()
+        joint[3:6] = rotation_vector(rotation)
+        joint[:3] = place - rotation @ self.middle
+        return self.model.clipped(self.model.transform.solver_params(joint))
+
+
+def start_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[StartShape]:
+    """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
+    bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
+    shapes = []
+    for posture in postures:
+        joint = named_pose(model, posture)
+        for bend in bends:
+            if model.has_forearm:
+                joint[model.parameter_names.index("wrist_flex")] = np.deg2rad(bend)
+            shapes.append(shape_of(model, joint, posture))
+    return shapes
+
+
+def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
+    """Return (3,) the palm's middle at solver parameters (P,), world [m]."""
+    places = model.joint_positions(model.bones(params))
+    wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
+    return wrist + _MIDDLE * (knuckle - wrist)
+
+
+def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape:
+    """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
+    joint = joint.copy()
+    joint[:6] = 0.0
+    params = model.clipped(model.transform.solver_params(joint))
+    bones = model.bones(params)
+    middle = palm_middle(model, params)
+    reach = REACH_M * model.scale.overall
+    surface = MetaballSurface.of(model)
+    mesh = surface_mesh(surface, bones, _POINT_M)
+    near = np.linalg.norm(mesh.vertices - middle, axis=1) < reach
+    low, high = mesh.vertices[near].min(axis=0) - 0.03, mesh.vertices[near].max(axis=0) + 0.03
+    axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    signed = surface.distance(bones, nodes.reshape(-1, 3))
+    field = np.abs(signed).reshape(nodes.shape[:3])
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)
+    return StartShape(
+        model,
+        posture,
+        model.joint_params(params),
+        middle,
+        reach,
+        np.ascontiguousarray(mesh.vertices[near]),
+        np.ascontiguousarray(mesh.normals[near]),
+        model.is_forearm(mesh.bone[near]),
+        area,
+        _balls(nodes.reshape(-1, 3), -signed),
+        mesh,
+        low,
+        field.astype(np.float32),
+    )
+
+
+def _balls(nodes: Floats, depth: Floats) -> Floats:
+    """Return (K, 4) balls that fill the inside, the largest first; nodes (N, 3) at depth (N,) below the surface [m]."""
+    inside = depth > _LEAST_BALL_M
+    left, room = nodes[inside], depth[inside]
+    order = np.argsort(-room, kind="stable")
+    left, room = left[order], room[order]
+    balls = []
+    while len(left):
+        balls.append([*left[0], room[0]])
+        outside = np.linalg.norm(left - left[0], axis=1) > _BALLS_COVER * room[0]
+        left, room = left[outside], room[outside]
+    return np.array(balls)

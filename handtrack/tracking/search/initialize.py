@@ -1,0 +1,101 @@
+"""First frame: a pose, and a person's hand size, from keypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.observation.observation import Keypoints
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors import GaussianPrior
+from handtrack.tracking.size.size import SIZES, scale_from_deviations
+
+_REST_SIGMA = np.deg2rad(40.0)
+_FEWEST = 4
+
+
+def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
+    """Return solver parameters (P,) of the hand fitted to points in space, within limits.
+
+    Starts from the relaxed hand, laid rigidly on the points; a weak pull to that pose settles what the
+    points leave open. Raises HandtrackError when too few points are known.
+    """
+    known = np.isfinite(seen.positions).all(axis=1)
+    if known.sum() < _FEWEST:
+        raise HandtrackError(
+            f"first-frame pose: {int(known.sum())} keypoints are known, at least {_FEWEST} are needed to "
+            "place the hand. Add points, or pose the hand by parameters."
+        )
+    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
+    sigma[:6] = np.inf
+    problem = Problem(model, [KeypointTerm(model, seen)], [GaussianPrior(model.rest, sigma)])
+    settings = SolverSettings(iterations=60, damping=1e-3)
+    starts = [laid_on_points(model, seen, posture) for posture in (model.rest, 3.0 * model.rest)]
+    return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
+
+
+def laid_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
+    """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
+    joint = posture.copy()
+    joint[:6] = 0.0
+    joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
+    bones = model.bones(model.transform.solver_params(joint))
+    indices = [model.joint_names.index(name) for name in seen.names]
+    known = np.isfinite(seen.positions).all(axis=1)
+    source = model.joint_positions(bones)[indices][known]
+    target = seen.positions[known]
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, _, vt = np.linalg.svd(b.T @ a)
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    joint[3:6] = rotation_vector(turn)
+    joint[:3] = target.mean(axis=0) - turn @ source.mean(axis=0)
+    return model.transform.solver_params(joint)
+
+
+def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedModel) -> Floats:
+    """Return solver parameters (P,) of `model` with all joint parameters that it shares with `source` by name.
+
+    The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
+    """
+    given = dict(zip(source.parameter_names, source.joint_params(params), strict=True))
+    joint = [
+        given.get(name, rest) for name, rest in zip(model.parameter_names, model.rest, strict=True)
+    ]
+    return model.clipped(model.transform.solver_params(np.array(joint)))
+
+
+def fit_scale(
+    build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
+) -> tuple[HandScale, Floats]:
+    """Return a person's hand and solver parameters (P,) fitted together to points in space.
+
+    build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
+    adults differ, so that noisy points do not make odd hands.
+    """
+    params = fit_keypoints(build(HandScale()), seen)
+    count = len(params)
+    low_high = build(HandScale()).bounds(params)
+
+    def residuals(x: Floats) -> Floats:
+        model = build(scale_from_deviations(x[count:]))
+        bones = model.bones(x[:count])
+        points = KeypointTerm(model, seen).rows(bones).residual
+        joint = model.joint_params(x[:count])
+        rest = (joint[6:] - model.rest[6:]) / _REST_SIGMA
+        return np.concatenate([points, rest, x[count:]])
+
+    low = np.concatenate([low_high[:, 0], np.full(SIZES, -4.0)])
+    high = np.concatenate([low_high[:, 1], np.full(SIZES, 4.0)])
+    start = np.concatenate([params, np.zeros(SIZES)])
+    start = np.clip(start, low + 1e-6, high - 1e-6)
+    fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
+    scale = scale_from_deviations(fitted[count:])
+    return scale, fit_keypoints(build(scale), seen)

@@ -1,0 +1,101 @@
+"""How sure a first pose is: how well it fits, how much better than the next, and how well it is known if it is the one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel, keypoint_names
+from handtrack.observation.observation import Observation
+from handtrack.solver.covariance import joint_position_jacobian
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.cloud_terms import explained_share
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.laid_shapes import Laid, StartSource
+
+BASIN_M = 0.012
+"""mean distance of the joints from their true places from which tracking goes on: what confidence is about"""
+SIZE_SIGMA, KNOWN_SIZE_SIGMA = 0.06, 0.02
+"""share by which adults' hands differ in size (ANSUR II: 5–95 % is ±10 %), and by which a measured one may be wrong"""
+_NEAR_M = 0.006  # as in assessment
+_SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
+_DRAWS = 300  # of a pose from its spread
+_RIDGE = 1e-9  # of the largest diagonal entry: directions of which nothing is seen at all
+
+
+def independent_errors(sources: Sequence[StartSource], laid: Laid) -> float:
+    """Return how many measurements err independently of each other where a pose is.
+
+    Along a phalanx outlines and clouds err alike; and all views of one hand err alike that is not the model's.
+    """
+    pieces = sum(source.pieces(laid.shape, laid.params) for source in sources)
+    return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
+
+
+def shares(costs: Floats, count: float) -> Floats:
+    """Return (N,) the share of each pose among all found, from their costs (N,) and how many errors are independent.
+
+    How large errors usually are is not known for a first frame, so it is integrated out: with n independent
+    measurements of unknown spread, a pose of cost E has the likelihood E^(−n/2).
+    """
+    least = max(float(costs.min()), 1e-12)
+    weight = (np.maximum(costs, 1e-12) / least) ** (-0.5 * count)
+    return weight / weight.sum()
+
+
+def nearness(problem: Problem, params: Floats, count: float, size_sigma: float) -> float:
+    """Return how surely a pose (P,) has its joints within 12 mm of the true ones on average, if it is the right one.
+
+    Gaussian, about the problem's minimum, with the errors as large as what is left over there says; the hand's size, known
+    to the share size_sigma, is one parameter more: seen by one camera, a larger hand stands further away.
+    """
+    model = problem.model
+    bones, twist, joint = model.linearize(params)
+    growth = np.zeros((*twist.shape[:2], 1))
+    growth[:, :3, 0] = bones.position - bones.reference  # bones move apart, as thick as they were
+    seen = sum(
+        (term.linearize(bones) for term in problem.observation_terms),
+        BoneSystem.zero(len(bones.position)),
+    )
+    spread = max(2.0 * seen.cost / count, 1.0)
+    system = seen.pull_back(np.concatenate([twist, growth], axis=2))
+    hessian = system.hessian / spread
+    for prior in problem.parameter_terms:
+        hessian[:-1, :-1] += prior.linearize(joint).hessian
+    hessian[-1, -1] += size_sigma**-2
+    matrix = np.zeros((len(hessian), len(params) + 1))
+    matrix[:-1, :-1], matrix[-1, -1] = model.transform.matrix, 1.0
+    hessian = matrix.T @ hessian @ matrix
+    hessian += _RIDGE * np.diag(hessian).max() * np.eye(len(hessian))
+    away = (model.joint_positions(bones) - bones.reference)[:, :, None]
+    moves = np.concatenate([joint_position_jacobian(model, bones, twist), away], axis=2) @ matrix
+    moves = moves[[model.joint_names.index(name) for name in keypoint_names()]]
+    normal = np.random.default_rng(0).normal(size=(len(hessian), _DRAWS))
+    drawn = np.linalg.solve(np.linalg.cholesky(hessian).T, normal)
+    off = np.linalg.norm(np.einsum("jip,pn->jin", moves, drawn), axis=1).mean(axis=0)
+    return float(((off < BASIN_M).sum() + 1) / (_DRAWS + 2))  # Laplace's rule: never quite 0 or 1
+
+
+def fit_quality(
+    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats
+) -> float:
+    """Return 0 to 1: 0 where tracking would call the pose (P,) lost, ½ where doubtful, 1 as far above that again."""
+    bones, limits = model.bones(params), settings.tracker
+    terms = frame_terms(model, settings, seen, bones, None)
+    qualities = []
+    if terms.prepared:
+        overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
+        qualities.append(_between(overlap, limits.lost_overlap, limits.doubtful_overlap))
+    if terms.cloud is not None:
+        share = explained_share(terms.cloud, model, bones, _NEAR_M)
+        qualities.append(_between(share, limits.lost_cloud, limits.doubtful_cloud))
+    return min(qualities, default=0.0)
+
+
+def _between(value: float, lost: float, doubtful: float) -> float:
+    return float(np.clip(0.5 * (value - lost) / max(doubtful - lost, 1e-9), 0.0, 1.0))

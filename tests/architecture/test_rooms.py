@@ -1,0 +1,149 @@
+"""The rooms of the house and the arrows between them: what a room may import stands in one table."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+
+CORE = REPOSITORY / "handtrack"
+GROUND = {"errors", "arrays"}
+"""what every room may import"""
+VIEWERS = ("handtrack_app", "viser", "rerun")
+MOST_FILES = 14
+"""in one folder, `__init__` aside"""
+
+ARROWS: dict[str, set[str]] = {
+    "files": set(),
+    "geometry": set(),
+    "capture": {"files", "geometry"},
+    "observation": {"geometry", "capture"},
+    "model": {"files", "geometry"},
+    "terms": {"geometry", "observation", "model"},
+    "solver": {"model", "terms"},
+    "sampling": {"geometry", "observation", "model", "terms", "solver"},
+    "tracking.frame": {"geometry", "observation", "model", "terms", "solver", "sampling"},
+    "tracking.size": {"observation", "model", "terms", "solver", "tracking.frame"},
+    "tracking.hypotheses": {
+        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
+    },
+    "tracking.search": {
+        "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
+        "tracking.size", "tracking",
+    },
+    "tracking": {
+        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
+        "tracking.search", "tracking.hypotheses",
+    },
+    "diagnostics": {"geometry", "model", "terms", "tracking.frame"},
+    "session": {
+        "files", "geometry", "capture", "observation", "model", "tracking", "tracking.frame",
+        "tracking.size", "tracking.search", "tracking.hypotheses",
+    },
+    "simulation": {
+        "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
+        "session", "tracking.search", "tracking.size",
+    },
+}  # fmt: skip
+"""room → the rooms it imports; `bench` alone may import all of them"""
+KNOWN_CIRCLE = ("tracking", "tracking.search")
+"""the automatic start builds a Tracker; to be undone with the search engine"""
+
+
+def core_files() -> list[Path]:
+    return sorted(path for path in CORE.rglob("*.py") if path != CORE / "__init__.py")
+
+
+def imported(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and full module name of every import of a file, inside functions too."""
+    package = list(path.relative_to(REPOSITORY).parts[:-1])
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, name.name) for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*start, *([node.module] if node.module else [])])
+            yield node.lineno, base
+            yield from ((node.lineno, f"{base}.{name.name}") for name in node.names)
+
+
+def room(module: str) -> str | None:
+    """Return the room of a module of the core, None for other modules."""
+    parts = module.split(".")
+    if parts[0] != "handtrack" or len(parts) < 2:
+        return None
+    inner = ".".join(parts[1:3])
+    return inner if inner in ARROWS else parts[1]
+
+
+def broken_rules(path: Path) -> list[str]:
+    own = room(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
+    allowed = GROUND if own not in ARROWS else GROUND | ARROWS[own] | {own}
+    where = path.relative_to(REPOSITORY)
+    found = []
+    for line, module in imported(path):
+        if module.split(".")[0] in VIEWERS:
+            found.append(f"{where}:{line} imports {module}: the core knows no viewer")
+        theirs = room(module)
+        if (
+            own != "bench"
+            and theirs in ARROWS.keys() | GROUND | {"bench"}
+            and theirs not in allowed
+        ):
+            found.append(f"{where}:{line}: '{own}' may not import '{theirs}' ({module})")
+    return found
+
+
+def test_every_file_is_in_a_known_room():
+    names = {room(".".join(p.relative_to(REPOSITORY).with_suffix("").parts)) for p in core_files()}
+    assert names == {*ARROWS, *GROUND, "bench"}
+
+
+def test_only_allowed_arrows_are_drawn():
+    broken = [rule for path in core_files() for rule in broken_rules(path)]
+    assert not broken, "\n".join(broken)
+
+
+def test_every_allowed_arrow_is_drawn():
+    """The table says what is so, not what might be."""
+    drawn: dict[str, set[str]] = {name: set() for name in ARROWS}
+    for path in core_files():
+        own = room(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
+        if own in ARROWS:
+            drawn[own] |= {theirs for _, m in imported(path) if (theirs := room(m)) in ARROWS}
+    unused = {own: ARROWS[own] - found for own, found in drawn.items() if ARROWS[own] - found}
+    assert not unused
+
+
+def test_arrows_make_no_circle():
+    one, other = KNOWN_CIRCLE
+    graph = {name: arrows - {other} if name == one else arrows for name, arrows in ARROWS.items()}
+    TopologicalSorter(graph).prepare()
+
+
+def test_folders_are_small_enough_to_look_through():
+    folders = {path.parent for root in ("handtrack",) for path in (REPOSITORY / root).rglob("*.py")}
+    counts = {d: sum(p.name != "__init__.py" for p in d.glob("*.py")) for d in folders}
+    large = [f"{d.relative_to(REPOSITORY)}: {n} files" for d, n in counts.items() if n > MOST_FILES]
+    assert not large, "\n".join(large)
+
+
+@pytest.mark.parametrize(
+    ("statement", "rule"),
+    [
+        ("from handtrack.tracking.frame.result import Status", "may not import 'tracking.frame'"),
+        ("def f():\n    import rerun", "knows no viewer"),
+        ("from ..session import run", "may not import 'session'"),
+    ],
+)
+def test_the_walk_finds_what_is_forbidden(tmp_path, monkeypatch, statement, rule):
+    monkeypatch.setattr("tests.architecture.test_rooms.REPOSITORY", tmp_path)
+    path = tmp_path / "handtrack" / "model" / "wrong.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(statement)
+    assert rule in broken_rules(path)[0]

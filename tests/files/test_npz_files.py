@@ -1,0 +1,97 @@
+"""Arrays in .npz files: what is read, and what is said of files that are no such thing."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.files.npz_files import read_arrays
+
+
+def saved(path: Path) -> bytes:
+    np.savez_compressed(path, points=np.random.default_rng(0).random((500, 3)))
+    return path.read_bytes()
+
+
+def damaged(path: Path) -> None:
+    content = bytearray(saved(path))
+    content[200:260] = bytes(60)
+    path.write_bytes(content)
+
+
+def of_member(path: Path, content: bytes) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("points.npy", content)
+
+
+def announcing(path: Path, shape: tuple[int, ...]) -> None:
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": shape}
+    )
+    of_member(path, head.getvalue())
+
+
+def single_array() -> bytes:
+    content = io.BytesIO()
+    np.save(content, np.zeros(3))
+    return content.getvalue()
+
+
+NONE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda p: None, "no such file."),
+    "a folder": (lambda p: p.mkdir(), "is a folder; expected an .npz file."),
+    "empty": (lambda p: p.write_bytes(b""), "not a readable .npz of plain arrays"),
+    "text": (lambda p: p.write_text("hello"), "not a readable .npz of plain arrays"),
+    "a single array": (
+        lambda p: p.write_bytes(single_array()),
+        "not a readable .npz of plain arrays",
+    ),
+    "cut off": (
+        lambda p: p.write_bytes(saved(p)[:2000]),
+        "Was it cut off while it was written or copied",
+    ),
+    "damaged": (damaged, "not a readable .npz of plain arrays"),
+    "pickles": (
+        lambda p: np.savez(p, points=np.array([{}], object)),
+        "Object arrays cannot be loaded",
+    ),
+    "no array in it": (lambda p: of_member(p, b"hello"), "not a readable .npz of plain arrays"),
+    "fewer than announced": (lambda p: announcing(p, (9, 3)), "`points` is cut off"),
+    "more than any memory": (
+        lambda p: announcing(p, (10**14, 3)),
+        "`points` would take 2400000 GB of memory",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NONE)
+def test_files_that_are_no_plain_arrays(case: str, tmp_path: Path) -> None:
+    make, words = NONE[case]
+    path = tmp_path / "x.npz"
+    make(path)
+    with pytest.raises(HandtrackError) as caught:
+        read_arrays(path)
+    assert str(caught.value).startswith(str(path))
+    assert words in str(caught.value)
+
+
+def test_arrays_read_back(tmp_path: Path) -> None:
+    arrays = {
+        "a": np.arange(3),
+        "names": np.array(["x", "yz"]),
+        "one": np.array(1),
+        "none": np.zeros((0, 3)),
+    }
+    np.savez(tmp_path / "x.npz", **arrays)
+    read = read_arrays(tmp_path / "x.npz")
+    assert list(read) == list(arrays)
+    for name, array in arrays.items():
+        assert read[name].dtype == array.dtype
+        assert np.array_equal(read[name], array)

@@ -1,0 +1,115 @@
+"""Somebody's joint positions become our parameters: known bodies and motions are recovered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints
+from handtrack.simulation.motion_files.bvh import read_bvh
+from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
+from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.tracking.size.body_size import BodySize, fit_body
+
+
+def build(scale):
+    return load_model("body34", scale=scale)
+
+
+@pytest.fixture(scope="module")
+def dancer():
+    """Somebody small with long legs and wide hips."""
+    return build(HandScale(0.9, {"thighs": 1.08, "forearms": 0.95}, {"hip_width": 1.5}))
+
+
+def dance(model, frames, rng):
+    """Return params (F, 34) that wander through the inner half of the limits, turning round."""
+    low, high = model.limits.interval[6:].T
+    ends = rng.uniform(0.6 * low, 0.6 * high, size=(4, 28))
+    at = np.linspace(0, 3 - 1e-9, frames)
+    part = (at % 1)[:, None]
+    part = part * part * (3 - 2 * part)
+    joint = np.zeros((frames, 34))
+    joint[:, 6:] = ends[at.astype(int)] * (1 - part) + ends[at.astype(int) + 1] * part
+    held = np.isfinite(model.stabilise)
+    joint[:, held] *= 0.2
+    joint[:, 4] = np.linspace(0, 2.5, frames)
+    joint[:, 0] = np.linspace(0, 1.0, frames)
+    return joint
+
+
+def joints_of(model, params, names):
+    columns = [model.joint_names.index(name) for name in names]
+    return np.stack([model.joint_positions(model.bones(p))[columns] for p in params])
+
+
+def test_a_motion_of_the_same_body_is_recovered(dancer, rng):
+    params = dance(dancer, 25, rng)
+    names = dancer.joint_names
+    positions = joints_of(dancer, params, names)
+    found = retarget(dancer, names, positions)
+    errors = retarget_errors(dancer, names, positions, found)
+    assert errors.max() < 0.003  # the weak pull to rest and the held clavicles
+    assert np.median(errors) < 0.001
+    assert np.linalg.norm(found[:, 3:6], axis=1).max() <= np.pi + 1e-9
+
+
+def test_unknown_joints_are_left_out(dancer, rng):
+    params = dance(dancer, 5, rng)
+    names = dancer.joint_names
+    positions = joints_of(dancer, params, names)
+    hidden = positions.copy()
+    hidden[2:, names.index("left_hand")] = np.nan
+    found = retarget(dancer, names, hidden)
+    errors = retarget_errors(dancer, names, hidden, found)
+    assert np.isnan(errors[2:, names.index("left_hand")]).all()
+    assert np.nanmax(errors) < 0.003
+
+
+def test_a_persons_size_is_found_with_the_poses(dancer, rng):
+    params = dance(dancer, 12, rng)
+    names = dancer.joint_names
+    positions = joints_of(dancer, params, names)
+    positions = positions + rng.normal(scale=0.003, size=positions.shape)
+    fitted = fitted_model(build, names, positions)
+    for bone in ("left_thigh", "right_forearm", "left_shin", "right_upper_arm"):
+        b = fitted.skeleton.bone(bone)
+        assert fitted.skeleton.length[b] == pytest.approx(dancer.skeleton.length[b], rel=0.015)
+    hips = np.diff(joints_of(fitted, np.zeros((1, 34)), ("left_hip", "right_hip"))[0], axis=0)
+    true = np.diff(joints_of(dancer, np.zeros((1, 34)), ("left_hip", "right_hip"))[0], axis=0)
+    assert np.linalg.norm(hips) == pytest.approx(np.linalg.norm(true), rel=0.06)
+
+
+def test_a_size_in_deviations_goes_there_and_back(rng):
+    size = BodySize(build(HandScale()))
+    deviations = rng.normal(size=size.count)
+    np.testing.assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
+    assert size.count == 1 + 9 + 8
+
+
+def test_without_frames_that_tell_the_size_stays_an_adults(dancer):
+    """One pose seen with a huge error: adults' spread decides."""
+    mean = build(HandScale())
+    points = mean.joint_positions(mean.bones(np.zeros(34)))
+    seen = Keypoints(mean.joint_names, points, 0.01)
+    scale, poses = fit_body(build, [seen], [np.zeros(34)])
+    deviations = BodySize(mean).deviations(scale)
+    assert np.abs(deviations).max() < 0.1
+    model = build(scale)
+    assert KeypointTerm(model, seen).cost(model.bones(poses[0])) < 0.1
+
+
+def test_the_dance_is_fitted_to_half_a_centimetre(data_dir):
+    """Another skeleton's joints: what is left is mostly where its chest, shoulders and ankles are thought to be."""
+    path = data_dir / "bandai_body_motion" / "dance-short_frames_0300-0899.bvh"
+    if not path.is_file():
+        pytest.skip(f"no dance at {path}")
+    clip = read_bvh(path, "replace").renamed(BANDAI_JOINTS)
+    positions = clip.positions[::24]
+    model = fitted_model(build, clip.names, positions[::3])
+    errors = retarget_errors(model, clip.names, positions, retarget(model, clip.names, positions))
+    assert np.median(errors) < 0.007
+    assert np.percentile(errors, 95) < 0.03

@@ -1,0 +1,149 @@
+"""Tracking by images alone: no masks, two cameras, a patterned hand before clutter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.observation.observation import ImageView, Observation
+from handtrack.simulation.motion import motion
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
+from handtrack.terms.images.carried_texture import CarriedTextureTerm
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.tracking.frame.appearance_terms import Before, appearance_terms, see_appearance
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+COUNT = 8
+MOTION = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[14 : 14 + 2 * COUNT : 2]
+CAMERAS = simulated_rig(2, (320, 240)).cameras
+
+
+def _pictures():
+    rng = np.random.default_rng(3)
+    paint = Pattern.random(MODEL.skeleton.bone_count, rng, 0.03)
+    rooms = [cluttered_background(camera.size, rng) for camera in CAMERAS]
+    mesh = model_mesh(MODEL)
+    seen = []
+    for frame, joint in enumerate(MOTION):
+        bones = MODEL.bones(joint)
+        views = [
+            ImageView(camera, textured_picture(camera, mesh, bones, paint, room)[0])
+            for camera, room in zip(CAMERAS, rooms, strict=True)
+        ]
+        seen.append(Observation(frame, frame / 25.0, images=tuple(views)))
+    return seen
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return _pictures()
+
+
+def settings(**values):
+    by_images = {"silhouettes.weight": 0, "cloud.weight": 0, "tracker.escape": False}
+    return TrackerSettings().with_values(
+        by_images | {k.replace("__", "."): v for k, v in values.items()}
+    )
+
+
+BOTH = settings(edges__weight=1, intensity__weight=1)
+
+
+def followed(seen, how=BOTH, frames=range(COUNT), start=0):
+    observe = {observation.frame: observation for observation in seen}
+    tracker = Tracker(MODEL, how)
+    return list(track_frames(tracker, lambda f, _: observe[f], start, MOTION[start], frames))
+
+
+def errors_mm(results):
+    truth = [MODEL.joint_positions(MODEL.bones(MOTION[r.frame])) for r in results]
+    off = [r.joint_positions - t for r, t in zip(results, truth, strict=True)]
+    return np.array([1e3 * np.linalg.norm(x, axis=1).mean() for x in off])
+
+
+@pytest.fixture(scope="module")
+def forward(seen):
+    return followed(seen)
+
+
+def test_the_hand_is_followed_without_any_mask(forward):
+    moved = 1e3 * np.linalg.norm(np.diff([r.joint_positions for r in forward], axis=0), axis=2)
+    assert moved.mean() > 3.0  # a frame
+    assert errors_mm(forward).mean() < 6.0  # measured 4.6 mm: a pixel is 1.7 mm
+    assert errors_mm(forward).max() < 9.0  # measured 7.0 mm, in the first frame, by edges alone
+    assert {r.status for r in forward} == {Status.TRACKED}
+    assert set(forward[0].energies) >= {"edges"}
+    assert set(forward[3].energies) >= {"edges", "intensity"}
+
+
+def test_the_same_bytes_again_and_backward(seen, forward):
+    again = followed(seen)
+    for one, two in zip(forward, again, strict=True):
+        np.testing.assert_array_equal(one.parameters, two.parameters)
+    backward = followed(seen, start=COUNT - 1)
+    assert [r.frame for r in backward] == list(range(COUNT - 1, -1, -1))
+    assert errors_mm(backward).max() < 9.0  # measured 5.5 mm
+
+
+def test_a_frame_redone_gives_the_same(seen, forward):
+    """What is handed in is all that counts: any frame can be tracked again."""
+    tracker = Tracker(MODEL, BOTH)
+    given = Before(seen[0], MODEL.bones(forward[0].parameters))
+    one = tracker.step(seen[5], forward[:5], before=seen[4], given=given)
+    np.testing.assert_array_equal(one.parameters, forward[5].parameters)
+    plain = tracker.step(seen[5], forward[:5], before=seen[4])
+    assert not np.array_equal(plain.parameters, forward[5].parameters)
+
+
+def test_by_intensity_alone_the_first_pose_is_the_given_one(seen):
+    results = followed(seen, settings(intensity__weight=1), range(5))
+    np.testing.assert_allclose(results[0].parameters, MOTION[0], atol=1e-12)
+    assert results[0].status == Status.DOUBTFUL
+    assert results[0].note == "the pose is the given one; its texture is carried from here on"
+    assert errors_mm(results).max() < 5.0
+
+
+def test_a_missing_image_is_passed_over(seen):
+    gap = [
+        *seen[:3],
+        replace(seen[3], images=()),
+        replace(seen[4], images=seen[4].images[1:]),
+        *seen[5:],
+    ]
+    results = followed(gap)
+    assert [r.status == Status.LOST for r in results] == [i == 3 for i in range(COUNT)]
+    assert errors_mm(results[5:]).max() < 10.0
+
+
+def test_images_cost_nothing_where_they_are_not_asked_for(seen):
+    off = TrackerSettings()
+    assert not off.looks_at_images
+    before = Before(seen[0], MODEL.bones(MOTION[0]))
+    assert see_appearance(seen[1], MODEL, off, before) is None
+    assert see_appearance(seen[1], MODEL, settings(intensity__weight=1), None) is None
+    assert see_appearance(replace(seen[1], images=()), MODEL, BOTH, before) is None
+
+
+def test_texture_comes_from_the_last_frame_and_the_first(seen):
+    bones = [MODEL.bones(joint) for joint in MOTION]
+    first = Before(seen[0], bones[0])
+    known = see_appearance(seen[2], MODEL, BOTH, Before(seen[1], bones[1], first))
+    terms = appearance_terms(known, BOTH, 0, bones[2])
+    assert [type(t) for t in terms] == [OutlineEdgesTerm] + 4 * [CarriedTextureTerm]  # two cameras
+    how = BOTH.with_values({"intensity.memory": 0.25})
+    known = see_appearance(seen[2], MODEL, how, Before(seen[1], bones[1], first))
+    weights = [term.weight for term in appearance_terms(known, how, 0, bones[2])[1:]]
+    ratios = np.array(weights) / weights[0]
+    np.testing.assert_allclose(ratios, [1, 1, 3, 3])  # the first frame's lead
+    bigger = load_model(scale=1.1)
+    grown = known.of(bigger, how)
+    np.testing.assert_allclose(grown.carried[0].local, 1.1 * known.carried[0].local)

@@ -1,0 +1,70 @@
+"""How much a cloud counts: by the surface it measures, and by how a hand's own shape errs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.observation.observation import Observation, PointCloud
+from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
+from handtrack.tracking.frame.cloud_terms import see_cloud
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.tracker import Tracker
+
+CHI2_90 = 6.251
+"""squared length within which nine tenths of three standard normal numbers lie"""
+
+
+@pytest.mark.parametrize(("scale", "count"), [(1.0, 15_000), (1.0, 60_000), (1.2, 30_000)])
+def test_points_count_by_the_surface_they_measure(rng, scale, count):
+    """Not by how many there are, nor by how large the hand is: a larger hand's parts are broader."""
+    model = load_model(scale=HandScale(scale))
+    bones = model.bones(model.rest_params())
+    points, _ = sample_surface(MetaballSurface.of(model), bones, count, rng)
+    seen = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), model, bones, TrackerSettings())
+    assert seen is not None
+    mesh = surface_mesh(MetaballSurface.of(model), bones)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    patch = scale * 1e-3 * TrackerSettings().cloud.patch_mm
+    assert seen.share * count == pytest.approx(area / patch**2, rel=0.2)
+
+
+def test_it_does_not_take_another_hands_flesh_for_another_pose():
+    """Thicker and thinner flesh before one depth camera: the joints lie where the stated uncertainty says."""
+    model, inside = load_model(), []
+    for seed, pose in enumerate(("open", "curl", "rest")):
+        rng = np.random.default_rng(seed)
+        flesh = model.flesh["metaballs"]
+        radii = flesh.radii * np.exp(0.12 * rng.normal(size=(len(flesh), 1)))
+        other = replace(model, flesh=model.flesh | {"metaballs": replace(flesh, radii=radii)})
+        joint = named_pose(model, pose)
+        joint[1] = -0.09
+        seen = next(depth_views(other, joint[None], replace(FINE, size=(320, 240)), rng))
+        found = Tracker(model).step(seen, start=model.transform.solver_params(joint))
+        off = found.joint_positions - model.joint_positions(model.bones(joint))
+        inside.append(np.einsum("ji,jik,jk->j", off, np.linalg.inv(found.joint_covariance), off))
+    assert np.mean(np.concatenate(inside) < CHI2_90) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("off_m", "count", "sharper"), [(1e-4, 3000, True), (3e-3, 3000, False), (1e-4, 400, False)]
+)
+def test_a_cloud_is_taken_as_exactly_as_it_lies_where_that_can_be_known(rng, off_m, count, sharper):
+    """Not where it lies no nearer than usual, nor where so little is seen that the hand can be bent to meet it all."""
+    model = load_model()
+    bones = model.bones(model.rest_params())
+    points, normals = sample_surface(MetaballSurface.of(model), bones, count, rng)
+    points += off_m * rng.normal(size=(count, 1)) * normals
+    seen = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), model, bones, TrackerSettings())
+    assert seen is not None
+    found = seen.sharpened(model, bones, 2e-3)
+    assert (found.sigma_m is not None) is sharper
+    assert (found is seen) is not sharper

@@ -1,0 +1,84 @@
+"""Clouds in the tracker, simplified models, finger shifts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.observation.observation import Observation, PointCloud
+from handtrack.tracking.frame.forearm import forearm_in_view
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.search.escape import _shifted
+from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.tracker import Tracker
+
+
+def seen(model, pose, rng, count=3000, noise=3e-4):
+    """Return joint parameters and an observation of points all over the hand's surface."""
+    joint = named_pose(model, pose)
+    joint[:6] = rng.normal(scale=0.3, size=6)
+    bones = model.bones(model.transform.solver_params(joint))
+    points, _ = sample_surface(MetaballSurface.of(model), bones, count, rng)
+    cloud = PointCloud(points + rng.normal(scale=noise, size=points.shape))
+    return joint, Observation(0, 0.0, cloud=cloud)
+
+
+def error_mm(model, result, joint):
+    truth = model.joint_positions(model.bones(model.transform.solver_params(joint)))
+    return 1e3 * np.linalg.norm(result.joint_positions - truth, axis=1).mean()
+
+
+@pytest.mark.parametrize("pose", ["open", "curl", "pinch"])
+def test_a_cloud_alone_gives_the_pose(rng, pose):
+    model = load_model()
+    joint, observation = seen(model, pose, rng)
+    start = joint + rng.normal(size=26) * ([0.006] * 3 + [np.deg2rad(4)] * 23)
+    result = Tracker(model).step(observation, start=model.clipped(start))
+    assert result.status == Status.TRACKED
+    assert error_mm(model, result, joint) < 0.25  # measured 0.04 to 0.11 mm
+
+
+def test_a_cloud_far_from_the_hand_is_not_the_hands(rng):
+    model = load_model()
+    joint, observation = seen(model, "open", rng)
+    away = PointCloud(observation.cloud.points + [0.5, 0.0, 0.0])
+    result = Tracker(model).step(Observation(0, 0.0, cloud=away), start=joint)
+    assert result.status == Status.LOST
+
+
+def test_a_forearm_in_the_cloud_is_noticed(rng):
+    for forearm in (True, False):
+        model = load_model(forearm=forearm)
+        joint, observation = seen(model, "open", rng)
+        assert forearm_in_view(model, joint, observation) is forearm
+
+
+@pytest.mark.parametrize(("name", "count"), [("glove9", 9), ("ball6", 6)])
+def test_simpler_models_hold_the_palm(rng, name, count):
+    """A cloud of the whole hand, followed by three ellipsoids or one: where the wrist is, roughly."""
+    whole, simple = load_model(), load_model(name)
+    joint, observation = seen(whole, "rest", rng)
+    assert len(simple.transform.names) == count
+    start = carried_over(whole, joint, simple)
+    np.testing.assert_allclose(start[:6], joint[:6])
+    result = Tracker(simple).step(observation, start=start)
+    assert result.keypoints21 is None
+    assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < 0.015  # 3.5 and 10.9 mm
+
+
+def test_shifted_starts_put_fingers_where_their_neighbours_were():
+    model = load_model()
+    joint = named_pose(model, "open")
+    names = model.joint_names
+    places = model.joint_positions(model.bones(joint))
+    index, middle = places[names.index("index_mcp")], places[names.index("middle_mcp")]
+    starts = [model.joint_positions(model.bones(start)) for start in _shifted(model, joint)]
+    assert len(starts) == 4  # either way, with the neighbours' bends and with their own
+    for start in starts[:2]:
+        assert np.linalg.norm(start[names.index("middle_mcp")] - index) < 0.004
+    for start in starts[2:]:
+        assert np.linalg.norm(start[names.index("index_mcp")] - middle) < 0.004

@@ -1,0 +1,166 @@
+"""A poor cloud that alone holds the hand: its depths are doubted, the palm stays where it is, and it is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.simulation.motion import motion
+from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
+from handtrack.tracking.fallback import is_simplified, simplified, steadier
+from handtrack.tracking.frame.cloud_terms import cloud_terms, see_cloud
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+FRAMES = 8
+TRUTH = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[:FRAMES]
+
+
+def views(sensor, seed=3):
+    return list(depth_views(MODEL, TRUTH, sensor, np.random.default_rng(seed)))
+
+
+def tracked(seen, **settings):
+    tracker = Tracker(MODEL, TrackerSettings().with_values(settings))
+    start = MODEL.transform.solver_params(TRUTH[0])
+    return list(track_frames(tracker, lambda f, *_: seen[f], 0, start, range(len(seen))))
+
+
+def palm_mm(result, joint):
+    at = [MODEL.joint_names.index(name) for name in ("wrist", "middle_mcp")]
+    truth = MODEL.joint_positions(MODEL.bones(MODEL.transform.solver_params(joint)))
+    return 1e3 * np.linalg.norm(result.joint_positions[at] - truth[at], axis=1).mean()
+
+
+@pytest.fixture(scope="module")
+def poor():
+    return views(DIGICLOPS)
+
+
+def test_a_good_cloud_is_left_to_all_joints():
+    seen = views(FINE)[:3]
+    results = tracked(seen)
+    assert [r.status for r in results] == [Status.TRACKED] * 3
+    assert not any(r.poor_cloud for r in results)
+    without = tracked(seen, **{"model.fallback": "none"})
+    for one, other in zip(results, without, strict=True):
+        np.testing.assert_array_equal(one.parameters, other.parameters)
+
+
+@pytest.mark.parametrize("kind", ["auto", "glove9", "ball6"])
+def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
+    results = tracked(poor, **{"model.fallback": kind})
+    for result, joint in zip(results, TRUTH, strict=True):
+        assert result.status == Status.DOUBTFUL
+        assert result.poor_cloud
+        assert is_simplified(result) == (kind != "auto")
+        assert np.isfinite(result.parameter_std[:6]).all()
+        assert len(result.parameters) == 26
+        low, high = MODEL.limits.bounds(result.parameters).T
+        assert (result.parameters >= low - 1e-9).all()
+        assert (result.parameters <= high + 1e-9).all()
+        assert palm_mm(result, joint) < (10.0 if kind == "auto" else 40.0)
+    assert (kind == "auto") != (f"({kind})" in results[-1].note)
+
+
+def test_what_is_held_stays_held(poor):
+    """glove9 in a poor frame: not a finger moves."""
+    fingers = [i for i, n in enumerate(MODEL.parameter_names) if i >= 6 and "_cmc_" not in n]
+    held = tracked(poor, **{"model.fallback": "glove9"})[-1]
+    np.testing.assert_allclose(held.parameters[fingers], TRUTH[0][fingers], atol=1e-9)
+
+
+def test_nothing_is_claimed_of_held_fingers(poor):
+    """Their joints may be as far off as limits let them; the palm's are known."""
+    result = tracked(poor[:2], **{"model.fallback": "glove9"})[-1]
+    spread = 1e3 * np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2))
+    tip, wrist = (MODEL.joint_names.index(name) for name in ("index_tip", "wrist"))
+    assert spread[tip] > 30.0
+    assert spread[wrist] < 15.0
+
+
+def test_it_can_be_switched_off(poor):
+    assert not any(r.poor_cloud for r in tracked(poor[:3], **{"model.fallback": "none"}))
+
+
+def test_it_ends_with_the_poor_frames(poor):
+    """The fingers are found again as soon as they are measured."""
+    good = views(FINE)
+    mixed = [good[0], poor[1], poor[2], *good[3:]]
+    results = tracked(mixed)
+    assert [r.poor_cloud for r in results[:3]] == [False, True, True]
+    assert not any(r.poor_cloud for r in results[4:])
+    assert palm_mm(results[-1], TRUTH[-1]) < 1.5
+
+
+def test_the_simpler_hand_stands_where_the_whole_one_stood(rng):
+    joint = named_pose(MODEL, "pinch")
+    joint[:6] = rng.normal(scale=0.2, size=6)
+    for kind, count in (("glove9", 9), ("ball6", 6)):
+        few = simplified(MODEL, joint, kind)
+        assert len(few.model.transform.names) == count
+        np.testing.assert_allclose(few.whole(few.start), joint, atol=1e-12)
+
+
+def test_depths_are_doubted_not_directions(poor):
+    """Points that moved by centimetres along their lines of sight leave the palm where it is; moved aside they take it along."""
+    seen = poor[1]
+    points, centre = seen.cloud.points, seen.cloud_views[0][0]
+    wrong = points[:, 0] > np.median(points[:, 0]) + 0.01
+    deeper = centre + (points - centre) * np.where(wrong, 1.06, 1.0)[:, None]
+    aside = points + np.array([0.012, 0.0, 0.0])
+    doubted = Tracker(MODEL, steadier(TrackerSettings()))
+    start = MODEL.transform.solver_params(TRUTH[1])
+
+    def found(moved):
+        frame = replace(seen, cloud=replace(seen.cloud, points=moved))
+        return doubted.step(frame, (), start)
+
+    assert wrong.mean() > 0.2
+    assert palm_mm(found(deeper), TRUTH[1]) < 6.0
+    assert palm_mm(found(aside), TRUTH[1]) > 9.0
+
+
+def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
+    calm = steadier(TrackerSettings())
+    assert calm.model.fallback == "none"
+    assert calm.cloud.doubt_depth
+    assert replace(calm.model, fallback="auto") == TrackerSettings().model
+
+
+def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
+    assert TrackerSettings().tracker.jumps
+    follow = steadier(TrackerSettings()).tracker
+    assert not follow.jumps
+    assert not follow.escape
+
+
+def test_what_no_line_of_sight_meets_may_be_a_hole(poor):
+    """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
+    calm, params = steadier(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
+    seen = see_cloud(views(FINE)[0], MODEL, MODEL.bones(params), calm)
+    assert seen is not None
+    _, holes = cloud_terms(seen, MODEL, calm, 1.2)
+    patches = holes.weight * len(holes.bone)
+    sight = TRUTH[0][:3] - poor[0].cloud_views[0][0]
+    sight /= np.linalg.norm(sight)
+
+    def cost(moved):
+        return holes.cost(MODEL.bones(MODEL.transform.solver_params(TRUTH[0] + moved)))
+
+    def place(offset):
+        return np.concatenate([offset, np.zeros(len(params) - 3)])
+
+    beside = [cost(place(np.array([aside, 0.0, 0.0]))) for aside in (0.0, 0.015, 0.3, 0.5)]
+    assert 20.0 < patches < 60.0
+    assert beside[0] < 0.05 * patches < beside[1]
+    np.testing.assert_allclose(beside[2:], patches * np.log(2.0), rtol=1e-6)
+    for along in (-0.02, 0.02):
+        assert cost(place(along * sight)) < 0.1 * patches

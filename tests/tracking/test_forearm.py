@@ -1,0 +1,150 @@
+"""Forearms of all lengths: noticed, and never in the way of the hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.observation.observation import Observation
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
+from handtrack.tracking.frame.forearm import forearm_cut, forearm_in_view, forearm_length
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+HAND, WHOLE = load_model(), load_model(forearm=True)
+ARM = WHOLE.skeleton.bone("forearm")
+QUICK = TrackerSettings().with_values({"tracker.escape": False, "tracker.jumps": False})
+
+
+def near_pair():
+    """Two cameras 7 cm apart, 60 cm before the back of the hand."""
+    camera = simulated_rig(1, (400, 300), 0.6).cameras[0]
+    x = camera.rotation[0]
+    return [
+        replace(camera, name=f"cam{i}", translation=camera.translation - camera.rotation @ (s * x))
+        for i, s in enumerate((-0.035, 0.035))
+    ]
+
+
+def posed(flex=0.0, abd=0.0, x=0.0, pose="open"):
+    """The whole hand's joint parameters, its palm near the origin."""
+    joint = named_pose(WHOLE, pose)
+    joint[0], joint[1] = x, -0.07
+    for name, value in (("wrist_flex", flex), ("wrist_abd", abd)):
+        joint[WHOLE.skeleton.parameter(name)] = value
+    return joint
+
+
+def without_arm(joint):
+    kept = [name not in ("wrist_flex", "wrist_abd") for name in WHOLE.parameter_names]
+    return HAND.transform.solver_params(joint[kept])
+
+
+def seen_with_arm(joint, length, cameras, frame=0):
+    """Masks of the hand with a forearm that ends so far from the wrist; 0: of the hand alone."""
+    hand = mask_views(HAND, without_arm(joint), cameras, frame)
+    if length == 0.0:
+        return hand
+    bones = WHOLE.bones(WHOLE.transform.solver_params(joint))
+    views = []
+    for whole, alone in zip(
+        mask_views(WHOLE, WHOLE.transform.solver_params(joint), cameras).silhouettes,
+        hand.silhouettes,
+        strict=True,
+    ):
+        ends = np.array([[0.0, 0.0, 0.0], [0.0, length, 0.0]])
+        wrist, far = whole.camera.project(bones.to_world(ARM, ends))
+        v, u = np.mgrid[: whole.mask.shape[0], : whole.mask.shape[1]]
+        here = (np.stack([u, v], axis=-1) - far) @ (wrist - far) > 0
+        views.append(replace(whole, mask=np.maximum(alone.mask, whole.mask * here)))
+    return Observation(frame, frame / 25, tuple(views))
+
+
+def valid(camera: Camera, line):
+    spans = np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))
+    spans = spans if line is None else clip_spans(spans, line)
+    u = np.arange(camera.size[0])
+    return (u >= spans[:, :1]) & (u < spans[:, 1:])
+
+
+@pytest.mark.parametrize("length", [0.0, 0.04, 0.07, 0.2])
+def test_the_length_of_a_forearm_is_told_by_two_near_cameras(length):
+    """From one side, an arm towards the cameras would be hidden by every hand: that is no sign of one."""
+    joint = posed(flex=0.3, abd=0.1)
+    seen = seen_with_arm(joint, length, near_pair())
+    found = forearm_length(HAND, HAND.bones(without_arm(joint)), seen.silhouettes)
+    assert found == pytest.approx(min(length, 0.1), abs=0.012)
+    assert forearm_in_view(HAND, without_arm(joint), seen) is (length > 0)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.2])
+def test_a_forearm_is_noticed_from_around(length):
+    joint = posed(flex=0.4)
+    seen = seen_with_arm(joint, length, simulated_rig(3, (320, 240)).cameras)
+    assert forearm_in_view(HAND, without_arm(joint), seen) is (length > 0)
+
+
+def test_no_silhouettes_show_no_forearm():
+    assert forearm_length(HAND, HAND.bones(without_arm(posed())), ()) == 0.0
+
+
+@pytest.mark.parametrize("flex", [-1.3, 0.0, 0.8, 1.5])
+@pytest.mark.parametrize("pose", ["open", "fist"])
+def test_the_hand_always_counts_whichever_way_the_arm_points(flex, pose):
+    """Where the arm pointed to the camera, the line ran across the fingers, and they drifted away unseen."""
+    joint = posed(flex=flex, pose=pose)
+    params = WHOLE.transform.solver_params(joint)
+    for model, pose_of in ((WHOLE, params), (HAND, without_arm(joint))):
+        for hand, whole in zip(
+            mask_views(HAND, without_arm(joint), near_pair()).silhouettes,
+            mask_views(WHOLE, params, near_pair()).silhouettes,
+            strict=True,
+        ):
+            line = forearm_cut(whole, model, model.bones(pose_of), 0.1)
+            cut = (hand.mask > 0) & ~valid(hand.camera, line)
+            assert cut.sum() < 0.003 * hand.mask.sum()
+
+
+def test_the_mask_counts_no_further_than_its_own_end_and_the_setting():
+    joint = posed(flex=0.2)
+    bones = WHOLE.bones(WHOLE.transform.solver_params(joint))
+
+    def reached(length, most):
+        silhouette = seen_with_arm(joint, length, near_pair()).silhouettes[0]
+        counts = valid(silhouette.camera, forearm_cut(silhouette, WHOLE, bones, most))
+        reach = np.arange(0.0, 0.15, 0.001)
+        u, v = np.rint(silhouette.camera.project(bones.to_world(ARM, reach[:, None] * [0, 1, 0]))).T
+        return reach[np.argmin(counts[v.astype(int), u.astype(int)])]
+
+    assert reached(0.2, 0.1) == pytest.approx(0.1, abs=0.003)
+    assert reached(0.2, 0.06) == pytest.approx(0.06, abs=0.003)
+    assert 0.04 < reached(0.06, 0.1) < 0.06
+
+
+def test_other_models_are_not_cut():
+    ball = load_model("ball6")
+    silhouette = mask_views(HAND, without_arm(posed()), near_pair()).silhouettes[0]
+    assert forearm_cut(silhouette, ball, ball.bones(ball.rest_params()), 0.1) is None
+
+
+@pytest.mark.parametrize(
+    ("length", "model"), [(0.04, WHOLE), (0.2, WHOLE), (0.03, HAND), (0.2, HAND)]
+)
+def test_a_hand_with_an_arm_stays_where_it_is(length, model):
+    """Two near cameras see little of depth: the hand went centimetres along the arm, or towards the cameras."""
+    motion = [posed(0.02 * f, 0.01 * f, 0.002 * f) for f in range(6)]
+    seen = [seen_with_arm(j, length, near_pair(), f) for f, j in enumerate(motion)]
+    start = WHOLE.transform.solver_params(motion[0]) if model is WHOLE else without_arm(motion[0])
+    results = track_frames(Tracker(model, QUICK), lambda f, _: seen[f], 0, start, range(6))
+    for joint, result in zip(motion, results, strict=True):
+        truth = HAND.keypoints21(HAND.bones(without_arm(joint)))
+        assert result.keypoints21 is not None
+        assert 1e3 * np.linalg.norm(result.keypoints21 - truth, axis=1).mean() < 4.0

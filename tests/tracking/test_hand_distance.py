@@ -1,0 +1,58 @@
+"""The predicted hand crops clouds: its distance function, and that tracking hands it over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.observation.observation import Observation, PointCloud
+from handtrack.tracking.frame.hand_distance import hand_distance
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+
+def posed(model, shift=0.0):
+    joint = named_pose(model, "open")
+    joint[:3] = [shift, 0.1, 0.4]
+    return model.transform.solver_params(joint)
+
+
+def test_near_the_hand_it_is_the_surfaces_distance_and_far_away_no_more_than_that(rng):
+    model = load_model()
+    bones = model.bones(posed(model))
+    points = bones.position.mean(axis=0) + rng.normal(scale=0.4, size=(4000, 3))
+    known, found = (
+        MetaballSurface.of(model).distance(bones, points),
+        hand_distance(model, bones)(points),
+    )
+    near = known < 0.2
+    assert near.sum() > 100
+    np.testing.assert_array_equal(found[near], known[near])
+    assert (found[known > 0.3] > 0.1).all()
+    assert (
+        found <= known + 0.003
+    ).all()  # the box is outside of the ellipsoids, merged ones swell a little
+
+
+def test_tracking_tells_where_the_hand_is_expected_unless_it_was_lost(rng):
+    """A hand that moves on by 4 mm a frame; one frame sees nothing, the next one is seen again."""
+    model = load_model()
+    tracker, handed = Tracker(model), []
+
+    def observe(frame, bones):
+        handed.append(bones)
+        if frame == 3:
+            return Observation(frame, frame / 30)
+        there = model.bones(posed(model, 0.004 * frame))
+        points, _ = sample_surface(MetaballSurface.of(model), there, 800, rng)
+        return Observation(frame, frame / 30, cloud=PointCloud(points))
+
+    results = list(track_frames(tracker, observe, 0, posed(model), range(5)))
+    assert [r.status for r in results] == [Status.TRACKED] * 3 + [Status.LOST, Status.TRACKED]
+    expected = [None if bones is None else bones.position[0, 0] for bones in handed]
+    np.testing.assert_allclose(expected[:4], [0.0, 0.0, 0.008, 0.012], atol=0.002)
+    assert expected[4] is None

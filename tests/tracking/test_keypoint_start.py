@@ -1,0 +1,84 @@
+"""Joints in images to hands in space: triangulated, or with what one camera leaves open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.search.keypoint_start import hands_from_images, triangulated
+
+MODEL = load_model()
+CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
+
+
+def posed(pose, turn):
+    joint = named_pose(MODEL, pose)
+    joint[1], joint[3:6] = -0.09, turn
+    return MODEL.transform.solver_params(joint)
+
+
+def points_of(params):
+    return MODEL.keypoints21(MODEL.bones(params))
+
+
+def seen_by(cameras, points, rng, noise=1.0):
+    return [
+        ImageKeypoints(c, keypoint_names(), c.project(points) + rng.normal(scale=noise, size=(21, 2)), 2.0)
+        for c in cameras
+    ]  # fmt: skip
+
+
+def error_mm(params, points):
+    return 1e3 * np.linalg.norm(points_of(params) - points, axis=1).mean()
+
+
+def test_two_cameras_give_points_in_space(rng):
+    points = points_of(posed("rest", [0.3, 0.5, -0.2]))
+    found = triangulated(seen_by(CAMERAS[:2], points, rng, 0.0))
+    assert found == pytest.approx(points, abs=1e-9)
+    assert np.isnan(triangulated(seen_by(CAMERAS[:1], points, rng))).all(), "one is not enough"
+
+
+def test_a_wrong_view_of_a_point_is_dropped(rng):
+    points = points_of(posed("rest", [0.3, 0.5, -0.2]))
+    seen = seen_by(CAMERAS, points, rng, 0.0)
+    seen[1].pixels[8] += 150.0
+    seen[2].pixels[12] = np.nan
+    assert triangulated(seen) == pytest.approx(points, abs=1e-9)
+    assert np.isnan(triangulated(seen[:2])[8]).all(), "of two that disagree, neither is believed"
+
+
+@pytest.mark.parametrize("turn", [[0.3, 0.5, -0.2], [0.0, 2.6, 0.4], [-1.3, 0.2, 2.0]])
+def test_two_cameras_give_the_hand(rng, turn):
+    points = points_of(posed("curl", turn))
+    found = hands_from_images(MODEL, seen_by(CAMERAS[:2], points, rng))
+    assert error_mm(found[0].params, points) < 3.0
+    assert found[0].weight > 0.5
+
+
+@pytest.mark.parametrize("turn", [[0.3, 0.5, -0.2], [0.0, 2.6, 0.4], [-1.3, 0.2, 2.0]])
+def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
+    points = points_of(posed("curl", turn))
+    seen = seen_by(CAMERAS[:1], points, rng)
+    found = hands_from_images(MODEL, seen)
+    assert min(error_mm(h.params, points) for h in found) < 15.0
+    assert [h.cost for h in found] == sorted(h.cost for h in found)
+    assert sum(h.weight for h in found) == pytest.approx(1.0)
+    for h in found[:2]:
+        off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
+        assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"
+
+
+def test_too_few_joints_are_refused(rng):
+    seen = seen_by(CAMERAS[:1], points_of(posed("rest", [0.0, 0.0, 0.0])), rng)
+    seen[0].pixels[3:] = np.nan
+    with pytest.raises(
+        HandtrackError, match=r"3 joints are seen in one image, at least 4 are needed"
+    ):
+        hands_from_images(MODEL, seen)

@@ -1,0 +1,150 @@
+"""The mixture tracker: alternatives that look alike are carried, weighed, repeatable, and survive unseen frames."""
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.tracker import Tracker
+
+FRAMES, FEW = 6, {"tracker.hypotheses": 3, "mixture.draws": 8, "mixture.carried": 5}
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_model("body34")
+
+
+@pytest.fixture(scope="module")
+def camera():
+    matrix = np.array([[1200.0, 0.0, 640.0], [0.0, 1200.0, 480.0], [0.0, 0.0, 1.0]])
+    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0])
+    return Camera("front", (1280, 960), matrix, np.zeros(5), *pose)
+
+
+@pytest.fixture(scope="module")
+def truth(body):
+    """A left arm held out and bent forward, swinging slowly; the same arm bent backward looks alike."""
+    poses = np.tile(body.rest_params(), (FRAMES, 1))
+    for name, first, last in (
+        ("left_shoulder_abd", 1.0, 1.2),
+        ("left_shoulder_flex", 0.3, 0.4),
+        ("left_elbow_flex", 0.6, 0.8),
+    ):
+        poses[:, body.parameter_names.index(name)] = np.linspace(first, last, FRAMES)
+    return poses
+
+
+@pytest.fixture(scope="module")
+def observations(body, camera, truth):
+    rng = np.random.default_rng(5)
+    seen = []
+    for frame, pose in enumerate(truth):
+        pixels = camera.project(body.joint_positions(body.bones(pose)))
+        pixels = pixels + rng.normal(size=pixels.shape)
+        joints = ImageKeypoints(camera, body.joint_names, pixels, 1.0)
+        seen.append(Observation(frame, frame / 25.0, keypoints=(joints,)))
+    return seen
+
+
+def _track(body, observations, start, **settings):
+    chosen = {name.replace("__", "."): value for name, value in settings.items()}
+    tracker = Tracker(body, TrackerSettings().with_values(FEW | chosen))
+    results = []
+    for observation in observations:
+        results.append(tracker.step(observation, results, None if results else start))
+    return results
+
+
+@pytest.fixture(scope="module")
+def tracked(body, observations, truth):
+    return _track(body, observations, truth[0])
+
+
+def test_hypotheses_are_ranked_weighed_and_know_their_parents(tracked):
+    for last, now in zip([None, *tracked[:-1]], tracked, strict=True):
+        assert 1 <= len(now.hypotheses) <= 5
+        assert sum(h.weight for h in now.hypotheses) == pytest.approx(1.0)
+        shown = [h.weight for h in now.hypotheses[:3]]
+        assert shown == sorted(shown, reverse=True)
+        assert all(isinstance(h, MovingHypothesis) for h in now.hypotheses)
+        known = range(-1, 0) if last is None else range(len(last.hypotheses))
+        assert all(parent in known for parent in now.parents)
+        assert now.status == Status.TRACKED
+
+
+def test_the_results_pose_is_the_heaviest_hypothesis(body, tracked):
+    for result in tracked:
+        best = body.joint_positions(body.bones(result.hypotheses[0].params))
+        np.testing.assert_allclose(result.joint_positions, best, atol=1e-9)
+
+
+def test_one_of_few_is_near_the_truth_and_another_is_a_flip(body, observations, truth, tracked):
+    """Both look alike: within the noise in the image, decimetres apart in space."""
+    last = tracked[-1]
+    true = body.joint_positions(body.bones(truth[-1]))
+    shapes = [body.joint_positions(body.bones(h.params)) for h in last.hypotheses[:3]]
+    off = [np.linalg.norm((s - s[0]) - (true - true[0]), axis=1).mean() for s in shapes]
+    assert min(off) < 0.06
+    seen = observations[-1].keypoints[0]
+    for shape in shapes:
+        error = np.linalg.norm(seen.camera.project(shape) - seen.pixels, axis=1)
+        assert np.median(error) < 4.0
+    limbs = [
+        i for i, n in enumerate(body.joint_names) if n.endswith(("elbow", "wrist", "knee", "ankle"))
+    ]
+    apart = [np.linalg.norm(s - shapes[0], axis=1)[limbs].max() for s in shapes[1:]]
+    assert max(apart) > 0.1
+
+
+def test_the_same_seed_gives_the_same_and_another_other_samples(body, observations, truth, tracked):
+    again = _track(body, observations[:3], truth[0])
+    other = _track(body, observations[:3], truth[0], mixture__seed=1)
+    for first, second in zip(tracked[:3], again, strict=True):
+        np.testing.assert_array_equal(first.parameters, second.parameters)
+        assert [h.weight for h in first.hypotheses] == [h.weight for h in second.hypotheses]
+    weights = [[h.weight for h in results[2].hypotheses] for results in (again, other)]
+    assert weights[0] != weights[1]
+
+
+def test_hypotheses_survive_frames_without_anything_seen(body, observations, truth):
+    blank = Observation(2, 2 / 25.0)
+    results = _track(body, [*observations[:2], blank, *observations[3:4]], truth[0])
+    assert results[2].status == Status.LOST
+    assert results[2].hypotheses == results[1].hypotheses
+    assert results[3].status == Status.TRACKED
+    assert all(parent >= 0 for parent in results[3].parents)
+
+
+def test_one_hypothesis_is_the_plain_tracker(body, observations, truth):
+    plain = _track(body, observations[:2], truth[0], tracker__hypotheses=1)
+    assert plain[-1].hypotheses == ()
+    default = Tracker(body).step(observations[0], (), truth[0])
+    np.testing.assert_array_equal(plain[0].parameters, default.parameters)
+
+
+def test_two_cameras_leave_one_pose(body, camera, truth):
+    """What a second camera sees decides between flips: nearly all the weight is on the truth."""
+    turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    side = Camera(
+        "side", camera.size, camera.matrix, np.zeros(5), camera.rotation @ turn, camera.translation
+    )
+    rng = np.random.default_rng(2)
+    seen = []
+    for frame, pose in enumerate(truth[:3]):
+        places = body.joint_positions(body.bones(pose))
+        joints = tuple(
+            ImageKeypoints(c, body.joint_names, c.project(places) + rng.normal(size=(22, 2)), 1.0)
+            for c in (camera, side)
+        )
+        seen.append(Observation(frame, frame / 25.0, keypoints=joints))
+    last = _track(body, seen, truth[0])[-1]
+    error = np.linalg.norm(
+        last.joint_positions - body.joint_positions(body.bones(truth[2])), axis=1
+    )
+    assert error.mean() < 0.02
+    assert last.hypotheses[0].weight > 0.9

@@ -1,0 +1,28 @@
+"""Rotations that cover all turns evenly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
+from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
+
+
+def test_every_rotation_has_one_near(rng):
+    grid = spread_rotations(600)
+    assert grid @ np.swapaxes(grid, 1, 2) == pytest.approx(np.tile(np.eye(3), (600, 1, 1)))
+    assert np.linalg.det(grid) == pytest.approx(np.ones(600))
+    quaternions = rng.normal(size=(500, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    nearest = [turned_by(grid, r).min() for r in matrix_from_quaternion(quaternions)]
+    # measured 14.0° and 23.8°; 600 random ones: 15.5° and about 45°
+    assert np.rad2deg(np.mean(nearest)) < 14.6
+    assert np.rad2deg(np.max(nearest)) < 27.0
+
+
+def test_the_angle_between_two_turns():
+    a = rotation_matrix(np.array([0.3, -0.1, 0.2]))
+    b = rotation_matrix(np.array([0.0, 0.7, 0.0])) @ a
+    assert turned_by(a, b) == pytest.approx(0.7)
+    assert turned_by(a, a) == pytest.approx(0.0, abs=1e-7)

@@ -1,0 +1,82 @@
+"""Constant velocity from the last two frames."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.prediction import predict
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+
+
+def frame(number, params, status=Status.TRACKED):
+    return SimpleNamespace(frame=number, parameters=params, status=status)
+
+
+def test_motion_goes_on():
+    a, b = np.zeros(26), np.zeros(26)
+    b[0], b[8] = 0.01, 0.1
+    expected = predict(MODEL, [frame(3, a), frame(4, b)], 5)
+    assert expected[0] == pytest.approx(0.02)
+    assert expected[8] == pytest.approx(0.2)
+
+
+def test_backward_in_time_and_across_a_gap():
+    a, b = np.zeros(26), np.zeros(26)
+    b[0] = 0.01
+    assert predict(MODEL, [frame(9, a), frame(8, b)], 7)[0] == pytest.approx(0.02)
+    assert predict(MODEL, [frame(0, a), frame(2, b)], 3)[0] == pytest.approx(0.015)
+    assert predict(MODEL, [frame(0, a), frame(50, b)], 51)[0] == pytest.approx(0.01)
+
+
+def test_a_turn_goes_on_across_half_a_turn():
+    """Rotation vectors jump at π; turns do not."""
+    axis = np.array([0.0, 0.0, 1.0])
+    a, b = np.zeros(26), np.zeros(26)
+    a[3:6], b[3:6] = axis * (np.pi - 0.05), -axis * (np.pi - 0.05)
+    turned = rotation_matrix(predict(MODEL, [frame(0, a), frame(1, b)], 2)[3:6])
+    wanted = rotation_matrix(axis * (np.pi + 0.15))
+    assert np.linalg.norm(rotation_vector(turned @ wanted.T)) < 1e-9
+
+
+def test_lost_frames_are_not_looked_back_on():
+    a, b = np.zeros(26), np.full(26, 0.1)
+    assert predict(MODEL, [frame(0, a), frame(1, b, Status.LOST)], 2)[0] == 0.0
+    assert predict(MODEL, [frame(1, b, Status.LOST)], 2) is None
+
+
+def test_a_prediction_stays_within_limits():
+    a, b = np.zeros(26), np.zeros(26)
+    flex = MODEL.skeleton.parameter("index_pip_flex")
+    a[flex], b[flex] = 0.5, 1.5
+    assert predict(MODEL, [frame(0, a), frame(1, b)], 2)[flex] <= MODEL.limits.interval[flex, 1]
+
+
+def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():
+    """It is as if each frame were sure of the one before, otherwise: hidden for a second or for one frame, all the same."""
+    pose = MODEL.rest_params()
+    points = MODEL.joint_positions(MODEL.bones(pose))
+    hidden = [n.startswith("index") and n != "index_mcp" for n in MODEL.joint_names]
+
+    def observe(frame, _bones):
+        seen = np.where(np.array(hidden)[:, None] & (0 < frame < 8), np.nan, points)
+        return Observation(frame, frame / 30.0, (), (Keypoints(MODEL.joint_names, seen, 0.002),))
+
+    tracker = Tracker(MODEL, TrackerSettings().with_values({"tracker.jumps": False}))
+    results = list(track_frames(tracker, observe, 0, pose, range(9)))
+    tip, wrist = (MODEL.joint_names.index(name) for name in ("index_tip", "wrist"))
+    std = np.sqrt([np.trace(r.joint_covariance[[tip, wrist]], axis1=1, axis2=2) for r in results])
+    assert (np.diff(std[:8, 0]) > 0).all()
+    assert std[7, 0] > 1.3 * std[1, 0]
+    assert std[8, 0] < 1.01 * std[0, 0]  # seen again
+    assert std[:, 1].max() < 1.01 * std[0, 1]  # the wrist was never hidden

@@ -1,0 +1,58 @@
+"""A person's hand size from masks alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.bench.silhouettes.binary_fist import Scene, scene
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.size import refine_scale, scale_deviations, scale_from_deviations
+from handtrack.tracking.tracker import Tracker
+
+LARGER = 1.06
+
+
+@pytest.fixture(scope="module")
+def larger() -> Scene:
+    """A hand 6 % larger than the mean adult's, in four frames on the way from open to curled."""
+    whole = scene(3, 25, (320, 240), range(0, 8), load_model(scale=LARGER))
+    return Scene(whole.model, whole.joint_params[::2], whole.observations[::2])
+
+
+def fitted(larger, coupling, **more):
+    """Return the size found from the mean adult's hand, posed with that wrong size first."""
+
+    def build(size):
+        return load_model(scale=size, coupling=coupling)
+
+    settings = TrackerSettings()
+    model = build(HandScale())
+    poses = []
+    for seen, joint in zip(larger.observations, larger.joint_params, strict=True):
+        start = model.transform.solver_params(joint)
+        result = Tracker(model, settings).step(seen, start=start)
+        poses.append(model.transform.solver_params(result.parameters))
+    return refine_scale(build, settings, HandScale(), larger.observations, poses, **more)
+
+
+@pytest.mark.parametrize("coupling", ["26", "18"])
+def test_a_larger_hand_is_found(larger, coupling):
+    scale = fitted(larger, coupling)
+    assert scale.overall == pytest.approx(LARGER, rel=0.015)
+    for finger in ("index", "middle", "ring", "little"):
+        assert scale.overall * scale.parts[finger] == pytest.approx(LARGER, rel=0.02)
+
+
+def test_it_stops_when_asked_with_the_best_so_far(larger):
+    scale = fitted(larger, "26", should_stop=lambda: True)
+    assert scale.overall == pytest.approx(1.0)
+
+
+def test_sizes_and_deviations_go_both_ways(rng):
+    deviations = rng.normal(size=len(scale_deviations(HandScale())))
+    there = scale_from_deviations(deviations)
+    np.testing.assert_allclose(scale_deviations(there), deviations, atol=1e-12)
+    np.testing.assert_array_equal(scale_deviations(HandScale()), 0.0)

@@ -1,0 +1,97 @@
+"""A person's constants of linked abduction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.spread import measured_spread, spread_of_track
+from tests.sample_track import sample_track
+
+OWN = {"index": 1.0, "middle": -0.15, "ring": 0.8, "little": 1.5}
+
+
+def spreading(rng, count, noise_deg=0.0):
+    """Return joint parameters (count, 26) of a person whose fingers spread by OWN."""
+    model = load_model(coupling="18", spread=OWN)
+    at = model.transform.names.index("spread")
+    poses = np.tile(model.rest_params(), (count, 1))
+    poses[:, at] = np.deg2rad(rng.uniform(2, 20, count))
+    joint = np.stack([model.joint_params(p) for p in poses])
+    return joint + np.deg2rad(noise_deg) * rng.normal(size=joint.shape)
+
+
+def test_one_flat_spread_hand_gives_all_four():
+    model = load_model()
+    pose = np.zeros(26)
+    for finger, c in OWN.items():
+        pose[model.parameter_names.index(f"{finger}_mcp_abd")] = 0.2 * c
+    found = measured_spread(model.parameter_names, pose[None])
+    assert found.ratio == pytest.approx(OWN)
+    assert found.explained == pytest.approx(1.0)
+
+
+def test_many_noisy_frames_give_them_too_and_say_what_is_left(rng):
+    found = measured_spread(load_model().parameter_names, spreading(rng, 200, 1.0))
+    assert found.ratio == pytest.approx(OWN, abs=0.06)
+    assert np.rad2deg(found.residual_rad) == pytest.approx(np.sqrt(3 / 4), rel=0.1)
+    assert 0.9 < found.explained < 1.0
+
+
+def test_the_settings_give_that_model(rng):
+    found = measured_spread(load_model().parameter_names, spreading(rng, 5))
+    settings = TrackerSettings().with_values(found.settings())
+    model = load_model(coupling="18", spread=settings.model.spread)
+    at = model.transform.names.index("spread")
+    for finger, c in OWN.items():
+        row = model.parameter_names.index(f"{finger}_mcp_abd")
+        assert model.transform.matrix[row, at] == pytest.approx(c, abs=1e-4)
+
+
+def test_usual_constants_are_the_definitions():
+    assert TrackerSettings().model.spread == {}
+    model = load_model(coupling="18")
+    at = model.transform.names.index("spread")
+    flat = TrackerSettings().flat()
+    for finger in OWN:
+        row = model.parameter_names.index(f"{finger}_mcp_abd")
+        assert model.transform.matrix[row, at] == flat[f"model.spread_{finger}"]
+
+
+def test_a_hand_that_never_spreads_is_refused():
+    with pytest.raises(
+        HandtrackError, match=r"the index spreads by 0\.0° at most, expected 5° or more"
+    ):
+        measured_spread(load_model().parameter_names, np.zeros((4, 26)))
+
+
+def test_a_hand_without_fingers_is_refused():
+    with pytest.raises(HandtrackError, match="this one has no such fingers"):
+        measured_spread(load_model("ball6").parameter_names, np.zeros((1, 6)))
+
+
+def test_all_constants_zero_is_refused():
+    none = {f"model.spread_{finger}": 0 for finger in OWN}
+    with pytest.raises(HandtrackError, match="no finger would ever spread"):
+        TrackerSettings().with_values(none)
+
+
+def test_only_frames_that_show_it_count(rng):
+    track = replace(sample_track(rng, range(6)), parameter_names=load_model().parameter_names)
+    poses = spreading(rng, 6)
+    std = np.full_like(poses, 0.01)
+    std[3, :] = np.inf
+    status = np.array([Status.TRACKED] * 5 + [Status.LOST])
+    poses[3] = poses[5] = 0.3  # neither may count
+    shown = replace(track, parameters=poses, parameter_std=std, status=status)
+    found = spread_of_track(shown)
+    assert found.frames == 4
+    assert found.ratio == pytest.approx(OWN)
+    with pytest.raises(HandtrackError, match="in none of the 6 frames"):
+        spread_of_track(replace(shown, parameter_std=np.full_like(poses, np.inf)))

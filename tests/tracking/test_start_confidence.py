@@ -1,0 +1,138 @@
+"""How sure a first pose is said to be: as often as it is right, for hands that are not the model's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
+from handtrack.observation.observation import Silhouette
+from handtrack.simulation.scenes.simulated_views import everything, mask_views
+from handtrack.simulation.scenes.start_frames import another_hand
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.evidence.silhouette_start import _outline_px
+from handtrack.tracking.search.evidence.start_shapes import shape_of
+from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.start_confidence import (
+    BASIN_M,
+    KNOWN_SIZE_SIGMA,
+    SIZE_SIGMA,
+    independent_errors,
+    nearness,
+    shares,
+)
+from handtrack.tracking.search.start_search import (
+    descended,
+    distinct,
+    narrow_problem,
+    narrowly_measured,
+    reassigned,
+    start_sources,
+)
+
+MODEL = load_model()
+
+
+def seen_by(cameras, rng, pose="point"):
+    """Return what cameras see of another hand, its joints, and the same pose of the model's."""
+    filmed = another_hand(rng)
+    joint = named_pose(filmed, pose)
+    joint[6:] += np.deg2rad(8.0) * rng.normal(size=len(joint) - 6)
+    joint[3:6] = rng.uniform(-1.0, 1.0, size=3)
+    params = filmed.clipped(filmed.transform.solver_params(joint))
+    params[:3] -= filmed.keypoints21(filmed.bones(params)).mean(axis=0)
+    seen = mask_views(filmed, params, simulated_rig(cameras, (320, 240)).cameras)
+    shape = shape_of(MODEL, filmed.joint_params(params), pose)
+    sources = start_sources(seen, TrackerSettings())
+    true = filmed.keypoints21(filmed.bones(params))
+    laid = Laid(shape, params, 0.0)
+    shift = (true - laid.joints).mean(axis=0)
+    return sources, true, replace(laid, params=params + np.r_[shift, np.zeros(len(params) - 3)])
+
+
+def settled(sources, laid):
+    """Return where a pose comes to rest, wide and then narrow, and its cost there."""
+    near = descended(sources, laid, 12)
+    for _ in range(2):  # what counts around a pose is taken anew
+        params = solve(
+            narrow_problem(sources, near), near.params, SolverSettings(iterations=8)
+        ).params
+        near = replace(near, params=params)
+    return narrowly_measured(sources, near)
+
+
+def test_they_are_as_sure_as_they_are_right():
+    """Fingers of two dozen hands are looked for in one, two or three views; nothing is told of place and turn."""
+    said, right = [], []
+    for seed in range(24):
+        rng = np.random.default_rng(500 + seed)
+        sources, true, laid = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
+        starts = [laid, *reassigned(sources, [laid], 2)]
+        ends = [settled(sources, start) for start in starts]
+        best, *_ = kept = distinct(ends, 5)
+        count = independent_errors(sources, best)
+        share = shares(np.array([end.cost for end in kept]), count)[0]
+        near = nearness(narrow_problem(sources, best), best.params, count, SIZE_SIGMA)
+        said.append(share * near)
+        right.append(np.linalg.norm(best.joints - true, axis=1).mean() < BASIN_M)
+    sure = np.array(said)
+    spread = np.sqrt((sure * (1.0 - sure)).sum())
+    assert abs(sure.sum() - np.sum(right)) < 3.0 * spread
+    assert np.array(right)[sure > 0.9].mean() > 0.8
+    assert np.array(right)[sure < 0.3].mean() < 0.5
+
+
+def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
+    found = {}
+    for cameras in (1, 3):
+        sources, _, laid = seen_by(cameras, rng, "open")
+        there = settled(sources, laid)
+        problem, count = narrow_problem(sources, there), independent_errors(sources, there)
+        found[cameras] = [
+            nearness(problem, there.params, count, sigma)
+            for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
+        ]
+    assert found[1][0] < 0.5
+    assert found[1][0] < found[1][1]
+    assert found[3][0] > 0.9
+
+
+def test_more_views_are_more_measurements_but_one_hand(rng):
+    counts = []
+    for cameras in (1, 3, 6):
+        sources, _, laid = seen_by(cameras, rng, "open")
+        counts.append(independent_errors(sources, laid))
+    assert 4.0 < counts[0] < counts[1] < counts[2] < 30.0
+
+
+def test_pieces_of_a_circle():
+    """A disc's outline is π times as long as it is wide."""
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    row, column = np.mgrid[:240, :320]
+    mask = (np.hypot(row - 120, column - 160) < 60).astype(np.float32)
+    whole = everything(camera)
+    assert _outline_px(Silhouette(camera, mask, whole)) == pytest.approx(120 * np.pi, rel=0.03)
+    left = whole.copy()
+    left[:, 1] = 160
+    assert _outline_px(Silhouette(camera, mask, left)) == pytest.approx(60 * np.pi, rel=0.05)
+
+
+def test_a_pointing_finger_is_found_among_bent_ones(rng):
+    """Started as a fist that is rightly turned: the descent alone keeps the index bent."""
+    sources, true, laid = seen_by(3, rng, "point")
+    joint = named_pose(MODEL, "fist")
+    joint[:6] = MODEL.joint_params(laid.params)[:6]
+    fist = replace(laid, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
+    alone = descended(sources, fist, 12)
+    found = min(
+        (descended(sources, way, 12) for way in reassigned(sources, [fist], 2)),
+        key=lambda laid: laid.cost,
+    )
+    index = [5, 6, 7, 8]
+    off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
+    assert off[0] > 25.0 and off[1] < 12.0
