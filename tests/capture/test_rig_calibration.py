@@ -16,7 +16,7 @@ from handtrack.capture.calibration.board_views import (
     choose_views,
     require_views,
     search_views,
-)
+)  # fmt: skip
 from handtrack.capture.calibration.boards import parse_board
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
@@ -42,11 +42,8 @@ def views_of(camera, board, poses, rng, frames=None):
     found = []
     for frame, pose in enumerate(poses):
         pixels = seen_pixels(camera, board, pose)
-        inside = (
-            np.isfinite(pixels).all()
-            and (pixels > 3).all()
-            and (pixels < np.array(camera.size) - 4).all()
-        )
+        known = np.isfinite(pixels).all() and (pixels > 3).all()
+        inside = known and (pixels < np.array(camera.size) - 4).all()
         if inside and (frames is None or frame in frames):
             noisy = pixels + rng.normal(size=pixels.shape) * NOISE_PX
             found.append(BoardView(frame, np.arange(len(pixels)), noisy, 1.5))
