@@ -19,6 +19,7 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before, appearance_terms, see_appearance
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
@@ -95,12 +96,14 @@ def test_the_same_bytes_again_and_backward(seen, forward):
 
 
 def test_a_frame_redone_gives_the_same(seen, forward):
-    """What is handed in is all that counts: any frame can be tracked again."""
+    """The state is all that counts, texture too: any frame can be tracked again."""
     tracker = Tracker(MODEL, BOTH)
-    given = Before(seen[0], MODEL.bones(forward[0].parameters))
-    one = tracker.step(seen[5], forward[:5], before=seen[4], given=given)
+    first = Before(seen[0], MODEL.bones(forward[0].parameters))
+    last = Before(seen[4], MODEL.bones(forward[4].parameters), first)
+    state = replace(TrackerState.resumed(forward[:5]), texture=last)
+    _, one = tracker.step(state, seen[5])
     np.testing.assert_array_equal(one.parameters, forward[5].parameters)
-    plain = tracker.step(seen[5], forward[:5], before=seen[4])
+    _, plain = tracker.step(replace(state, texture=replace(last, first=None)), seen[5])
     assert not np.array_equal(plain.parameters, forward[5].parameters)
 
 

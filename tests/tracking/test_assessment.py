@@ -15,14 +15,14 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.assessment import (
     assess,
     energy_ratio,
-    is_suspicious,
     part_outside,
     what_is_open,
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.restart import worth_restarting
+from handtrack.tracking.search.policy import why_fingers_may_be_lost, why_hand_may_be_lost
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
@@ -34,7 +34,14 @@ POSE[1] = -0.09
 def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
     chosen = TrackerSettings().with_values(settings)
     terms = frame_terms(MODEL, chosen, observation, MODEL.bones(params), None)
-    return assess(terms, MODEL.bones(params), energy, previous)
+    status, reason = assess(terms, MODEL.bones(params), energy, previous)
+    return status, reason.words if reason else ""
+
+
+def open_parts(model, joint_covariance, most_mm):
+    """Return in words what of the model is open."""
+    reason = what_is_open(model, joint_covariance, most_mm)
+    return reason.words if reason else ""
 
 
 def earlier(energy, count=20, status=Status.TRACKED):
@@ -102,7 +109,7 @@ def test_a_forearm_longer_than_the_mask_is_no_lost_part(seen):
     whole = load_model(forearm=True)
     params = np.insert(POSE, 6, [0.0, 0.0])
     terms = frame_terms(whole, TrackerSettings(), seen, whole.bones(params), None)
-    assert part_outside(terms, whole.bones(params)) == ""
+    assert part_outside(terms, whole.bones(params)) is None
 
 
 def test_a_hand_out_of_all_views_is_lost(seen):
@@ -143,9 +150,14 @@ def test_nearly_perfect_fits_do_not_call_each_other_bad():
 
 
 def test_a_first_frame_is_suspicious_and_a_usual_one_is_not():
-    assert is_suspicious(1.0, 3, [])
-    assert not is_suspicious(110.0, 3, earlier(100.0))
-    assert is_suspicious(150.0, 3, earlier(100.0))
+    def why(energy, previous, frame=1, every=16):
+        return why_fingers_may_be_lost(frame, every, energy, 3, previous)
+
+    assert why(1.0, []) == "one of the first 3 frames"
+    assert why(110.0, earlier(100.0)) == ""
+    assert why(150.0, earlier(100.0)) == "1.50 times the usual energy"
+    assert why(1.0, earlier(100.0), frame=15) == "every 16th frame"
+    assert why(1.0, earlier(100.0), frame=15, every=0) == ""
 
 
 def spread_mm(model, **by_joint):
@@ -159,31 +171,29 @@ def spread_mm(model, **by_joint):
 def test_what_is_open_is_named():
     open_fingers = spread_mm(MODEL, ring_mcp=5.0, little_mcp=5.0, ring=40.0, little=40.0)
     ring_and_little = "what was seen leaves the ring and little finger open: ± 40 mm"
-    assert what_is_open(MODEL, open_fingers, 15.0) == ring_and_little
+    assert open_parts(MODEL, open_fingers, 15.0) == ring_and_little
     thumb = spread_mm(MODEL, thumb_cmc=2.0, thumb=60.0)
-    assert what_is_open(MODEL, thumb, 15.0) == "what was seen leaves the thumb open: ± 60 mm"
+    assert open_parts(MODEL, thumb, 15.0) == "what was seen leaves the thumb open: ± 60 mm"
     all_of_it = spread_mm(MODEL, **dict.fromkeys(MODEL.joint_names, 20.0))
-    assert (
-        what_is_open(MODEL, all_of_it, 15.0) == "what was seen leaves the whole hand open: ± 20 mm"
-    )
+    assert open_parts(MODEL, all_of_it, 15.0) == "what was seen leaves the whole hand open: ± 20 mm"
 
 
 def test_it_is_the_mean_joint_that_counts():
-    assert what_is_open(MODEL, spread_mm(MODEL, index_tip=60.0), 15.0) == ""
-    assert what_is_open(MODEL, spread_mm(MODEL, index_tip=80.0), 15.0) != ""  # 80 / √21 > 15
+    assert open_parts(MODEL, spread_mm(MODEL, index_tip=60.0), 15.0) == ""
+    assert open_parts(MODEL, spread_mm(MODEL, index_tip=80.0), 15.0) != ""  # 80 / √21 > 15
 
 
 def test_nothing_is_open_to_those_who_do_not_ask_nor_of_a_body():
     for model, most in ((MODEL, 0.0), (load_model("body34"), 15.0)):
         far = spread_mm(model, **dict.fromkeys(model.joint_names, 500.0))
-        assert what_is_open(model, far, most) == ""
+        assert open_parts(model, far, most) == ""
 
 
 @pytest.mark.parametrize("name", ["glove9", "ball6"])
 def test_a_hand_of_few_joints_is_open_as_a_whole(name):
     model = load_model(name)
     far = spread_mm(model, **dict.fromkeys(model.joint_names, 30.0))
-    assert what_is_open(model, far, 15.0) == "what was seen leaves the whole hand open: ± 30 mm"
+    assert open_parts(model, far, 15.0) == "what was seen leaves the whole hand open: ± 30 mm"
 
 
 def seen_by(cameras, frame):
@@ -199,15 +209,17 @@ def test_a_single_camera_leaves_the_hand_open_and_nothing_else_changes():
         Tracker(MODEL, TrackerSettings().with_values({"tracker.doubtful_mm": most}))
         for most in (15.0, 0.0)
     )
-    results = [t.step(seen_by(CAMERAS[:1], 0), (), shifted(0.002)) for t in (told, silent)]
-    doubted, tracked = results
+    begun = TrackerState.beginning_at(shifted(0.002))
+    stepped = [t.step(begun, seen_by(CAMERAS[:1], 0)) for t in (told, silent)]
+    doubted, tracked = results = [result for _, result in stepped]
     assert doubted.status == Status.DOUBTFUL
     assert doubted.note.startswith("what was seen leaves the whole hand open: ± ")
     assert tracked.status == Status.TRACKED
     assert doubted.parameters.tobytes() == tracked.parameters.tobytes()
     assert doubted.fits
-    assert not worth_restarting(doubted, results)
-    after = [t.step(seen_by(CAMERAS, 1), [r]) for t, r in zip((told, silent), results, strict=True)]
+    assert why_hand_may_be_lost(doubted, results) == ""
+    pairs = zip((told, silent), stepped, strict=True)
+    after = [t.step(state, seen_by(CAMERAS, 1))[1] for t, (state, _) in pairs]
     assert {r.status for r in after} == {Status.TRACKED}
     assert after[0].parameters.tobytes() == after[1].parameters.tobytes()
 

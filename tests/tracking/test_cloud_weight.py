@@ -16,6 +16,7 @@ from handtrack.observation.observation import Observation, PointCloud
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 CHI2_90 = 6.251
@@ -48,7 +49,9 @@ def test_it_does_not_take_another_hands_flesh_for_another_pose():
         joint = named_pose(model, pose)
         joint[1] = -0.09
         seen = next(depth_views(other, joint[None], replace(FINE, size=(320, 240)), rng))
-        found = Tracker(model).step(seen, start=model.transform.solver_params(joint))
+        _, found = Tracker(model).step(
+            TrackerState.beginning_at(model.transform.solver_params(joint)), seen
+        )
         off = found.joint_positions - model.joint_positions(model.bones(joint))
         inside.append(np.einsum("ji,jik,jk->j", off, np.linalg.inv(found.joint_covariance), off))
     assert np.mean(np.concatenate(inside) < CHI2_90) > 0.7

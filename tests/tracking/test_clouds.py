@@ -14,6 +14,7 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.escape import _shifted
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 
@@ -37,7 +38,7 @@ def test_a_cloud_alone_gives_the_pose(rng, pose):
     model = load_model()
     joint, observation = seen(model, pose, rng)
     start = joint + rng.normal(size=26) * ([0.006] * 3 + [np.deg2rad(4)] * 23)
-    result = Tracker(model).step(observation, start=model.clipped(start))
+    _, result = Tracker(model).step(TrackerState.beginning_at(model.clipped(start)), observation)
     assert result.status == Status.TRACKED
     assert error_mm(model, result, joint) < 0.25  # measured 0.04 to 0.11 mm
 
@@ -46,7 +47,9 @@ def test_a_cloud_far_from_the_hand_is_not_the_hands(rng):
     model = load_model()
     joint, observation = seen(model, "open", rng)
     away = PointCloud(observation.cloud.points + [0.5, 0.0, 0.0])
-    result = Tracker(model).step(Observation(0, 0.0, cloud=away), start=joint)
+    _, result = Tracker(model).step(
+        TrackerState.beginning_at(joint), Observation(0, 0.0, cloud=away)
+    )
     assert result.status == Status.LOST
 
 
@@ -65,7 +68,7 @@ def test_simpler_models_hold_the_palm(rng, name, count):
     assert len(simple.transform.names) == count
     start = carried_over(whole, joint, simple)
     np.testing.assert_allclose(start[:6], joint[:6])
-    result = Tracker(simple).step(observation, start=start)
+    _, result = Tracker(simple).step(TrackerState.beginning_at(start), observation)
     assert result.keypoints21 is None
     assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < 0.015  # 3.5 and 10.9 mm
 

@@ -11,11 +11,12 @@ from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
-from handtrack.tracking.fallback import is_simplified, simplified, steadier
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
+from handtrack.tracking.search.poor_cloud import simplified, steadier
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
@@ -60,7 +61,7 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
     for result, joint in zip(results, TRUTH, strict=True):
         assert result.status == Status.DOUBTFUL
         assert result.poor_cloud
-        assert is_simplified(result) == (kind != "auto")
+        assert result.is_simplified == (kind != "auto")
         assert np.isfinite(result.parameter_std[:6]).all()
         assert len(result.parameters) == 26
         low, high = MODEL.limits.bounds(result.parameters).T
@@ -117,11 +118,11 @@ def test_depths_are_doubted_not_directions(poor):
     deeper = centre + (points - centre) * np.where(wrong, 1.06, 1.0)[:, None]
     aside = points + np.array([0.012, 0.0, 0.0])
     doubted = Tracker(MODEL, steadier(TrackerSettings()))
-    start = MODEL.transform.solver_params(TRUTH[1])
+    begun = TrackerState.beginning_at(MODEL.transform.solver_params(TRUTH[1]))
 
     def found(moved):
         frame = replace(seen, cloud=replace(seen.cloud, points=moved))
-        return doubted.step(frame, (), start)
+        return doubted.step(begun, frame)[1]
 
     assert wrong.mean() > 0.2
     assert palm_mm(found(deeper), TRUTH[1]) < 6.0

@@ -8,7 +8,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 FRAMES, FEW = 6, {"tracker.hypotheses": 3, "mixture.draws": 8, "mixture.carried": 5}
@@ -54,10 +54,16 @@ def observations(body, camera, truth):
 def _track(body, observations, start, **settings):
     chosen = {name.replace("__", "."): value for name, value in settings.items()}
     tracker = Tracker(body, TrackerSettings().with_values(FEW | chosen))
-    results = []
+    state, results = TrackerState.beginning_at(start), []
     for observation in observations:
-        results.append(tracker.step(observation, results, None if results else start))
+        state, result = tracker.step(state, observation)
+        assert len(state.hypotheses) == len(result.alternatives)
+        results.append(result)
     return results
+
+
+def _places(body, pose):
+    return body.joint_positions(body.bones(body.transform.solver_params(pose.parameters)))
 
 
 @pytest.fixture(scope="module")
@@ -67,19 +73,19 @@ def tracked(body, observations, truth):
 
 def test_hypotheses_are_ranked_weighed_and_know_their_parents(tracked):
     for last, now in zip([None, *tracked[:-1]], tracked, strict=True):
-        assert 1 <= len(now.hypotheses) <= 5
-        assert sum(h.weight for h in now.hypotheses) == pytest.approx(1.0)
-        shown = [h.weight for h in now.hypotheses[:3]]
+        assert 1 <= len(now.alternatives) <= 5
+        assert sum(h.weight for h in now.alternatives) == pytest.approx(1.0)
+        shown = [h.weight for h in now.alternatives[:3]]
         assert shown == sorted(shown, reverse=True)
-        assert all(isinstance(h, MovingHypothesis) for h in now.hypotheses)
-        known = range(-1, 0) if last is None else range(len(last.hypotheses))
-        assert all(parent in known for parent in now.parents)
+        known = range(-1, 0) if last is None else range(len(last.alternatives))
+        assert all(h.parent in known for h in now.alternatives)
         assert now.status == Status.TRACKED
 
 
 def test_the_results_pose_is_the_heaviest_hypothesis(body, tracked):
     for result in tracked:
-        best = body.joint_positions(body.bones(result.hypotheses[0].params))
+        params = body.transform.solver_params(result.alternatives[0].parameters)
+        best = body.joint_positions(body.bones(params))
         np.testing.assert_allclose(result.joint_positions, best, atol=1e-9)
 
 
@@ -87,7 +93,7 @@ def test_one_of_few_is_near_the_truth_and_another_is_a_flip(body, observations, 
     """Both look alike: within the noise in the image, decimetres apart in space."""
     last = tracked[-1]
     true = body.joint_positions(body.bones(truth[-1]))
-    shapes = [body.joint_positions(body.bones(h.params)) for h in last.hypotheses[:3]]
+    shapes = [_places(body, h) for h in last.alternatives[:3]]
     off = [np.linalg.norm((s - s[0]) - (true - true[0]), axis=1).mean() for s in shapes]
     assert min(off) < 0.06
     seen = observations[-1].keypoints[0]
@@ -106,8 +112,8 @@ def test_the_same_seed_gives_the_same_and_another_other_samples(body, observatio
     other = _track(body, observations[:3], truth[0], mixture__seed=1)
     for first, second in zip(tracked[:3], again, strict=True):
         np.testing.assert_array_equal(first.parameters, second.parameters)
-        assert [h.weight for h in first.hypotheses] == [h.weight for h in second.hypotheses]
-    weights = [[h.weight for h in results[2].hypotheses] for results in (again, other)]
+        assert [h.weight for h in first.alternatives] == [h.weight for h in second.alternatives]
+    weights = [[h.weight for h in results[2].alternatives] for results in (again, other)]
     assert weights[0] != weights[1]
 
 
@@ -115,15 +121,17 @@ def test_hypotheses_survive_frames_without_anything_seen(body, observations, tru
     blank = Observation(2, 2 / 25.0)
     results = _track(body, [*observations[:2], blank, *observations[3:4]], truth[0])
     assert results[2].status == Status.LOST
-    assert results[2].hypotheses == results[1].hypotheses
+    held, before = results[2].alternatives, results[1].alternatives
+    assert [h.weight for h in held] == [h.weight for h in before]
+    assert [h.parent for h in held] == list(range(len(before)))
     assert results[3].status == Status.TRACKED
-    assert all(parent >= 0 for parent in results[3].parents)
+    assert all(h.parent >= 0 for h in results[3].alternatives)
 
 
 def test_one_hypothesis_is_the_plain_tracker(body, observations, truth):
     plain = _track(body, observations[:2], truth[0], tracker__hypotheses=1)
-    assert plain[-1].hypotheses == ()
-    default = Tracker(body).step(observations[0], (), truth[0])
+    assert plain[-1].alternatives == ()
+    _, default = Tracker(body).step(TrackerState.beginning_at(truth[0]), observations[0])
     np.testing.assert_array_equal(plain[0].parameters, default.parameters)
 
 
@@ -147,4 +155,4 @@ def test_two_cameras_leave_one_pose(body, camera, truth):
         last.joint_positions - body.joint_positions(body.bones(truth[2])), axis=1
     )
     assert error.mean() < 0.02
-    assert last.hypotheses[0].weight > 0.9
+    assert last.alternatives[0].weight > 0.9

@@ -16,14 +16,19 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search import restart
+from handtrack.tracking.search import lost_hand
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.lost_hand import with_hand_found
+from handtrack.tracking.search.policy import why_hand_may_be_lost
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
-from handtrack.tracking.search.restart import recovered, worth_restarting
-from handtrack.tracking.search.start_search import narrowly_measured, start_sources
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
@@ -40,16 +45,27 @@ def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):
 
 
 def cost_of(seen, params):
-    sources = start_sources(seen, PLAIN)
     shape = shape_of(MODEL, MODEL.joint_params(params), "test")
-    return narrowly_measured(sources, Laid(shape, params, np.inf)).cost
+    landscape = EvidenceLandscape.of(seen, PLAIN)
+    return landscape.measured(Candidate(MODEL, params, shape=shape)).cost
+
+
+def first_of(seen, start=None):
+    """Return the result of a first frame."""
+    begun = TrackerState.beginning_at(posed() if start is None else start)
+    return Tracker(MODEL, PLAIN).step(begun, seen)[1]
+
+
+def followed(settings, known, seen):
+    """Return the result of the frame after a known one."""
+    return Tracker(MODEL, settings).step(TrackerState.resumed([known]), seen)[1]
 
 
 @pytest.fixture(scope="module")
 def known():
     """The result of a frame that was tracked."""
     seen = mask_views(MODEL, posed(), RIG.cameras, 0)
-    return Tracker(MODEL, PLAIN).step(seen, (), posed())
+    return first_of(seen)
 
 
 def test_a_hand_that_moved_on_unseen_is_found_again():
@@ -63,51 +79,55 @@ def test_a_tracked_frame_is_left_alone(known, monkeypatch):
     def never(*_args, **_more):
         raise AssertionError("nothing is looked for in a frame that fits")
 
-    monkeypatch.setattr(restart, "start_sources", never)
+    monkeypatch.setattr(EvidenceLandscape, "of", never)
     seen = mask_views(MODEL, posed(turn=(0.05, 0.0, 0.0)), RIG.cameras, 1)
-    plain, jumps = (Tracker(MODEL, s).step(seen, [known]) for s in (PLAIN, JUMPS))
+    plain, jumps = (followed(s, known, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.TRACKED
     assert plain.parameters.tobytes() == jumps.parameters.tobytes()
     assert plain.energy == jumps.energy
 
 
-def test_no_pose_is_taken_that_fits_worse(known):
+def test_no_pose_is_taken_that_fits_worse(known, monkeypatch):
     """Whatever descent finds, a pose comes back only if the common measure is clearly lower for it."""
     truth = posed("open", (0.0, 1.2, 0.3), (0.05, 0.0, 0.0))
     seen = mask_views(MODEL, truth, RIG.cameras, 1)
     lost = replace(known, frame=1, status=Status.LOST)  # it stayed where the hand no longer is
     before = cost_of(seen, MODEL.transform.solver_params(lost.parameters))
 
-    def worse(params):
-        return replace(lost, parameters=MODEL.joint_params(posed("fist", (2.0, 0.0, 0.0))))
+    task = FrameTask(MODEL, PLAIN, seen, MODEL.transform.solver_params(lost.parameters), (known,))
 
-    assert recovered(MODEL, PLAIN, seen, lost, [known], worse) is lost
+    def worse(alone):
+        fist = MODEL.joint_params(posed("fist", (2.0, 0.0, 0.0)))
+        return Solved(replace(lost, parameters=fist))
 
-    def solved(params):
-        return Tracker(MODEL, PLAIN).step(seen, (), params)
-
-    found = recovered(MODEL, PLAIN, seen, lost, [known], solved)
+    monkeypatch.setattr(lost_hand, "solve_frame", worse)
+    assert with_hand_found(task, Solved(lost)).result is lost
+    monkeypatch.undo()
+    found = with_hand_found(task, Solved(lost)).result
     assert cost_of(seen, MODEL.transform.solver_params(found.parameters)) < 0.95 * before
     off = found.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))
     assert 1e3 * np.linalg.norm(off, axis=1).mean() < 5.0
-    assert recovered(MODEL, PLAIN, seen, lost, [known], solved, lambda: True) is lost, "stopped"
+    stopped = replace(task, control=Control(lambda: True))
+    assert with_hand_found(stopped, Solved(lost)).result is lost, "stopped"
 
 
 def test_it_is_tried_ever_more_rarely(known):
     """Of a row of frames that stay in doubt the first, second, fourth, eighth ... are looked at."""
     doubtful, previous, tried = replace(known, status=Status.DOUBTFUL), [known], []
     for row in range(1, 20):
-        if worth_restarting(doubtful, previous):
+        if why_hand_may_be_lost(doubtful, previous):
             tried.append(row)
         previous = [*previous, doubtful]
     assert tried == [1, 2, 4, 8, 16]
-    assert not worth_restarting(known, previous)
+    assert not why_hand_may_be_lost(known, previous)
     lost = replace(known, status=Status.LOST)
-    assert not worth_restarting(lost, []), "a first frame has nowhere to be near to"
+    assert not why_hand_may_be_lost(lost, []), "a first frame has nowhere to be near to"
     unseen = replace(lost, energy=float("nan"))
-    assert worth_restarting(lost, [known, *[unseen] * 10]), "frames without a picture do not count"
+    assert why_hand_may_be_lost(lost, [known, *[unseen] * 10]), (
+        "frames without a picture do not count"
+    )
     tried = [
-        row for row in range(1, 20) if worth_restarting(unseen, [known, *[unseen] * (row - 1)])
+        row for row in range(1, 20) if why_hand_may_be_lost(unseen, [known, *[unseen] * (row - 1)])
     ]
     assert tried == [1, 2, 4, 5, 8, 10, 15, 16], "a cloud elsewhere is looked at now and then"
 
@@ -121,9 +141,9 @@ def test_a_cloud_that_is_elsewhere_is_found_again(rng):
         points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 2500, rng)
         return Observation(frame, frame / 25.0, cloud=PointCloud(points))
 
-    first = Tracker(MODEL, PLAIN).step(cloud_at(posed(), 0), (), posed())
+    first = first_of(cloud_at(posed(), 0))
     seen = cloud_at(truth, 1)
-    plain, jumps = (Tracker(MODEL, s).step(seen, [first]) for s in (PLAIN, JUMPS))
+    plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
     assert jumps.status == Status.TRACKED
     off = jumps.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))

@@ -10,7 +10,7 @@ from handtrack.model.model_file import load_model
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.priors import GaussianPrior
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, unwound
@@ -29,13 +29,17 @@ def _hypothesis(params, weight=1.0, sigma=0.05, origin="followed"):
 
 
 def _frame(number, hypotheses, parents):
+    """Return a frame's result and the hypotheses that are carried on from it."""
     best = hypotheses[0].params if hypotheses else np.zeros(6)
     bones = MODEL.bones(best)
     places = MODEL.joint_positions(bones)
-    return FrameResult(
+    rows = zip(hypotheses, parents, strict=True)
+    alternatives = tuple(Alternative(h.params, h.cost, h.weight, p, h.origin) for h, p in rows)
+    result = FrameResult(
         number, number / 25.0, best, Status.TRACKED, 1.0, 1, np.zeros(6), np.zeros((len(places), 3, 3)),
-        bones.T_world_bone, places, None, hypotheses=tuple(hypotheses), parents=tuple(parents),
+        bones.T_world_bone, places, None, alternatives=alternatives,
     )  # fmt: skip
+    return result, tuple(hypotheses)
 
 
 def _at(x):
@@ -50,7 +54,7 @@ def test_the_line_that_led_to_the_end_is_chosen():
     ]
     assert [h.params[0] for h in lineage(frames)] == [1.0, 1.1, 1.2]
     settings = TrackerSettings().with_values({"mixture.sequence": "path"})
-    done = chosen_sequence(MODEL, settings, frames[::-1])
+    done = chosen_sequence(MODEL, settings, frames)
     assert [r.frame for r in done] == [0, 1, 2]
     assert [r.parameters[0] for r in done] == [1.0, 1.1, 1.2]
     np.testing.assert_allclose(
@@ -61,23 +65,22 @@ def test_the_line_that_led_to_the_end_is_chosen():
 
 
 def test_frames_before_the_first_pose_are_a_line_of_their_own():
+    """Backward, the order of tracking is that of falling numbers: parents are of the frame after."""
     frames = [
-        _frame(
-            0, [_hypothesis(_at(5.0)), _hypothesis(_at(6.0))], (1, 0)
-        ),  # backward: parents are of frame 1
-        _frame(1, [_hypothesis(_at(5.1)), _hypothesis(_at(6.1))], (0, 1)),
         _frame(2, [_hypothesis(_at(5.2)), _hypothesis(_at(6.2))], (-1, -1)),
-        _frame(3, [_hypothesis(_at(5.3))], (0,)),
+        _frame(1, [_hypothesis(_at(5.1)), _hypothesis(_at(6.1))], (0, 1)),
+        _frame(0, [_hypothesis(_at(5.0)), _hypothesis(_at(6.0))], (1, 0)),
     ]
     settings = TrackerSettings().with_values({"mixture.sequence": "path"})
     done = chosen_sequence(MODEL, settings, frames)
-    assert [r.parameters[0] for r in done] == [5.0, 6.1, 5.2, 5.3]
+    assert [r.frame for r in done] == [2, 1, 0]
+    assert [r.parameters[0] for r in done] == [6.2, 6.1, 5.0]
 
 
 def test_results_without_hypotheses_stay_as_they_are():
     frames = [_frame(0, [], ()), _frame(1, [], ())]
     settings = TrackerSettings().with_values({"mixture.sequence": "smooth"})
-    assert chosen_sequence(MODEL, settings, frames) == frames
+    assert chosen_sequence(MODEL, settings, frames) == [result for result, _ in frames]
 
 
 def test_smoothing_takes_noise_and_leaves_steady_motion(rng):

@@ -10,6 +10,7 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.size import refine_scale, scale_deviations, scale_from_deviations
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 LARGER = 1.06
@@ -33,7 +34,7 @@ def fitted(larger, coupling, **more):
     poses = []
     for seen, joint in zip(larger.observations, larger.joint_params, strict=True):
         start = model.transform.solver_params(joint)
-        result = Tracker(model, settings).step(seen, start=start)
+        _, result = Tracker(model, settings).step(TrackerState.beginning_at(start), seen)
         poses.append(model.transform.solver_params(result.parameters))
     return refine_scale(build, settings, HandScale(), larger.observations, poses, **more)
 

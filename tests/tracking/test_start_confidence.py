@@ -13,11 +13,12 @@ from handtrack.observation.observation import Silhouette
 from handtrack.simulation.scenes.simulated_views import everything, mask_views
 from handtrack.simulation.scenes.start_frames import another_hand
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.engine import Candidate, Fit
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import _outline_px
-from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
 from handtrack.tracking.search.start_confidence import (
     BASIN_M,
     KNOWN_SIZE_SIGMA,
@@ -25,14 +26,6 @@ from handtrack.tracking.search.start_confidence import (
     independent_errors,
     nearness,
     shares,
-)
-from handtrack.tracking.search.start_search import (
-    descended,
-    distinct,
-    narrow_problem,
-    narrowly_measured,
-    reassigned,
-    start_sources,
 )
 
 MODEL = load_model()
@@ -48,22 +41,24 @@ def seen_by(cameras, rng, pose="point"):
     params[:3] -= filmed.keypoints21(filmed.bones(params)).mean(axis=0)
     seen = mask_views(filmed, params, simulated_rig(cameras, (320, 240)).cameras)
     shape = shape_of(MODEL, filmed.joint_params(params), pose)
-    sources = start_sources(seen, TrackerSettings())
+    landscape = EvidenceLandscape.of(seen, TrackerSettings())
     true = filmed.keypoints21(filmed.bones(params))
-    laid = Laid(shape, params, 0.0)
-    shift = (true - laid.joints).mean(axis=0)
-    return sources, true, replace(laid, params=params + np.r_[shift, np.zeros(len(params) - 3)])
+    start = Candidate(MODEL, params, 0.0, shape=shape)
+    shift = (true - start.joints).mean(axis=0)
+    return landscape, true, replace(start, params=params + np.r_[shift, np.zeros(len(params) - 3)])
 
 
-def settled(sources, laid):
+def descended(landscape, candidate):
+    """Return a candidate after a dozen steps with wide arms."""
+    return landscape.fit(Fit("wide", 12), [candidate], Control())[0]
+
+
+def settled(landscape, candidate):
     """Return where a pose comes to rest, wide and then narrow, and its cost there."""
-    near = descended(sources, laid, 12)
+    near = descended(landscape, candidate)
     for _ in range(2):  # what counts around a pose is taken anew
-        params = solve(
-            narrow_problem(sources, near), near.params, SolverSettings(iterations=8)
-        ).params
-        near = replace(near, params=params)
-    return narrowly_measured(sources, near)
+        near = landscape.fit(Fit("narrow", 8), [near], Control())[0]
+    return near
 
 
 def test_they_are_as_sure_as_they_are_right():
@@ -71,13 +66,13 @@ def test_they_are_as_sure_as_they_are_right():
     said, right = [], []
     for seed in range(24):
         rng = np.random.default_rng(500 + seed)
-        sources, true, laid = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
-        starts = [laid, *reassigned(sources, [laid], 2)]
-        ends = [settled(sources, start) for start in starts]
-        best, *_ = kept = distinct(ends, 5)
-        count = independent_errors(sources, best)
+        landscape, true, start = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
+        starts = [start, *landscape.propose("finger bends", [start])]
+        ends = [settled(landscape, start) for start in starts]
+        best, *_ = kept = landscape.distinct(ends, 5)
+        count = independent_errors(landscape.sources, best)
         share = shares(np.array([end.cost for end in kept]), count)[0]
-        near = nearness(narrow_problem(sources, best), best.params, count, SIZE_SIGMA)
+        near = nearness(landscape.narrow_problem(best), best.params, count, SIZE_SIGMA)
         said.append(share * near)
         right.append(np.linalg.norm(best.joints - true, axis=1).mean() < BASIN_M)
     sure = np.array(said)
@@ -90,9 +85,10 @@ def test_they_are_as_sure_as_they_are_right():
 def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
     found = {}
     for cameras in (1, 3):
-        sources, _, laid = seen_by(cameras, rng, "open")
-        there = settled(sources, laid)
-        problem, count = narrow_problem(sources, there), independent_errors(sources, there)
+        landscape, _, start = seen_by(cameras, rng, "open")
+        there = settled(landscape, start)
+        problem = landscape.narrow_problem(there)
+        count = independent_errors(landscape.sources, there)
         found[cameras] = [
             nearness(problem, there.params, count, sigma)
             for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
@@ -105,8 +101,8 @@ def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
 def test_more_views_are_more_measurements_but_one_hand(rng):
     counts = []
     for cameras in (1, 3, 6):
-        sources, _, laid = seen_by(cameras, rng, "open")
-        counts.append(independent_errors(sources, laid))
+        landscape, _, start = seen_by(cameras, rng, "open")
+        counts.append(independent_errors(landscape.sources, start))
     assert 4.0 < counts[0] < counts[1] < counts[2] < 30.0
 
 
@@ -124,15 +120,13 @@ def test_pieces_of_a_circle():
 
 def test_a_pointing_finger_is_found_among_bent_ones(rng):
     """Started as a fist that is rightly turned: the descent alone keeps the index bent."""
-    sources, true, laid = seen_by(3, rng, "point")
+    landscape, true, start = seen_by(3, rng, "point")
     joint = named_pose(MODEL, "fist")
-    joint[:6] = MODEL.joint_params(laid.params)[:6]
-    fist = replace(laid, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
-    alone = descended(sources, fist, 12)
-    found = min(
-        (descended(sources, way, 12) for way in reassigned(sources, [fist], 2)),
-        key=lambda laid: laid.cost,
-    )
+    joint[:6] = MODEL.joint_params(start.params)[:6]
+    fist = replace(start, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
+    alone = descended(landscape, fist)
+    bent = landscape.propose("finger bends", [fist])
+    found = min((descended(landscape, way) for way in bent), key=lambda c: c.cost)
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
     assert off[0] > 25.0 and off[1] < 12.0

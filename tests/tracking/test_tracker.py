@@ -10,9 +10,11 @@ import pytest
 from handtrack.bench.silhouettes.binary_fist import scene
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 FIRST, COUNT = 8, 14
@@ -37,7 +39,7 @@ def followed(observe=None, frames=range(COUNT), start=0, tracker=TRACKER, **more
     def seen(frame, _bones):
         return observe(frame)
 
-    return list(track_frames(tracker, seen, start, params, frames, **more))
+    return list(track_frames(tracker, seen, start, params, frames, Control(**more)))
 
 
 def without(observation: Observation, cameras: tuple[str, ...]) -> Observation:
@@ -58,7 +60,8 @@ def test_the_hand_is_followed(forward):
 
 def test_a_disturbed_first_frame_is_put_right(rng):
     off = rng.normal(size=26) * ([0.004] * 3 + [np.deg2rad(4.0)] * 23)
-    result = TRACKER.step(SCENE.observations[0], start=MODEL.clipped(START + off))
+    begun = TrackerState.beginning_at(MODEL.clipped(START + off))
+    _, result = TRACKER.step(begun, SCENE.observations[0])
     assert errors_mm([result])[0] < 0.3  # measured 0.18 mm
     assert result.status == Status.TRACKED
 
@@ -71,8 +74,17 @@ def test_the_same_input_gives_the_same_bytes(forward):
 
 
 def test_any_frame_can_be_redone(forward):
-    again = TRACKER.step(SCENE.observations[6], forward[:6])
-    np.testing.assert_array_equal(again.parameters, forward[6].parameters)
+    """From its state all of it comes again; from results that were read back, its pose."""
+    state = TrackerState.beginning_at(START)
+    for seen in SCENE.observations[:6]:
+        state, _ = TRACKER.step(state, seen)
+    _, again = TRACKER.step(state, SCENE.observations[6])
+    _, once_more = TRACKER.step(state, SCENE.observations[6])
+    for one in (again, once_more):
+        for field in fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(forward[6], field.name))
+    _, read_back = TRACKER.step(TrackerState.resumed(forward[:6]), SCENE.observations[6])
+    np.testing.assert_array_equal(read_back.parameters, forward[6].parameters)
 
 
 def test_backward_from_a_later_frame():
@@ -135,7 +147,7 @@ def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
 
 def test_a_first_frame_that_nobody_saw_holds_the_start():
     empty = Observation(0, 0.0, ())
-    result = TRACKER.step(empty, start=START)
+    _, result = TRACKER.step(TrackerState.beginning_at(START), empty)
     assert result.status == Status.LOST
     np.testing.assert_allclose(result.parameters, SCENE.joint_params[0])
 
@@ -165,9 +177,8 @@ def test_stopping_leaves_what_is_done():
 
 def test_every_accepted_step_is_shown(forward):
     seen = []
-    result = TRACKER.step(
-        SCENE.observations[1], forward[:1], on_iteration=lambda k, x, c: seen.append((k, x, c))
-    )
+    control = Control(on_iteration=lambda frame, k, x, c: seen.append((k, x, c)))
+    _, result = TRACKER.step(TrackerState.resumed(forward[:1]), SCENE.observations[1], control)
     counts = [k for k, _, _ in seen]
     assert counts == sorted(counts)
     assert len(seen) <= result.iterations
@@ -180,7 +191,7 @@ def test_a_coupled_hand_keeps_its_couplings(coupling):
     model = load_model(coupling=coupling)
     tracker = Tracker(model)
     start = model.transform.solver_params(SCENE.joint_params[0])
-    result = tracker.step(SCENE.observations[0], start=start)
+    _, result = tracker.step(TrackerState.beginning_at(start), SCENE.observations[0])
     value = dict(zip(model.parameter_names, result.parameters, strict=True))
     assert len(result.parameters) == 26
     assert value["ring_dip_flex"] == pytest.approx(2 / 3 * value["ring_pip_flex"])

@@ -36,6 +36,7 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.size.size import refine_scale
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 _IMAGES = Path("sr305_depth_hand") / "20210326-230536"
@@ -95,7 +96,7 @@ def fitted(frames: Sequence[int] | None = None) -> DepthFits:
         for observation, start, near, every in zip(seen, starts, nearest, measured, strict=True):
             assert near is not None
             assert every is not None
-            result = tracker.step(observation, start=start)
+            _, result = tracker.step(TrackerState.beginning_at(start), observation)
             hand = hand_points(near.points).points
             found.append(_measured(tracker.model, result, hand, every.points))
         return found

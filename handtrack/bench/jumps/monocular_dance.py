@@ -29,7 +29,7 @@ from handtrack.simulation.scenes.depth_hand import data_folder
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 FPS, FRAMES = 25.0, 100
@@ -134,19 +134,23 @@ def tracked(what: SeenDance, hypotheses: int, **more: object) -> DanceErrors:
     """Return the errors of tracking a dance with a number of hypotheses."""
     values = {"tracker.hypotheses": hypotheses, **SETTINGS, **more}
     settings = TrackerSettings().with_values(values)
-    frames = range(len(what.pixels))
     tracker = Tracker(what.model, settings)
-    results = list(track_frames(tracker, lambda f, _: what.observation(f), 0, what.start(), frames))
+    state, carried = TrackerState.beginning_at(what.start()), []
+    for frame in range(len(what.pixels)):
+        state, result = tracker.step(state, what.observation(frame))
+        carried.append((result, state.hypotheses))
+    results = [result for result, _ in carried]
     own = np.array([what.errors(r.joint_positions, r.frame) for r in results])
     oracle = own.copy()
     for result in results:
-        for hypothesis in result.hypotheses[:SHOWN]:
-            shape = what.model.joint_positions(what.model.bones(hypothesis.params))
+        for pose in result.alternatives[:SHOWN]:
+            params = what.model.transform.solver_params(pose.parameters)
+            shape = what.model.joint_positions(what.model.bones(params))
             oracle[result.frame] = min(oracle[result.frame], what.errors(shape, result.frame))
     sequences = {}
     for name in ("path", "smooth"):
         chosen = replace(settings, mixture=replace(settings.mixture, sequence=name))
-        done = chosen_sequence(what.model, chosen, results)
+        done = chosen_sequence(what.model, chosen, carried)
         sequences[name] = np.array([what.errors(r.joint_positions, r.frame) for r in done])
     return DanceErrors(oracle, own, **sequences, results=tuple(results))
 
@@ -193,8 +197,9 @@ def draw(file: Path, what: SeenDance, several: DanceErrors, one: DanceErrors) ->
     frame = int(np.argmax(one.own - several.own))
     root = what.model.joint_names.index("pelvis")
     shapes = [(what.places[frame], "0.2", 2.5)]
-    for hypothesis in several.results[frame].hypotheses[:SHOWN][::-1]:
-        places = what.model.joint_positions(what.model.bones(hypothesis.params))
+    for pose in several.results[frame].alternatives[:SHOWN][::-1]:
+        params = what.model.transform.solver_params(pose.parameters)
+        places = what.model.joint_positions(what.model.bones(params))
         shapes.append((places, "#56B4E9", 1.0))
     shapes.append((one.results[frame].joint_positions, "#D55E00", 1.2))
     for axis, (across, up), title in ((axes[1], (0, 1), "front"), (axes[2], (0, 2), "above")):

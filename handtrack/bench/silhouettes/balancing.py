@@ -26,8 +26,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.retarget import fitted_model
 from handtrack.simulation.scenes.depth_hand import data_folder
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+from handtrack.tracking.frame.result import Alternative, FrameResult
 
 DATA = "pose2sim_body_4cam"
 FRAMES, SHOWN = 100, 8
@@ -104,6 +103,9 @@ class Balancing:
 
     run: TrackingRun
     results: tuple[FrameResult, ...]
+    """the best hypothesis of each frame"""
+    smoothed: tuple[FrameResult, ...]
+    """the line that led to the best of the last frame, smoothed"""
 
 
 def tracked(
@@ -113,7 +115,7 @@ def tracked(
     session = write_session(folder, cameras)
     if body is not None:
         (folder / "body.json").write_bytes(body.read_bytes())
-    values = {**SETTINGS, **settings}
+    values = {**SETTINGS, "mixture.sequence": "smooth", **settings}
     first = FirstPose(0, {"root_tz": 1.0, "root_rx": np.pi / 2})  # upright: the world's z is up
     run = TrackingRun.open(session, values, first)
     if body is None:
@@ -121,7 +123,12 @@ def tracked(
         write_scale(folder / "body.json", model.scale)
         run = run.with_scale(model.scale)
     frame, start = run.initial()
-    return Balancing(run, tuple(run.track(range(FRAMES), frame, start)))
+    best: dict[int, FrameResult] = {}
+    smoothed: dict[int, FrameResult] = {}
+    for result in run.track(range(FRAMES), frame, start):
+        best.setdefault(result.frame, result)
+        smoothed[result.frame] = result
+    return Balancing(run, tuple(best.values()), tuple(smoothed.values()))
 
 
 def _fitted(run: TrackingRun) -> ArticulatedModel:
@@ -181,18 +188,18 @@ def _compared(label: str, alone: Balancing, everything: Balancing) -> dict[str, 
     true = {r.frame: r.joint_positions for r in everything.results}
     own = np.array([error(r.joint_positions, true[r.frame]) for r in alone.results])
     figures = {f"{label}_own_mm": float(own.mean()), f"{label}_own_near": float((own < 60).mean())}
-    if any(r.hypotheses for r in alone.results):
+    if any(r.alternatives for r in alone.results):
         best = [
-            min(
-                error(model.joint_positions(model.bones(h.params)), true[r.frame])
-                for h in r.hypotheses[:SHOWN]
-            )
+            min(error(_joints(model, pose), true[r.frame]) for pose in r.alternatives[:SHOWN])
             for r in alone.results
         ]
         figures[f"{label}_best_mm"] = float(np.mean(best))
         figures[f"{label}_best_near"] = float((np.array(best) < 60).mean())
-        smooth = alone.run.with_values({"mixture.sequence": "smooth"})
-        done = chosen_sequence(model, smooth.settings, alone.results)
-        errors = [error(r.joint_positions, true[r.frame]) for r in done]
+        errors = [error(r.joint_positions, true[r.frame]) for r in alone.smoothed]
         figures[f"{label}_smoothed_mm"] = float(np.mean(errors))
     return figures
+
+
+def _joints(model: ArticulatedModel, pose: Alternative) -> Floats:
+    """Return (J, 3) the joints of one of a frame's poses, world [m]."""
+    return model.joint_positions(model.bones(model.transform.solver_params(pose.parameters)))

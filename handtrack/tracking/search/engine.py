@@ -36,6 +36,11 @@ class Candidate:
     normal: Floats | None = None
     """(P, P) Gauss-Newton matrix of its cost, where the fit gives one"""
 
+    @property
+    def joints(self) -> Floats:
+        """(21, 3) its joints, world [m]"""
+        return self.model.keypoints21(self.model.bones(self.params))
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -78,6 +83,10 @@ class Search:
     """how often it is searched on from a better pose"""
     again: str = ""
     """how soon the search is made again if it found nothing, in words"""
+    tries: str = ""
+    """what is tried, in words, by a mechanism that weighs its poses by itself instead of in rounds"""
+    taken: str = ""
+    """what is taken then, in words"""
 
     def is_better(self, cost: float, standing: float) -> bool:
         """Return whether a candidate of that cost is taken instead of the standing pose."""
@@ -122,6 +131,14 @@ class SearchReport:
     """cost of the pose that stood; NaN without one"""
     winner: Trial | None
     """None: the standing pose stays"""
+
+
+def report(
+    search: Search, control: Control, frame: int, why: str, standing: float, winner: Trial | None
+) -> None:
+    """Tell of a search without rounds, if anybody listens."""
+    if control.on_search is not None:
+        control.on_search(SearchReport(frame, search, why, (), standing, winner))
 
 
 def run_rounds(

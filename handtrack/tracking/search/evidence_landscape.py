@@ -77,6 +77,8 @@ class EvidenceLandscape:
             return [replace(c, cost=0.0) for c in nearby]  # all of them descend
         if proposer == "finger bends":
             return self._bent(self.distinct(found, _BENT_TRIED))
+        if not found:
+            return []
         best = min(found, key=lambda c: c.cost)
         if proposer == "standing pose":
             return [replace(best, cost=0.0)]
@@ -151,12 +153,11 @@ class EvidenceLandscape:
         for candidate in ordered:
             if len(chosen) == most:
                 break
-            model = candidate.model
-            joints = model.keypoints21(model.bones(candidate.params))
+            joints = candidate.joints
             known = (j for _, j in [*chosen, *spare])
             if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for j in known):
                 continue
-            palm = palm_middle(model, candidate.params)
+            palm = palm_middle(candidate.model, candidate.params)
             here = sum(np.linalg.norm(palm - other) < PLACE_M for other in palms)
             if 2 * here < most and candidate.cost <= _PROMISING * ordered[0].cost:
                 chosen.append((candidate, joints))

@@ -76,7 +76,72 @@ IMAGE_JOINTS = Search(
     ),
     measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
 )
-SEARCHES = (FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, LOST_FINGER, LOST_HAND)
+POOR, GOOD = 0.80, 0.88
+"""agreement below which a cloud's depths are doubted, and above which they are believed again; `bench poor_clouds`"""
+POOR_CLOUD = Search(
+    situation="a cloud that alone holds the hand is poor",
+    when=f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`)",
+    rounds=(),
+    tries="the cloud's depths doubted, its lines of sight kept; or a simpler hand: glove9, ball6",
+    measure="harmonic mean of the share of points on the surface and of the surface in view that was measured",
+    taken="always: the frame is called doubtful",
+    again="in the next frame, first of all",
+)
+FIRST_HYPOTHESES = Search(
+    situation="several hypotheses, first frame",
+    when="`tracker.hypotheses` above 1",
+    rounds=(),
+    tries="the start in four headings; then the interpretation trees of the best minima, up to three times",
+    measure="energy",
+    taken="distinct minima, the heaviest by exp(−cost)",
+)
+NEXT_HYPOTHESES = Search(
+    situation="several hypotheses, every other frame",
+    when="`tracker.hypotheses` above 1",
+    rounds=(),
+    tries="each hypothesis moved on; samples around it, flipped along the chain that a vote names (`mixture.draws`)",
+    measure="posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
+    taken="distinct minima, the heaviest",
+)
+SEARCHES = (
+    FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, POOR_CLOUD,
+    LOST_HAND,
+)  # fmt: skip
+"""in the order in which a frame asks for them"""
+
+
+def table() -> str:
+    """Return all rows as a table in Markdown."""
+    head = "| situation | when | tried, round by round | measure | taken | again |\n|---|---|---|---|---|---|\n"
+    return head + "".join(
+        f"| {s.situation} | {s.when} | {_rounds(s)} | {s.measure} | {_taken(s)} | {s.again} |\n"
+        for s in SEARCHES
+    )
+
+
+def _rounds(search: Search) -> str:
+    if not search.rounds:
+        return search.tries
+    repeats = f"; up to {search.repeats} times from the better pose" if search.repeats > 1 else ""
+    return "; ".join(map(_round, search.rounds)) + repeats
+
+
+def _round(step: Round) -> str:
+    words = [" and ".join(step.propose)] if step.propose else []
+    if step.enter is not None:
+        words.append(f"best {step.enter}")
+    words += [f"{f.kind} {f.iterations}" if f.iterations else f.kind for f in step.fits]
+    return " → ".join(words)
+
+
+def _taken(search: Search) -> str:
+    if search.taken:
+        return search.taken
+    if search in (FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS):
+        return "all distinct ones, the best first"
+    share = "" if search.factor == 1.0 else f"{search.factor:g} × "
+    less = f" − {search.margin:g}" if search.margin else ""
+    return f"cost below {share}the standing pose's{less}"
 
 
 def why_fingers_may_be_lost(
@@ -112,3 +177,7 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
         row += 1
     due = row & (row - 1) == 0 or (unseen and row % UNSEEN_EVERY == 0)
     return f"frame {row} of a row that is in doubt: {result.note}" if due else ""
+
+
+if __name__ == "__main__":
+    print(table())

@@ -27,9 +27,6 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import SeenCloud
 from handtrack.tracking.search.initialize import carried_over
 
-POOR, GOOD = 0.8, 0.88
-"""agreement below which a cloud's depths are doubted, and above which they are believed again"""
-
 
 @dataclass(frozen=True)
 class Agreement:

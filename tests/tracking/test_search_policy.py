@@ -1,0 +1,106 @@
+"""The policy's table stands in the docs as it is run, and its rows name what the landscapes know."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.search.engine import Candidate, Fit, Round, Search, improved, run_rounds
+from handtrack.tracking.search.explain import explained
+from handtrack.tracking.search.policy import SEARCHES, table
+from tests.conftest import REPOSITORY
+
+MODEL = load_model()
+
+
+def test_the_docs_table_is_the_policy():
+    page = (REPOSITORY / "docs" / "search_policy.md").read_text(encoding="utf-8")
+    shown = page.split("<!-- table -->\n")[1].split("<!-- end of table -->")[0]
+    assert shown.strip() == table().strip(), (
+        "print it anew: python -m handtrack.tracking.search.policy"
+    )
+
+
+def test_every_proposer_and_fit_of_the_table_is_known():
+    source = "".join(
+        path.read_text(encoding="utf-8")
+        for name in ("evidence_landscape", "lost_finger", "keypoint_start")
+        for path in [REPOSITORY / "handtrack" / "tracking" / "search" / f"{name}.py"]
+    )
+    rounds = [step for search in SEARCHES for step in search.rounds]
+    named = {name for step in rounds for name in step.propose}
+    named -= {"finger grid", "depth flips"}  # what is left over, in their landscapes
+    assert {name for name in named if f'"{name}"' not in source} == set()
+
+
+class Line:
+    """A landscape in one number: the cost is its distance from 3, a fit halves the way there."""
+
+    def propose(self, proposer, found):
+        return [candidate(x, proposer) for x in (0.0, 1.0, 2.5, 2.6)]
+
+    def fit(self, fit, candidates, control):
+        for _ in range(fit.iterations):
+            candidates = [candidate(0.5 * (c.params[0] + 3.0), c.origin) for c in candidates]
+        return list(candidates)
+
+    def distinct(self, candidates, most):
+        kept = []
+        for one in sorted(candidates, key=lambda c: c.cost):
+            if all(abs(one.params[0] - other.params[0]) > 0.2 for other in kept):
+                kept.append(one)
+        return kept[:most]
+
+
+def candidate(x, origin="given"):
+    return Candidate(MODEL, np.array([x]), abs(x - 3.0), origin)
+
+
+def places(found):
+    return [c.params[0] for c in found]
+
+
+def test_a_round_proposes_thins_and_fits():
+    search = Search("", "", (Round(("grid",), enter=2, fits=(Fit("half", 1),)),), "")
+    assert places(run_rounds(search, Line(), (), Control())) == [2.8, 2.0]
+    alone = Search("", "", (Round(("grid",), keep=0, fits=(Fit("half", 1),)),), "")
+    assert places(run_rounds(alone, Line(), [candidate(5.0)], Control())) == [1.5, 2.0, 2.75, 2.8]
+    adds = Search("", "", (Round(("grid",), adds=True, enter=1, fits=(Fit("half", 2),)),), "")
+    assert places(run_rounds(adds, Line(), [candidate(5.0)], Control())) == [5.0, 2.9]
+
+
+def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
+    rounds = (Round(("grid",), keep=0),)
+    for factor, margin, start, taken in (
+        (1.0, 0.0, 3.41, True), (1.0, 0.0, 3.39, False), (1.0, 1.0, 4.3, False), (1.0, 1.0, 4.5, True),
+        (0.5, 0.0, 3.7, False), (0.5, 0.0, 3.9, True),
+    ):  # fmt: skip
+        search = Search("", "", rounds, "", factor=factor, margin=margin)
+        standing, told = candidate(start), []
+        control = Control(on_search=told.append)
+        found = improved(search, Line(), standing, control, 7, "asked")
+        assert (found is not standing) == taken, (factor, margin, start)
+        assert (told[0].winner is not None) == taken
+        assert places([found]) == ([2.6] if taken else [start])
+
+
+def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
+    rounds = (Round(("grid",), keep=0, fits=(Fit("half", 1),)),)
+    told = []
+    search = Search("a line", "", rounds, "distance", repeats=3)
+    improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
+    assert [report.winner is not None for report in told] == [True, False]
+    lines = explained(7, told, None)
+    assert lines[0] == "frame 7: 2 searches"
+    assert lines[1] == "- a line (asked)"
+    assert lines[3] == "  round 1: 4 proposed, 4 fitted: grid ×4 0.20"
+    assert lines[4] == "  taken: grid at 0.20, below 6.00 (1 × 6.00 − 0)"
+    assert lines[-1] == "  nothing better was found; the standing pose stays"
+    assert explained(8, told, None) == ["frame 8: nothing was searched"]
+
+
+def test_a_search_that_is_stopped_changes_nothing():
+    standing = candidate(9.0)
+    search = Search("", "", (Round(("grid",)),), "")
+    assert improved(search, Line(), standing, Control(lambda: True), 7, "asked") is standing
