@@ -75,9 +75,9 @@ class CloudEmptinessTerm(CompiledTerm):
         low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
         distances = distance_map(cloud, low, high, spacing_m, most_voxels)
         nothing = np.empty(0, np.int64), np.empty((0, 3))
-        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).asking(mesh, views)
+        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(mesh, views)
 
-    def asking(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
+    def for_mesh(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
         """Return the term of the same cloud for another mesh of the model."""
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
