@@ -83,10 +83,10 @@ class CloudFilters:
         hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
-        fate, reports = self.fates(cloud, hand_distance, eyes)
+        fate, reports = self.dropped_by(cloud, hand_distance, eyes)
         return cloud.select(fate == len(reports)), reports
 
-    def fates(
+    def dropped_by(
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
