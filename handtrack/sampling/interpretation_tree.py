@@ -14,7 +14,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import bone_poses
 from handtrack.model.transform import ParameterTransform
 from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
-from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, grown, rooted
+from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, extended, rooted
 from handtrack.sampling.limb_ik_kernels import pierce
 
 
@@ -121,7 +121,7 @@ def _chain_leaves(
         points = np.empty((count, 2, 3))
         missed = np.empty((count, 2), dtype=np.int8)
         pierce(branches.end, centre, rays[end], length, points, missed, nearest)
-        branches = grown(
+        branches = extended(
             chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), nearest,
             max(REACHED_M, 1e-7 * length),
         )  # fmt: skip
