@@ -1,4 +1,4 @@
-"""The benchmarks by name."""
+"""The table of benchmarks: name → module, function, and whether it is quick."""
 
 from __future__ import annotations
 

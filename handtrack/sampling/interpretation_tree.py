@@ -1,4 +1,4 @@
-"""The interpretation tree: all poses that put the same joints on the same lines of sight of one camera."""
+"""The interpretation tree: all poses that put the same joints on the same viewing rays of one camera."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class InterpretationTree:
     far: Array
     """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
     exact: Array
-    """(L,) whether every joint of the chains is on its line of sight, within limits"""
+    """(L,) whether every joint of the chains is on its viewing ray, within limits"""
     complete: int
     """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
 
@@ -59,7 +59,7 @@ def interpretation_tree(
 ) -> InterpretationTree:
     """Return all poses that differ from `params` (P,) by forwards/backwards flips along chains. 2003 paper, §3.
 
-    For each link the sphere about its start, as large as the link is long, is pierced by the line of sight of
+    For each link the sphere about its start, as large as the link is long, is pierced by the viewing ray of
     its end: two depths. Chains that do not carry each other are solved once, and the leaves are all their
     combinations. chains: all that the model offers, where None. targets_px: (J, 2) where the model's joints are seen
     (NaN where they are not: there, and by default, the given pose's own projection counts).

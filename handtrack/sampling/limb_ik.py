@@ -1,4 +1,4 @@
-"""Joint angles from joint positions: in closed form along a chain, by descent where that fails."""
+"""Joint angles from joint positions: closed form along a chain, descent where that fails."""
 
 from __future__ import annotations
 

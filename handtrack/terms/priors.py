@@ -1,4 +1,4 @@
-"""What is known before looking: poses that the hand is near, angles that go together. On joint parameters."""
+"""Quadratic priors on joint parameters: a mean pose, linear combinations, a correlated Gaussian."""
 
 from __future__ import annotations
 

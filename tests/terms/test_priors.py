@@ -22,7 +22,10 @@ def test_a_standard_deviation_costs_a_half():
 
 def test_a_bell_without_correlations_is_the_plain_prior(rng):
     sigma, x = np.array([0.5, 0.1, 2.0]), rng.normal(size=3)
-    correlated, plain = CorrelatedPrior(np.ones(3), np.diag(1 / sigma**2)), GaussianPrior(np.ones(3), sigma)
+    correlated, plain = (
+        CorrelatedPrior(np.ones(3), np.diag(1 / sigma**2)),
+        GaussianPrior(np.ones(3), sigma),
+    )
     assert correlated.cost(x) == pytest.approx(plain.cost(x))
     np.testing.assert_allclose(correlated.linearize(x).gradient, plain.linearize(x).gradient)
     np.testing.assert_allclose(correlated.linearize(x).hessian, plain.linearize(x).hessian)
