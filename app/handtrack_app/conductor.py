@@ -51,7 +51,7 @@ def one_frame(result: FrameResult) -> m.Notice:
         return m.Notice(
             "done", f"Frame {result.frame} is fitted", "What was seen is explained well."
         )
-    if result.unknown:
+    if result.is_open:
         return m.Notice(
             "warning",
             f"Frame {result.frame} fits, as far as it is seen",

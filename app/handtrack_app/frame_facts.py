@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.tracking.fallback import is_simplified
 from handtrack.tracking.frame.result import FrameResult
 
 
 def told(result: FrameResult) -> str:
     """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
-    if is_simplified(result):
+    if result.is_simplified:
         return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
     return result.note[:1].upper() + result.note[1:]
 

@@ -87,11 +87,15 @@ class Guesses:
         if frame in self.found:
             rows = self.found[frame][:_MOST]
             return "found", [_Pose(c.model, c.params, Guess(c.confidence, c.note)) for c in rows]
-        carried = () if result is None else result.hypotheses[:_MOST]
+        carried = () if result is None else result.alternatives[:_MOST]
         if len(carried) < 2:
             return "", []
         model = self.document.model
         return "carried", [
-            _Pose(model, h.params, Guess(h.weight, f"{h.origin}, cost {h.cost:.1f}"))
+            _Pose(
+                model,
+                model.transform.solver_params(h.parameters),
+                Guess(h.weight, f"{h.origin}, cost {h.energy:.1f}"),
+            )
             for h in carried
         ]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.document import Document
 
@@ -71,7 +72,7 @@ def journal_row(result: FrameResult) -> dict[str, Any]:
         "std": result.parameter_std,
         "spread": np.round(result.joint_covariance, 12),
         "energies": dict(result.energies),
-        "unknown": result.unknown,
+        "reason": None if result.reason is None else asdict(result.reason),
     }
 
 
@@ -85,4 +86,7 @@ def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
         row["std"], row["spread"],
     )  # fmt: skip
     energies = {k: float(v) for k, v in row.get("energies", {}).items()}
-    return replace(found, energies=energies, unknown=bool(row.get("unknown", False)))
+    reason = row.get("reason")
+    if row.get("unknown"):  # an older journal: only this kind was kept
+        reason = {"kind": "open", "part": "hand"}
+    return replace(found, energies=energies, reason=Reason(**reason) if reason else None)

@@ -10,7 +10,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,14 +19,12 @@ import numpy as np
 from handtrack.arrays import Array, Floats
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Observation
 from handtrack.session.run import TrackingRun
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
-from handtrack.tracking.frame.appearance_terms import Before
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.tracker import Tracker, Watch
 from handtrack_app.rerun_stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
 
 log = logging.getLogger(__name__)
@@ -46,38 +44,6 @@ class Step(NamedTuple):
     cost: float
 
 
-@dataclass(frozen=True)
-class WatchedTracker(Tracker):
-    """A tracker that notes what the solver does in one frame; results are the same to the last bit."""
-
-    closely: int | None = None
-    steps: list[Step] = field(default_factory=list)
-
-    def step(
-        self,
-        observation: Observation,
-        previous=(),
-        start: Floats | None = None,
-        should_stop=None,
-        on_iteration: Watch | None = None,
-        before: Observation | None = None,
-        given: Before | None = None,
-    ) -> FrameResult:
-        """Return the pose of one frame, as Tracker does."""
-        if observation.frame != self.closely:
-            return super().step(
-                observation, previous, start, should_stop, on_iteration, before, given
-            )
-
-        def note(count: int, params: Floats, cost: float) -> None:
-            self.steps.append(Step(params.copy(), cost))
-            if on_iteration is not None:
-                on_iteration(count, params, cost)
-
-        self.steps.clear()
-        return super().step(observation, previous, start, should_stop, note, before, given)
-
-
 class ResidualRecorder:
     """Records a run's frames for rerun: live, in a file, or both. Never makes tracking wait."""
 
@@ -88,7 +54,7 @@ class ResidualRecorder:
         path: Path | None = None,
         closely: int | None = None,
     ) -> None:
-        """Start. closely: a frame whose every iteration is recorded, if tracked by `watched`.
+        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says.
 
         Raises HandtrackError when the file cannot be written.
         """
@@ -115,14 +81,19 @@ class ResidualRecorder:
         """Why recording stopped, in words; empty while all is well."""
         return self._failure or self._stream.problem
 
-    def watched(self, tracker: Tracker) -> Tracker:
-        """Return the tracker to use in place of this one, so that the frame `closely` can be recorded.
+    def watching(self, control: Control) -> Control:
+        """Return the control to track with, so that the frame `closely` can be recorded.
 
         The iterations recorded are those that made the result; nothing is solved twice.
         """
         if self._closely is None:
-            return tracker
-        return WatchedTracker(tracker.model, tracker.settings, self._closely, self._steps)
+            return control
+
+        def note(frame: int, count: int, params: Floats, cost: float) -> None:
+            if frame == self._closely:
+                self._steps.append(Step(params.copy(), cost))
+
+        return replace(control, on_iteration=note)
 
     def show(self, result: FrameResult) -> None:
         """Hand in a tracked frame; returns at once."""

@@ -23,11 +23,11 @@ from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
-from handtrack.tracking.frame.forearm import forearm_in_view
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.size import refine_scale
@@ -95,12 +95,12 @@ class TrackingRun:
             count = self.session.frame_count
             after = range(start, min(start + _SIZE_STRETCH, count))
             frames = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
-        results = []
+        results: dict[int, FrameResult] = {}
         for result in self.track(frames, start, params, should_stop):
-            results.append(result)
+            results[result.frame] = result
             if tell is not None:
                 tell(len(results), len(frames))
-        tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
+        tracked = sorted((r for r in results.values() if r.fits), key=lambda r: r.frame)
         seen = [(result, self._seen_at(result)) for result in _spread(tracked, most)]
         around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
         used = around or [pair for pair in seen if pair[1].cloud is not None]
@@ -206,16 +206,22 @@ class TrackingRun:
         start_params: Floats,
         should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
-        """Yield results in the order of tracking; see tracker.sequence.track_frames."""
-        return track_frames(
-            self.tracker, self.observation, start_frame, start_params, frames, should_stop
-        )
+        """Yield results in the order of tracking; see tracking.sequence.track_frames."""
+        control = Control() if should_stop is None else Control(should_stop)
+        return self.track_with(control, frames, start_frame, start_params)
+
+    def track_with(
+        self, control: Control, frames: range, start_frame: int, start_params: Floats
+    ) -> Iterator[FrameResult]:
+        """Yield results as `track` does, stopped, watched and told as control says."""
+        tracker, observe = self.tracker, self.observation
+        return track_frames(tracker, observe, start_frame, start_params, frames, control)
 
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
-        """Return the frames as one result, sorted, with where they came from."""
-        ordered = chosen_sequence(self.model, self.settings, list(frames))
+        """Return the frames as one result, sorted, the latest of each, with where they came from."""
+        latest = {result.frame: result for result in frames}
         return TrackResult.from_frames(
-            ordered,
+            [latest[frame] for frame in sorted(latest)],
             parameter_names=self.model.parameter_names,
             bone_names=self.model.skeleton.bone_names,
             joint_names=self.model.joint_names,

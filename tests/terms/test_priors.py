@@ -7,7 +7,7 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
-from handtrack.tracking.frame.posture import posture_prior
+from handtrack.tracking.frame.terms.posture import posture_prior
 from tests.derivatives import check_parameter_term
 
 

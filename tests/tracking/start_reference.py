@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.tracking.search.evidence.start_kernels import FAR_M, OUT_OF_SIGHT
+from handtrack.tracking.search.evidence.score_kernels import FAR_M, OUT_OF_SIGHT
 
 
 def share(distance):

@@ -15,9 +15,9 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
-from handtrack.tracking.frame.appearance_terms import Before, appearance_terms, see_appearance
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.appearance_terms import Before, appearance_terms, see_appearance
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

@@ -14,8 +14,8 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
-from handtrack.tracking.frame.cloud_terms import see_cloud
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.tracker import Tracker
 
 CHI2_90 = 6.251

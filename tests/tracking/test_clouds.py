@@ -10,8 +10,8 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
-from handtrack.tracking.frame.forearm import forearm_in_view
 from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.escape import _shifted
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.tracker import Tracker

@@ -12,9 +12,9 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
 from handtrack.tracking.fallback import is_simplified, simplified, steadier
-from handtrack.tracking.frame.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

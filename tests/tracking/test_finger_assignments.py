@@ -6,13 +6,13 @@ import numpy as np
 
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.tracking.search.finger_assignments import finger_assignments, finger_swaps
+from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
 
 
 def test_sixteen_ways_to_hold_four_fingers():
     model = load_model()
     params = model.rest_params()
-    ways = finger_assignments(model, params)
+    ways = finger_bends(model, params)
     assert len({way.tobytes() for way in ways}) == 16
     thumb = [p for p, name in enumerate(model.transform.names) if "thumb" in name or "root" in name]
     index = model.transform.names.index("index_pip_flex")

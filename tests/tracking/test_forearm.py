@@ -14,8 +14,8 @@ from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
-from handtrack.tracking.frame.forearm import forearm_cut, forearm_in_view, forearm_length
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.forearm import forearm_cut, forearm_in_view, forearm_length
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

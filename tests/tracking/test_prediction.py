@@ -10,9 +10,9 @@ import pytest
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints, Observation
+from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.prediction import predict
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

@@ -19,9 +19,9 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import restart
-from handtrack.tracking.search.evidence.start_shapes import shape_of
-from handtrack.tracking.search.finger_flips import finger_flips
+from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.restart import recovered, worth_restarting
 from handtrack.tracking.search.start_search import narrowly_measured, start_sources
 from handtrack.tracking.tracker import Tracker
@@ -135,7 +135,7 @@ def test_flipped_fingers_look_the_same():
     seen = mask_views(MODEL, params, RIG.cameras[:1], 0)
     camera = seen.silhouettes[0].camera
     here = MODEL.keypoints21(MODEL.bones(params))
-    flips = finger_flips(MODEL, seen, params)
+    flips = depth_flips(MODEL, seen, params)
     assert flips
     for flipped in flips:
         bounds = MODEL.bounds(flipped)

@@ -15,8 +15,8 @@ from handtrack.simulation.scenes.start_frames import another_hand
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.evidence.silhouette_start import _outline_px
-from handtrack.tracking.search.evidence.start_shapes import shape_of
+from handtrack.tracking.search.evidence.hand_shapes import shape_of
+from handtrack.tracking.search.evidence.silhouette_evidence import _outline_px
 from handtrack.tracking.search.laid_shapes import Laid
 from handtrack.tracking.search.start_confidence import (
     BASIN_M,

@@ -12,16 +12,16 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search.evidence.cloud_start import cloud_start
-from handtrack.tracking.search.evidence.silhouette_start import _STEP_PX, silhouette_start
-from handtrack.tracking.search.evidence.start_kernels import _CELLS, mark_visible
-from handtrack.tracking.search.evidence.start_shapes import palm_middle, start_shapes
-from handtrack.tracking.search.orientation_grid import spread_rotations
+from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
+from handtrack.tracking.search.evidence.hand_shapes import hand_shapes, palm_middle
+from handtrack.tracking.search.evidence.score_kernels import _CELLS, mark_visible
+from handtrack.tracking.search.evidence.silhouette_evidence import _STEP_PX, silhouette_evidence
+from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
 from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()
 PARAMS = MODEL.rest_params() + np.array([0.0, -0.09, 0.0, 0.4, -0.3, 0.2, *[0.1] * 20])
-SHAPE = start_shapes(MODEL, ["curl"])[0]
+SHAPE = hand_shapes(MODEL, ["curl"])[0]
 TURNS = spread_rotations(5)
 
 
@@ -34,7 +34,7 @@ def places():
 def test_scores_of_clouds(rng, places):
     bones = MODEL.bones(PARAMS)
     points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 3000, rng)
-    start = cloud_start(points, ())
+    start = cloud_evidence(points, ())
     assert start is not None
     found = start.scores(SHAPE, TURNS, places)
     every = np.ones(len(SHAPE.points), bool)
@@ -46,7 +46,7 @@ def test_scores_of_clouds(rng, places):
 
 def test_scores_of_silhouettes(places):
     seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras)
-    start = silhouette_start(seen.silhouettes)
+    start = silhouette_evidence(seen.silhouettes)
     assert start is not None
     found = start.scores(SHAPE, TURNS, places)
     outside, sizes = start._pictures

@@ -9,7 +9,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.evidence.start_shapes import palm_middle, shape_of
+from handtrack.tracking.search.evidence.hand_shapes import palm_middle, shape_of
 from handtrack.tracking.search.laid_shapes import Laid, laid_everywhere
 from handtrack.tracking.search.start_search import (
     distinct,

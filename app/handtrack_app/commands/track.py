@@ -18,8 +18,8 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.sequence import track_frames
 from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
 from handtrack_app.commands.compiling import compiling_told
 from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
@@ -102,16 +102,18 @@ def _track(
     used, and what was wrong with that.
     """
     start_frame, start = run_.initial()
-    tracker = run_.tracker if recorder is None else recorder.watched(run_.tracker)
-    results: list[FrameResult] = []
+    control = Control(stop)
+    if recorder is not None:
+        control = recorder.watching(control)
+    results: dict[int, FrameResult] = {}
     problem = ""
     with progress_bar(len(frames), "tracking") as bar:
         try:
-            for result in track_frames(tracker, run_.observation, start_frame, start, frames, stop):
-                results.append(result)
+            for result in run_.track_with(control, frames, start_frame, start):
+                bar.update(result.frame not in results)
+                results[result.frame] = result
                 if recorder is not None:
                     recorder.show(result)
-                bar.update()
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             stop.asked = True
         except HandtrackError as error:
@@ -119,7 +121,7 @@ def _track(
                 raise
             problem = str(error)
         stop.shielded = True  # from here on it is saved
-    return results, problem
+    return list(results.values()), problem
 
 
 def _save(

@@ -21,8 +21,8 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints, Observation, Silhouette
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.forearm import forearm_in_view
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker

@@ -13,12 +13,12 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.auto_start import FINALISTS, finished
-from handtrack.tracking.search.evidence.start_shapes import shape_of
+from handtrack.tracking.search.auto_start import MOST_FOUND, auto_start
+from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.search.keypoint_start import hands_from_images, triangulated
-from handtrack.tracking.search.laid_shapes import Laid
-from handtrack.tracking.search.start_search import start_sources
+from handtrack.tracking.search.policy import GIVEN_JOINTS
 
 _ENOUGH_IN_SPACE = 12  # of 21 points; fewer leave fingers open, and lines of sight say more
 
@@ -46,18 +46,17 @@ def poses_from_images(
         note = f"{len(images)} cameras agree on {int(np.isfinite(points).all(axis=1).sum())} of 21 joints"
         return [FirstPoseCandidate(first.frame, params, 1.0, note, model, 0.0, given)]
     found = hands_from_images(model, images)
-    sources = start_sources(seen, settings)
-    if sources:
-        laid = [
-            Laid(shape_of(model, model.joint_params(h.params), "given"), h.params, h.cost)
-            for h in found[:FINALISTS]
-        ]
-        with_joints = replace(seen, keypoints=tuple(images))
-        rows = [
-            FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
-            for c in finished(sources, laid, settings, with_joints, lambda: False)
-        ]
-    else:
+    shapes = [shape_of(model, model.joint_params(h.params), "given") for h in found[:MOST_FOUND]]
+    candidates = [
+        Candidate(model, h.params, h.cost, h.origin, shape)
+        for h, shape in zip(found, shapes, strict=False)
+    ]
+    with_joints = replace(seen, keypoints=tuple(images))
+    rows = [
+        FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
+        for c in auto_start((), settings, with_joints, search=GIVEN_JOINTS, found=candidates)
+    ]
+    if not rows:
         rows = [
             FirstPoseCandidate(first.frame, h.params, h.weight, "", model, h.cost) for h in found
         ]

@@ -17,13 +17,14 @@ from handtrack.files.atomic import replace_text, replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
 from handtrack.model.articulated import keypoint_names
+from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import Status, TrackResult
 
 FORMAT = 1
 
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
-_WHOLE = ("frame", "status", "iterations")
+_WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
@@ -42,9 +43,22 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "joint_covariance": ("F", "J", 3, 3),
     "energy_names": ("T",),
     "energies": ("F", "T"),
+    "reason": ("F",),
+    "reason_kind": ("F",),
+    "reason_where": ("F", 2),
+    "reason_numbers": ("F", 2),
+    "hypothesis_parameters": ("F", "H", "S"),
+    "hypothesis_energy": ("F", "H"),
+    "hypothesis_weight": ("F", "H"),
+    "hypothesis_parent": ("F", "H"),
+    "hypothesis_origin": ("F", "H"),
     **dict.fromkeys(_TEXTS, ()),
 }
-_OPTIONAL = ("keypoints21", "energy_names", "energies")
+_REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
+_HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
+_OPTIONAL = ("keypoints21", "energy_names", "energies", *_REASON, *_HYPOTHESES)
+_WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
+"""arrays of text, a row a frame"""
 
 # ---- poses.npz -------------------------------------------------------------------------------------
 
@@ -112,6 +126,12 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
         raise HandtrackError(
             f"{path}: arrays are missing: {', '.join(missing)}. Found: {', '.join(arrays)}."
         )
+    for group in (_REASON, _HYPOTHESES):  # all of them or none
+        lacking = [name for name in group if name not in arrays]
+        if 0 < len(lacking) < len(group):
+            raise HandtrackError(
+                f"{path}: arrays are missing: {', '.join(lacking)}; expected all of {', '.join(group)}, or none."
+            )
     sizes: dict[str | int, int] = {}
     for name, shape in _SHAPES.items():
         if name not in arrays:
@@ -129,7 +149,7 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 
 def _value(path: Path, name: str, array: Array) -> object:
-    kinds = "U" if name in (*_NAMES, *_TEXTS) else "iu" if name in _WHOLE else "fiu"
+    kinds = "U" if name in (*_NAMES, *_TEXTS, *_WORDS) else "iu" if name in _WHOLE else "fiu"
     if array.dtype.kind not in kinds:
         what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
@@ -137,6 +157,8 @@ def _value(path: Path, name: str, array: Array) -> object:
         return tuple(str(text) for text in array)
     if name in _TEXTS:
         return str(array)
+    if name in _WORDS:
+        return array
     return array.astype(np.int64 if name in _WHOLE else float)
 
 
@@ -158,6 +180,11 @@ def _check_rows(path: Path, track: TrackResult) -> None:
             raise HandtrackError(
                 f"{path}: {name} of frame {track.frame[bad][0]} is not finite; a lost frame holds the last estimate."
             )
+    kinds = [] if track.reason_kind is None else sorted(set(track.reason_kind) - {"", *KINDS})
+    if kinds:
+        raise HandtrackError(
+            f"{path}: reason_kind has the unknown value '{kinds[0]}'; expected one of {', '.join(KINDS)}."
+        )
     known = [int(status) for status in Status]
     if not np.isin(track.status, known).all():
         raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")

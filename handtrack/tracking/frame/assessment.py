@@ -1,4 +1,4 @@
-"""Whether a solved frame is to be trusted, and why not, in words."""
+"""Whether a solved frame is to be trusted: its status, and the reason where it is not."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.tracking.frame.cloud_terms import explained_share
 from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.reason import NEAR_M, NEAR_SIGMAS, Reason
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.terms.cloud_terms import explained_share
 
-_NEAR_M = 0.006  # three times the usual error of a point
-_NEAR_SIGMAS = 4.0  # twice that a normal error rarely is, for detectors err more often
 _DOUBTFUL_KEYPOINTS, _LOST_KEYPOINTS = 0.7, 0.35  # share of points near the model; as with clouds
-_ENOUGH, _FEWEST = 5, 3  # tracked frames to go by; any frames at all
+_ENOUGH = 5  # tracked frames to go by
+FEWEST_FRAMES = 3
+"""before a frame, from which anything is usual"""
 _HISTORY = 30  # frames that tell what is usual
 _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
 )
-_SUSPICIOUS = 1.4  # times the usual energy: worth looking for a lost finger
 _DOUBTFUL = 2.0  # times the usual energy: say so
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
@@ -38,25 +38,20 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
     known = [r.energy for r in posed if r.fits]
     if len(known) < _ENOUGH:
         known = [r.energy for r in posed]
-    if len(known) < _FEWEST:
+    if len(known) < FEWEST_FRAMES:
         return 1.0
     return energy / max(float(np.percentile(known, 25)), _LEAST_USUAL * max(views, 1))
 
 
-def is_suspicious(energy: float, views: int, previous: Sequence[FrameResult]) -> bool:
-    """Return whether a frame fits worse than usual, or is one of the first, which nothing vouches for."""
-    return len(previous) < _FEWEST or energy_ratio(energy, views, previous) > _SUSPICIOUS
-
-
-def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
-    """Return, in words, which part of the model lies outside a silhouette; empty where none does.
+def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
+    """Return which part of the model lies outside a silhouette, and by which share; None where none does.
 
     A part that is hidden in a view is still inside the outline of what hides it; so wherever it really is, each mask
     covers all of it. The overlap of the whole outlines hardly changes when a finger or a body's arm is lost.
     Of three and more views two must say so: a mask may lack a finger.
     """
     flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
-    worst, words = terms.settings.tracker.doubtful_part, ""
+    worst, reason = terms.settings.tracker.doubtful_part, None
     for bone in np.unique(flesh.bone):
         if terms.model.is_forearm(bone):
             continue  # nobody knows how much of it a sleeve hides
@@ -68,36 +63,31 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
         if inside[view] < worst:
             worst = inside[view]
             name, camera = skeleton.bone_names[bone].replace("_", " "), terms.prepared[view].camera
-            outside = f"{100 * (1 - worst):.0f} % of the {name} and the bone before it"
-            words = f"{outside} lie outside the silhouette in {camera.name}"
-    return words
+            reason = Reason("part outside", name, camera.name, float(1 - worst))
+    return reason
 
 
 def assess(
     terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
-) -> tuple[Status, str]:
+) -> tuple[Status, Reason | None]:
     """Return a frame's status and, unless it is tracked, the reason."""
     if not terms.views and any(isinstance(t.observed, ImageKeypoints) for t in terms.keypoints):
         return _by_keypoints(terms, bones)
     if not terms.views:
-        return Status.DOUBTFUL, "nothing was seen; only given keypoints hold the pose"
-    status, reason = _by_outline(terms, bones)
-    by_cloud, why = _by_cloud(terms, bones)
-    if by_cloud > status:
-        status, reason = by_cloud, why
-    if status != Status.TRACKED:
-        return status, reason
+        return Status.DOUBTFUL, Reason("given keypoints")
+    status, reason = max(
+        (_by_outline(terms, bones), _by_cloud(terms, bones)), key=lambda found: found[0]
+    )
     ratio = energy_ratio(energy, terms.views, previous)
-    if ratio > _DOUBTFUL:
-        return (
-            Status.DOUBTFUL,
-            f"the model fits {ratio:.1f} times worse than usual; a finger may be lost",
-        )
-    return Status.TRACKED, ""
+    if status == Status.TRACKED and ratio > _DOUBTFUL:
+        return Status.DOUBTFUL, Reason("energy", number=ratio)
+    return status, reason
 
 
-def what_is_open(model: ArticulatedModel, joint_covariance: Floats, most_mm: float) -> str:
-    """Return, in words, what of a hand may be further off than that by its own covariance; empty where nothing, or it is 0.
+def what_is_open(
+    model: ArticulatedModel, joint_covariance: Floats, most_mm: float
+) -> Reason | None:
+    """Return what of a hand may be further off than that by its own covariance; None where nothing, or it is 0.
 
     joint_covariance: (J, 3, 3) [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
     fingertip alone is often hidden. Of a body nothing is said, whose joints are not known to millimetres.
@@ -105,69 +95,65 @@ def what_is_open(model: ArticulatedModel, joint_covariance: Floats, most_mm: flo
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)
     whole = float(np.sqrt(spread.mean()))
     if most_mm == 0 or model.kind == "body" or whole <= most_mm:
-        return ""
+        return None
     bases = {"wrist", "thumb_cmc", *(f"{finger}_mcp" for finger in FINGERS[1:])}
     part = np.array(["palm" if n in bases else n.split("_")[0] for n in model.joint_names])
     wide = [
         p for p in ("palm", *FINGERS) if (part == p).any() and spread[part == p].mean() > most_mm**2
     ]
     if "palm" in wide or len(wide) == len(FINGERS):
-        return f"what was seen leaves the whole hand open: ± {whole:.0f} mm"
+        return Reason("open", "whole hand", number=whole)
     off = float(np.sqrt(spread[np.isin(part, wide)].mean()))
     named = " and ".join(filter(None, (", ".join(wide[:-1]), wide[-1])))
     kind = "" if wide == ["thumb"] else " finger"
-    return f"what was seen leaves the {named}{kind} open: ± {off:.0f} mm"
+    return Reason("open", f"{named}{kind}", number=off)
 
 
-def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if not terms.prepared:
-        return Status.TRACKED, ""
+        return Status.TRACKED, None
     limits = terms.settings.tracker
     found = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones)
     filled = found.model + found.mask > 0
     if not filled.any():
-        return Status.LOST, "neither model nor silhouette is in any view"
+        return Status.LOST, Reason("out of view")
     share = found.iou
     worst = int(np.argmin(share))
     camera = terms.prepared[worst].camera.name
-    overlap = f"model and silhouette overlap by {100 * share[worst]:.0f} % in {camera}"
+    overlap = Reason("overlap", camera=camera, number=float(share[worst]))
     if np.median(share[filled]) < limits.lost_overlap:
         return Status.LOST, overlap
     if share[worst] < limits.doubtful_overlap:
         return Status.DOUBTFUL, overlap
     outside = part_outside(terms, bones)
-    return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, "")
+    return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, None)
 
 
-def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     """Judge by the share of points that lie where they are seen; robust terms let go of the others."""
     near, known = 0, 0
     for term in terms.keypoints:
         rows = term.rows(bones)
         width = 2 if isinstance(term.observed, ImageKeypoints) else 3
         off = np.linalg.norm(rows.residual.reshape(-1, width), axis=1)
-        near, known = near + int((off < _NEAR_SIGMAS).sum()), known + len(off)
+        near, known = near + int((off < NEAR_SIGMAS).sum()), known + len(off)
     share = near / max(known, 1)
-    reason = (
-        f"{100 * share:.0f} % of {known} keypoints lie within {_NEAR_SIGMAS:g} sigma of the model"
-    )
+    reason = Reason("keypoints", number=share, other=known)
     if share < _LOST_KEYPOINTS:
         return Status.LOST, reason
     if share < _DOUBTFUL_KEYPOINTS:
         return Status.DOUBTFUL, reason
-    return Status.TRACKED, ""
+    return Status.TRACKED, None
 
 
-def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
+def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
-        return Status.TRACKED, ""
+        return Status.TRACKED, None
     limits = terms.settings.tracker
-    share = explained_share(terms.cloud, terms.model, bones, _NEAR_M)
-    reason = (
-        f"{100 * share:.0f} % of the cloud's points lie within {1e3 * _NEAR_M:g} mm of the model"
-    )
+    share = explained_share(terms.cloud, terms.model, bones, NEAR_M)
+    reason = Reason("cloud", number=share)
     if share < limits.lost_cloud:
         return Status.LOST, reason
     if share < limits.doubtful_cloud:
         return Status.DOUBTFUL, reason
-    return Status.TRACKED, ""
+    return Status.TRACKED, None

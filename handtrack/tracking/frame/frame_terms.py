@@ -18,12 +18,12 @@ from handtrack.observation.observation import (
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Loss
-from handtrack.terms.priors import GaussianPrior
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
-from handtrack.tracking.frame.appearance_terms import (
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.appearance_terms import (
     Before,
     SeenAppearance,
     appearance_stages,
@@ -31,10 +31,9 @@ from handtrack.tracking.frame.appearance_terms import (
     at_stage,
     see_appearance,
 )
-from handtrack.tracking.frame.cloud_terms import SeenCloud, cloud_terms, see_cloud
-from handtrack.tracking.frame.forearm import forearm_cut
-from handtrack.tracking.frame.posture import posture_prior
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.forearm import forearm_cut
+from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
@@ -196,25 +195,11 @@ def _priors(
     frames_ahead: int,
     fingers_seen: bool,
 ) -> list[ParameterTerm]:
-    prior, strength = settings.prior, settings.tracker.smoothing
-    count = len(model.parameter_names)
-    terms: list[ParameterTerm] = []
-    if prior.rest_sigma_deg > 0:
-        sigma = np.full(count, np.deg2rad(prior.rest_sigma_deg))
-        sigma[:6] = np.inf
-        terms.append(GaussianPrior(model.rest, sigma, "rest"))
-    if model.stabilise is not None:
-        terms.append(GaussianPrior(model.rest, model.stabilise, "stabilise"))
-    together = posture_prior(model, prior.posture) if prior.posture > 0 else None
-    if together is not None:
-        terms.append(
-            replace(together, loss=GemanMcClure(_ON_PURPOSE)) if fingers_seen else together
-        )
-    if expected is not None and strength > 0:
-        sigma = np.full(count, np.deg2rad(prior.motion_sigma_deg))
-        sigma[:3] = prior.motion_sigma_mm * _MM
-        sigma *= np.sqrt(max(frames_ahead, 1)) / np.sqrt(strength)
-        terms.append(GaussianPrior(expected, sigma, "motion"))
+    prior, smoothing = settings.prior, settings.tracker.smoothing
+    loss = GemanMcClure(_ON_PURPOSE) if fingers_seen else None
+    terms = pose_priors(model, np.deg2rad(prior.rest_sigma_deg), prior.posture, loss)
+    if expected is not None and smoothing > 0:
+        terms.append(motion_prior(expected, prior, smoothing, frames_ahead))
     return terms
 
 

@@ -8,9 +8,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Array, Floats, Ints
 from handtrack.errors import HandtrackError
-from handtrack.sampling.hypotheses import Hypothesis
+from handtrack.tracking.frame.reason import Reason
 
 _STACKED = (
     "frame",
@@ -25,7 +25,17 @@ _STACKED = (
     "parameter_std",
     "joint_covariance",
     "energies",
+    "reason",
+    "reason_kind",
+    "reason_where",
+    "reason_numbers",
+    "hypothesis_parameters",
+    "hypothesis_energy",
+    "hypothesis_weight",
+    "hypothesis_parent",
+    "hypothesis_origin",
 )
+"""arrays of TrackResult with a row for each frame"""
 
 
 class Status(IntEnum):
@@ -39,8 +49,23 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class Alternative:
+    """One of several poses that may be a frame's, where `tracker.hypotheses` is above 1."""
+
+    parameters: Floats
+    """(S,) joint parameters [m, rad]"""
+    energy: float
+    weight: float
+    """share of the posterior among the frame's hypotheses"""
+    parent: int
+    """which of the frame before's it continues; −1 in a first frame"""
+    origin: str
+    """how it was found: followed, or by which jump"""
+
+
+@dataclass(frozen=True, eq=False)
 class FrameResult:
-    """The pose of one frame. A lost frame holds the last estimate, with infinite parameter_std."""
+    """The pose of one frame, all of which is saved. A lost frame holds the last estimate, with infinite parameter_std."""
 
     frame: int
     time_s: float
@@ -60,25 +85,37 @@ class FrameResult:
     """(J, 3) world [m]."""
     keypoints21: Floats | None
     """(21, 3) world [m]; hands only."""
-    note: str = ""
-    """why the frame is doubtful or lost, in words; not saved in poses.npz."""
-    covariance: Floats | None = None
-    """(P, P) of the solver parameters, which the next frame's prediction inherits; not saved in poses.npz."""
-    unknown: bool = False
-    """whether it is doubtful only because what was seen leaves the joints open; not saved in poses.npz."""
-    poor_cloud: bool = False
-    """whether its cloud agreed with the hand so badly that the depths were doubted; not saved in poses.npz."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
-    hypotheses: tuple[Hypothesis, ...] = ()
+    reason: Reason | None = None
+    """why the frame is doubtful or lost."""
+    alternatives: tuple[Alternative, ...] = ()
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
-    parents: tuple[int, ...] = ()
-    """which of the last frame's hypotheses each of them continues; −1 in a first frame."""
+
+    @property
+    def note(self) -> str:
+        """Why the frame is doubtful or lost, in words; empty where it is neither."""
+        return "" if self.reason is None else self.reason.words
+
+    @property
+    def poor_cloud(self) -> bool:
+        """Whether its cloud agreed with the hand so badly that the depths were doubted."""
+        return self.reason is not None and self.reason.kind == "poor cloud"
+
+    @property
+    def is_simplified(self) -> bool:
+        """Whether a simpler hand took the whole one's place, so that nothing is said of the fingers."""
+        return self.poor_cloud and self.reason is not None and self.reason.part != ""
 
     @property
     def fits(self) -> bool:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
-        return self.status == Status.TRACKED or self.unknown
+        return self.status == Status.TRACKED or self.is_open
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is doubtful only because what was seen leaves the joints open."""
+        return self.reason is not None and self.reason.kind == "open"
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +159,24 @@ class TrackResult:
     """(T,) terms of the energy; None where they were not kept"""
     energies: Floats | None = None
     """(F, T) each term's part of the energy, NaN where a frame has no such term"""
+    reason: Array | None = None
+    """(F,) why a frame is doubtful or lost, in words"""
+    reason_kind: Array | None = None
+    """(F,) the same as a key of reason.KINDS, with what follows"""
+    reason_where: Array | None = None
+    """(F, 2) part and camera, where the reason names them"""
+    reason_numbers: Floats | None = None
+    """(F, 2) numbers of the reason, NaN where it has none"""
+    hypothesis_parameters: Floats | None = None
+    """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
+    hypothesis_energy: Floats | None = None
+    """(F, H)"""
+    hypothesis_weight: Floats | None = None
+    """(F, H) share of the posterior"""
+    hypothesis_parent: Ints | None = None
+    """(F, H) which of the frame before's each continues; −1 in a first frame and beyond the last"""
+    hypothesis_origin: Array | None = None
+    """(F, H) how each was found"""
 
     @classmethod
     def from_frames(
@@ -173,6 +228,8 @@ class TrackResult:
             version=version,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
+            **_stacked_reasons(frames),
+            **_stacked_alternatives(frames),
         )
 
     def __len__(self) -> int:
@@ -217,6 +274,8 @@ class TrackResult:
             joint_positions=self.joint_positions[row].copy(),
             keypoints21=None if self.keypoints21 is None else self.keypoints21[row].copy(),
             energies=self._energies(row),
+            reason=self._reason(row),
+            alternatives=self._alternatives(row),
         )
 
     def _energies(self, row: int) -> dict[str, float]:
@@ -224,3 +283,67 @@ class TrackResult:
             return {}
         pairs = zip(self.energy_names, self.energies[row].tolist(), strict=True)
         return {name: value for name, value in pairs if np.isfinite(value)}
+
+    def _reason(self, row: int) -> Reason | None:
+        if self.reason_kind is None or not self.reason_kind[row]:
+            return None
+        assert self.reason_where is not None and self.reason_numbers is not None
+        part, camera = map(str, self.reason_where[row])
+        number, other = map(float, self.reason_numbers[row])
+        return Reason(str(self.reason_kind[row]), part, camera, number, other)
+
+    def _alternatives(self, row: int) -> tuple[Alternative, ...]:
+        if self.hypothesis_parameters is None:
+            return ()
+        assert self.hypothesis_energy is not None and self.hypothesis_weight is not None
+        assert self.hypothesis_parent is not None and self.hypothesis_origin is not None
+        return tuple(
+            Alternative(
+                self.hypothesis_parameters[row, h].copy(),
+                float(self.hypothesis_energy[row, h]),
+                float(self.hypothesis_weight[row, h]),
+                int(self.hypothesis_parent[row, h]),
+                str(self.hypothesis_origin[row, h]),
+            )
+            for h in np.flatnonzero(np.isfinite(self.hypothesis_weight[row]))
+        )
+
+
+def _stacked_reasons(frames: Sequence[FrameResult]) -> dict[str, Array]:
+    """Return the arrays of reasons; none where no frame has one."""
+    reasons = [frame.reason for frame in frames]
+    if not any(reasons):
+        return {}
+    none = Reason("")
+    known = [reason or none for reason in reasons]
+    return {
+        "reason": np.array([frame.note for frame in frames]),
+        "reason_kind": np.array([reason.kind for reason in known]),
+        "reason_where": np.array([(reason.part, reason.camera) for reason in known]),
+        "reason_numbers": np.array([(reason.number, reason.other) for reason in known]),
+    }
+
+
+def _stacked_alternatives(frames: Sequence[FrameResult]) -> dict[str, Array]:
+    """Return the arrays of hypotheses; none where one pose alone was carried."""
+    most = max(len(frame.alternatives) for frame in frames)
+    if not most:
+        return {}
+    shape = (len(frames), most)
+    parameters = np.full((*shape, len(frames[0].parameters)), np.nan)
+    energy, weight = np.full(shape, np.nan), np.full(shape, np.nan)
+    parent = np.full(shape, -1)
+    origin = [
+        [a.origin for a in f.alternatives] + [""] * (most - len(f.alternatives)) for f in frames
+    ]
+    for row, frame in enumerate(frames):
+        for column, pose in enumerate(frame.alternatives):
+            parameters[row, column], parent[row, column] = pose.parameters, pose.parent
+            energy[row, column], weight[row, column] = pose.energy, pose.weight
+    return {
+        "hypothesis_parameters": parameters,
+        "hypothesis_energy": energy,
+        "hypothesis_weight": weight,
+        "hypothesis_parent": parent,
+        "hypothesis_origin": np.array(origin),
+    }

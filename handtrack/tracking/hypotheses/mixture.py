@@ -21,8 +21,8 @@ from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.posture import agility
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.posture import agility
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, unwound

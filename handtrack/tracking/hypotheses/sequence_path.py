@@ -21,55 +21,40 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
 
+Carried = tuple[FrameResult, tuple[MovingHypothesis, ...]]
+"""a frame's result, and the hypotheses that the state carried on from it"""
+
 
 def chosen_sequence(
-    model: ArticulatedModel, settings: TrackerSettings, results: Sequence[FrameResult]
+    model: ArticulatedModel, settings: TrackerSettings, carried: Sequence[Carried]
 ) -> list[FrameResult]:
-    """Return results, ascending, with the poses that `mixture.sequence` asks for; unchanged for `best`.
-
-    Frames before the one where tracking began were tracked backward: they are a sequence of their own.
-    """
-    ordered = sorted(results, key=lambda result: result.frame)
-    if settings.mixture.sequence == "best" or not any(r.hypotheses for r in ordered):
-        return ordered
-    starts = [n for n, r in enumerate(ordered) if r.parents and set(r.parents) == {-1}]
-    start = starts[0] if starts else 0
-    after = _sequence(model, settings, ordered[start:])
-    before = _sequence(model, settings, ordered[: start + 1][::-1])[1:]
-    return [*before[::-1], *after]
-
-
-def _sequence(
-    model: ArticulatedModel, settings: TrackerSettings, results: Sequence[FrameResult]
-) -> list[FrameResult]:
-    """Return results in tracking order with the poses of the best path."""
-    known = [n for n, r in enumerate(results) if _moving(r)]
-    if not known:
-        return list(results)
-    frames = [results[n] for n in known]
-    path = lineage(frames)
+    """Return the results, in tracking order, with the poses that `mixture.sequence` asks for; unchanged for `best`."""
+    results = [result for result, _ in carried]
+    known = [n for n, result in enumerate(results) if result.alternatives]
+    if settings.mixture.sequence == "best" or not known:
+        return results
+    path = lineage([carried[n] for n in known])
     poses = [hypothesis.params for hypothesis in path]
     if settings.mixture.sequence == "smooth":
-        numbers = np.array([frame.frame for frame in frames])
+        numbers = np.array([results[n].frame for n in known])
         push = MixtureStep(model, settings, ()).speed_of_change()
         poses = list(smoothed(model, path, numbers, push))
-    done = list(results)
     for n, pose in zip(known, poses, strict=True):
-        done[n] = _posed(model, results[n], pose)
-    return done
+        results[n] = _posed(model, results[n], pose)
+    return results
 
 
-def lineage(frames: Sequence[FrameResult]) -> list[MovingHypothesis]:
+def lineage(carried: Sequence[Carried]) -> list[MovingHypothesis]:
     """Return the hypothesis of each frame that the last frame's heaviest descends from.
 
     What came later decides between what looked alike: lines that led nowhere have died out.
     """
     path: list[MovingHypothesis] = []
     number = 0
-    for frame in reversed(frames):
-        path.insert(0, _moving(frame)[number])
-        number = max(frame.parents[number], 0)
-    return path
+    for result, hypotheses in reversed(carried):
+        path.append(hypotheses[number])
+        number = max(result.alternatives[number].parent, 0)
+    return path[::-1]
 
 
 def smoothed(
@@ -116,10 +101,6 @@ def smoothed(
     moved = x + step
     moved[:, 3:6] = rotation_vector(rotation_matrix(step[:, 3:6]) @ turns)
     return np.array([model.clipped(row) for row in moved])
-
-
-def _moving(result: FrameResult) -> list[MovingHypothesis]:
-    return [h for h in result.hypotheses if isinstance(h, MovingHypothesis)]
 
 
 def _posed(model: ArticulatedModel, result: FrameResult, params: Floats) -> FrameResult:

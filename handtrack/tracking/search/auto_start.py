@@ -1,4 +1,4 @@
-"""The first frame without a first pose: hands laid everywhere, the best let go of, the rest told apart by energy."""
+"""The first frame without a first pose: hands everywhere, the best descend, the rest is told apart by energy."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.evidence.start_shapes import start_shapes
-from handtrack.tracking.search.finger_assignments import finger_swaps
-from handtrack.tracking.search.laid_shapes import Laid, StartSource, laid_everywhere
+from handtrack.tracking.search.engine import Candidate, Search, run_rounds
+from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.frame_solve import solve_frame
+from handtrack.tracking.search.policy import FIRST_POSE
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -23,24 +28,9 @@ from handtrack.tracking.search.start_confidence import (
     nearness,
     shares,
 )
-from handtrack.tracking.search.start_search import (
-    descended,
-    descended_in_rounds,
-    distinct,
-    narrow_problem,
-    narrowed,
-    narrowly_measured,
-    reassigned,
-    start_sources,
-)
-from handtrack.tracking.tracker import Tracker
 
-_LAID, _AGAIN = 48, 12
-"""how many laid hands are let go of; how many go on, and as many again with other fingers stretched"""
-_ITERATIONS, _MORE, _NARROW = 10, 12, 8
-"""of the descents: with long arms, of those that go on, and with short arms, by which finalists are chosen"""
-FINALISTS = 5
-"""poses that descend as the tracker does"""
+MOST_FOUND = 5
+"""first poses that are told"""
 
 Progress = Callable[[float, str], None]
 """called with the share that is done and what is being done"""
@@ -73,73 +63,72 @@ def auto_start(
     should_stop: Callable[[], bool] | None = None,
     on_progress: Progress | None = None,
     size_sigma: float = SIZE_SIGMA,
+    search: Search = FIRST_POSE,
+    found: Sequence[Candidate] = (),
 ) -> list[StartCandidate]:
     """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
 
     models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
     known. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
+    search, found: another row of the policy, and what it begins with.
     """
     tell = on_progress or (lambda share, text: None)
-    stop = should_stop or (lambda: False)
+    control = Control() if should_stop is None else Control(should_stop)
     tell(0.0, "looking for the hand")
-    sources = start_sources(seen, settings)
-    if not sources:
+    landscape = EvidenceLandscape.of(seen, settings)
+    if landscape is None:
         return []
-    shapes = [shape for model in models for shape in start_shapes(model)]
-    found = laid_everywhere(sources, shapes, _LAID, stop)
-    tell(0.4, f"{len(found)} poses are tried")
-    found = descended_in_rounds(sources, found, ((_LAID, _ITERATIONS),), stop)
-    found = [*distinct(found, _AGAIN), *reassigned(sources, distinct(found, _LAID), _AGAIN)]
-    found = [descended(sources, laid, _MORE) for laid in found if not stop()]
-    found = [narrowed(sources, h, _NARROW) for h in distinct(found, 2 * _AGAIN) if not stop()]
-    tell(0.8, "the best are fitted")
-    return finished(sources, distinct(found, FINALISTS), settings, seen, stop, size_sigma)
+    landscape = replace(
+        landscape,
+        shapes=[shape for model in models for shape in hand_shapes(model)] if models else (),
+        solve=_fitting(settings, seen, control),
+        looks_for_fingers=settings.tracker.escape,
+        control=control,
+    )
+    done = run_rounds(search, landscape, found, control, on_round=_telling(search, tell))
+    return _compared(landscape, done, settings, size_sigma)
 
 
-def finished(
-    sources: Sequence[StartSource],
-    found: Sequence[Laid],
+def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
+    """Return what tells the progress of a search: round, and how many poses are tried in it."""
+    count = len(search.rounds)
+    return lambda number, tried: tell(number / count, f"{tried} poses are tried")
+
+
+def _fitting(
+    settings: TrackerSettings, seen: Observation, control: Control
+) -> Callable[[ArticulatedModel, Floats, bool], Solved]:
+    """Return what fits a frame as the tracker does, by what is seen alone."""
+    thorough = settings.with_values({"tracker.hypotheses": 1})
+    plain = thorough.with_values({"tracker.escape": False})
+
+    def solve(model: ArticulatedModel, params: Floats, fingers: bool) -> Solved:
+        chosen = thorough if fingers else plain
+        return solve_frame(FrameTask(model, chosen, seen, model.clipped(params), control=control))
+
+    return solve
+
+
+def _compared(
+    landscape: EvidenceLandscape,
+    done: Sequence[Candidate],
     settings: TrackerSettings,
-    seen: Observation,
-    stop: Callable[[], bool],
-    size_sigma: float = SIZE_SIGMA,
+    size_sigma: float,
 ) -> list[StartCandidate]:
-    """Return the poses fitted as the tracker fits, the best also with its fingers looked for, and how sure each is."""
-    plain = settings.with_values({"tracker.escape": False, "tracker.hypotheses": 1})
-    done = [_fitted(sources, laid, plain, seen, stop) for laid in found if not stop()]
-    if not done:
+    """Return the distinct poses among finished ones, and how sure each is."""
+    kept = landscape.distinct([c for c in done if c.solved is not None], MOST_FOUND)
+    if not kept:
         return []
-    best, _ = min(done, key=lambda pair: pair[0].cost)
-    if settings.tracker.escape and not stop():
-        done.append(_fitted(sources, best, settings, seen, stop))
-    best, _ = min(done, key=lambda pair: pair[0].cost)
-    swaps = [replace(best, params=x) for x in finger_swaps(best.shape.model, best.params)]
-    ends = [descended(sources, laid, _MORE) for laid in swaps if not stop()]
-    done += [_fitted(sources, end, plain, seen, stop) for end in ends if not stop()]
-    results = {id(laid): result for laid, result in done}
-    kept = distinct([laid for laid, _ in done], FINALISTS)
-    quality = fit_quality(kept[0].shape.model, settings, seen, kept[0].params)
-    count = independent_errors(sources, kept[0])
-    share = shares(np.array([laid.cost for laid in kept]), count)
-    candidates = []
-    for laid, part in zip(kept, share, strict=True):
-        model, problem = laid.shape.model, narrow_problem(sources, laid)
-        given = [KeypointTerm(model, joints) for joints in seen.keypoints]
+    quality = fit_quality(kept[0].model, settings, landscape.seen, kept[0].params)
+    count = independent_errors(landscape.sources, kept[0])
+    share = shares(np.array([c.cost for c in kept]), count)
+    found = []
+    for candidate, part in zip(kept, share, strict=True):
+        assert candidate.solved is not None
+        problem = landscape.narrow_problem(candidate)
+        given = [KeypointTerm(candidate.model, joints) for joints in landscape.seen.keypoints]
         problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
-        near = nearness(problem, laid.params, count, size_sigma)
-        sure = float(quality * part * near)
-        candidates.append(StartCandidate(model, results[id(laid)], laid.cost, sure, near))
-    return candidates
-
-
-def _fitted(
-    sources: Sequence[StartSource],
-    laid: Laid,
-    settings: TrackerSettings,
-    seen: Observation,
-    stop: Callable[[], bool],
-) -> tuple[Laid, FrameResult]:
-    model = laid.shape.model
-    result = Tracker(model, settings).step(seen, (), laid.params, stop)
-    there = replace(laid, params=model.transform.solver_params(result.parameters))
-    return narrowly_measured(sources, there), result
+        near = nearness(problem, candidate.params, count, size_sigma)
+        sure, result = float(quality * part * near), candidate.solved.result
+        found.append(StartCandidate(candidate.model, result, candidate.cost, sure, near))
+    return found

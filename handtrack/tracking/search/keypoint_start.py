@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,16 +18,16 @@ from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.terms.loss import GemanMcClure
-from handtrack.terms.priors import GaussianPrior
-from handtrack.terms.term import ParameterTerm
-from handtrack.tracking.frame.posture import posture_prior
-from handtrack.tracking.search.orientation_grid import spread_rotations
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
+from handtrack.tracking.search.engine import Candidate, Fit, run_rounds
+from handtrack.tracking.search.policy import IMAGE_JOINTS
+from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
 
 _FEWEST = 4  # joints seen in a camera; fewer leave the hand's place open
 _POSTURES, _ROTATIONS = ("open", "rest", "curl", "fist"), 300
-_POLISHED, _FLIPPED, _KEPT = 48, 6, 8
+_FLIPPED, _KEPT = 6, 8
 _ROBUST_SIGMAS = 4.0
-_REST_SIGMA = np.deg2rad(40.0)
 _ALIKE_RAD = 0.15
 _NEAREST_M, _FARTHEST_M = 0.08, 20.0  # of a palm from a camera
 _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in space
@@ -69,8 +70,8 @@ def hands_from_images(
 ) -> tuple[Hypothesis, ...]:
     """Return the hands (P,) that explain joints seen in one or more undistorted images, the best first.
 
-    Laid at many turns and postures where the joints are seen, polished, then each finger of the best flipped forwards
-    and backwards along the lines of sight and polished again. The weights are shares of exp(−cost).
+    Hands in many attitudes and postures where the joints are seen, polished, then each finger of the best flipped forwards
+    and backwards along the viewing rays and polished again. The weights are shares of exp(−cost).
     Raises HandtrackError where too few joints are seen.
     """
     most = max(seen, key=lambda s: int(np.isfinite(s.pixels).all(axis=1).sum()), default=None)
@@ -80,25 +81,62 @@ def hands_from_images(
             f"first-frame pose: {count} joints are seen in one image, at least {_FEWEST} are needed to place the hand. "
             "Add points, or pose the hand by parameters."
         )
-    priors = _priors(model)
-    loss, quick = (
-        GemanMcClure(_ROBUST_SIGMAS),
-        PolishSettings(iterations=40, gradient_tolerance=1e-3),
-    )
-    starts, rough = _laid(model, most)
-    starts = starts[np.argsort(rough, kind="stable")[:_POLISHED]]
-    found = polish(model, starts, seen, priors, loss, settings=quick)
-    best = found.params[distinct(found.params, found.cost, _ALIKE_RAD)[:_FLIPPED]]
-    flipped = [flip for params in best for flip in _flips(model, params, most)]
-    again = polish(model, np.concatenate([best, *flipped]), seen, priors, loss, settings=quick)
-    chosen = distinct(again.params, again.cost, _ALIKE_RAD)[:_KEPT]
-    chosen = chosen[np.isfinite(again.cost[chosen])]
-    weight = np.exp(again.cost[chosen].min() - again.cost[chosen])
+    landscape = ImageJointLandscape(model, seen, most)
+    found = run_rounds(IMAGE_JOINTS, landscape, (), Control())
+    chosen = [c for c in landscape.distinct(found, _KEPT) if np.isfinite(c.cost)]
+    weight = np.exp([chosen[0].cost - c.cost for c in chosen])
     weight /= weight.sum()
     return tuple(
-        Hypothesis(again.params[i], float(again.cost[i]), np.linalg.pinv(again.normal[i]), float(w), "image joints")
-        for i, w in zip(chosen, weight, strict=True)
-    )  # fmt: skip
+        Hypothesis(c.params, c.cost, np.linalg.pinv(c.normal), float(w), "image joints")
+        for c, w in zip(chosen, weight, strict=True)
+        if c.normal is not None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ImageJointLandscape:
+    """Joints seen in images of one frame; see engine.Landscape. Many starts are polished at once."""
+
+    model: ArticulatedModel
+    seen: Sequence[ImageKeypoints]
+    most: ImageKeypoints
+    """the view with most joints: it proposes"""
+
+    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+        if proposer == "attitudes and postures":
+            pairs = _placed(self.model, self.most)
+            return [Candidate(self.model, x, cost, proposer) for x, cost in pairs]
+        flips = [f for c in self.distinct(found, _FLIPPED) for f in self._flips(c.params)]
+        return [Candidate(self.model, x, origin=proposer) for x in flips]
+
+    def _flips(self, params: Floats) -> list[Floats]:
+        """Return the poses (P,) that look the same with one finger's links bent the other way, finger by finger."""
+        settings = TreeSettings(failing="nearest")
+        camera, chains = self.most.camera, chains_of(self.model)
+        trees = [
+            interpretation_tree(
+                self.model, params, [prepare(self.model, c)], camera, settings=settings
+            )
+            for c in chains
+        ]
+        return [leaf for tree in trees for leaf in tree.params]
+
+    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
+        if fit.kind == "cheapest":
+            return sorted(candidates, key=lambda c: c.cost)[: fit.iterations]
+        settings = PolishSettings(iterations=fit.iterations, gradient_tolerance=1e-3)
+        starts = np.array([c.params for c in candidates])
+        priors, loss = pose_priors(self.model, POINTS_REST_RAD), GemanMcClure(_ROBUST_SIGMAS)
+        found = polish(self.model, starts, self.seen, priors, loss, settings=settings)
+        return [
+            replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
+            for n, c in enumerate(candidates)
+        ]
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        params = np.array([c.params for c in candidates])
+        rows = distinct(params, np.array([c.cost for c in candidates]), _ALIKE_RAD)
+        return [candidates[row] for row in rows[:most]]
 
 
 def _allowed(size: tuple[int, int]) -> float:
@@ -106,18 +144,8 @@ def _allowed(size: tuple[int, int]) -> float:
     return max(_OFF_PX, _OFF_SHARE * max(size))
 
 
-def _priors(model: ArticulatedModel) -> list[ParameterTerm]:
-    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
-    sigma[:6] = np.inf
-    priors: list[ParameterTerm] = [GaussianPrior(model.rest, sigma, "rest")]
-    together = posture_prior(model, 1.0)
-    if together is not None:
-        priors.append(together)
-    return priors
-
-
-def _laid(model: ArticulatedModel, seen: ImageKeypoints) -> tuple[Floats, Floats]:
-    """Return starts (N, P) before a camera, and how far off the joints are there (N,) [px].
+def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats, float]]:
+    """Return starts (P,) before a camera, each with how far off the joints are there (sum of squares) [px²].
 
     For a turn and a posture, the place is the least squares solution of the projection's equations, which are linear
     in it.
@@ -127,7 +155,7 @@ def _laid(model: ArticulatedModel, seen: ImageKeypoints) -> tuple[Floats, Floats
     rays = (seen.pixels[known] - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     index = [model.joint_names.index(n) for n, k in zip(seen.names, known, strict=True) if k]
     rotations = spread_rotations(_ROTATIONS)
-    starts, costs = [], []
+    found: list[tuple[Floats, float]] = []
     for posture in _POSTURES:
         joint = named_pose(model, posture)
         bones = model.bones(model.transform.solver_params(joint))
@@ -145,20 +173,11 @@ def _laid(model: ArticulatedModel, seen: ImageKeypoints) -> tuple[Floats, Floats
             off = (there[:, :2] / there[:, 2:] - rays) * np.diag(camera.matrix)[:2]
             joint[3:6] = rotation_vector(rotation)
             joint[:3] = camera.rotation.T @ (place - camera.translation)
-            starts.append(model.clipped(model.transform.solver_params(joint)))
-            costs.append(float((off**2).sum()))
-    if not starts:
+            start = model.clipped(model.transform.solver_params(joint))
+            found.append((start, float((off**2).sum())))
+    if not found:
         raise HandtrackError(
             f"first-frame pose: the joints seen by camera '{camera.name}' cannot be a hand's before it. Are they in "
             "pixels of the image as it was taken, in OpenPose's order?"
         )
-    return np.array(starts), np.array(costs)
-
-
-def _flips(model: ArticulatedModel, params: Floats, seen: ImageKeypoints) -> list[Floats]:
-    """Return for each finger the poses (L, P) that look the same with its links bent the other way."""
-    settings = TreeSettings(failing="nearest")
-    return [
-        interpretation_tree(model, params, [prepare(model, chain)], seen.camera, settings=settings).params
-        for chain in chains_of(model)
-    ]  # fmt: skip
+    return found

@@ -13,27 +13,30 @@ from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.tracking.frame.cloud_terms import explained_share
 from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.laid_shapes import Laid, StartSource
+from handtrack.tracking.frame.terms.cloud_terms import explained_share
+from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.evidence.source import EvidenceSource
 
 BASIN_M = 0.012
 """mean distance of the joints from their true places from which tracking goes on: what confidence is about"""
 SIZE_SIGMA, KNOWN_SIZE_SIGMA = 0.06, 0.02
 """share by which adults' hands differ in size (ANSUR II: 5–95 % is ±10 %), and by which a measured one may be wrong"""
-_NEAR_M = 0.006  # as in assessment
 _SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
 _DRAWS = 300  # of a pose from its spread
 _RIDGE = 1e-9  # of the largest diagonal entry: directions of which nothing is seen at all
 
 
-def independent_errors(sources: Sequence[StartSource], laid: Laid) -> float:
+def independent_errors(sources: Sequence[EvidenceSource], candidate: Candidate) -> float:
     """Return how many measurements err independently of each other where a pose is.
 
     Along a phalanx outlines and clouds err alike; and all views of one hand err alike that is not the model's.
     """
-    pieces = sum(source.pieces(laid.shape, laid.params) for source in sources)
+    shape = candidate.shape
+    assert shape is not None, "a candidate of evidence starts from a shape"
+    pieces = sum(source.pieces(shape, candidate.params) for source in sources)
     return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
 
@@ -92,7 +95,7 @@ def fit_quality(
         overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
         qualities.append(_between(overlap, limits.lost_overlap, limits.doubtful_overlap))
     if terms.cloud is not None:
-        share = explained_share(terms.cloud, model, bones, _NEAR_M)
+        share = explained_share(terms.cloud, model, bones, NEAR_M)
         qualities.append(_between(share, limits.lost_cloud, limits.doubtful_cloud))
     return min(qualities, default=0.0)
 

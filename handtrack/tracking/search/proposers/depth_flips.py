@@ -14,7 +14,7 @@ _MOST_CAMERAS = 2
 _DIFFERENT_RAD = 0.2
 
 
-def finger_flips(model: ArticulatedModel, seen: Observation, params: Floats) -> list[Floats]:
+def depth_flips(model: ArticulatedModel, seen: Observation, params: Floats) -> list[Floats]:
     """Return solver parameters (P,) with one finger's links flipped along the lines of sight of a camera.
 
     Only flips that limits allow, and that move the finger at all.

@@ -5,26 +5,28 @@ Or a simpler hand takes its place, as in the 2004 paper, section 3.5.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats
-from handtrack.geometry.rotation import wrapped
+from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.solver.covariance import joint_position_jacobian
-from handtrack.tracking.frame.cloud_terms import SeenCloud
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.reason import NEAR_M, Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import SeenCloud
 from handtrack.tracking.search.initialize import carried_over
 
-NEAR_M = 0.006
-"""a point this near to the surface was measured on it: three times the usual error"""
 POOR, GOOD = 0.8, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again"""
 
@@ -43,16 +45,30 @@ class Agreement:
         """Return the harmonic mean of both (the F-score of reconstructions): high only where both are."""
         return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
 
-    def told(self, result: FrameResult) -> FrameResult:
+    def marked(self, solved: Solved, fallback: str) -> Solved:
         """Return a frame that was solved with doubted depths as one that is in doubt itself, and why."""
-        note = (
-            f"poor cloud: {100 * self.measured:.0f} % of the hand in view was measured, "
-            f"{100 * self.explained:.0f} % of the points lie on it"
-        )
-        if is_simplified(result):
-            note = f"{note}; {result.note}"
-        status = max(result.status, Status.DOUBTFUL)
-        return replace(result, status=status, note=note, unknown=False, poor_cloud=True)
+        simpler = "" if fallback == "auto" else fallback
+        reason = Reason("poor cloud", simpler, number=self.measured, other=self.explained)
+        status = max(solved.result.status, Status.DOUBTFUL)
+        return replace(solved, result=replace(solved.result, status=status, reason=reason))
+
+
+def may_doubt(terms: FrameTerms) -> bool:
+    """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
+    chosen = terms.settings
+    allowed = chosen.model.fallback != "none" and not chosen.cloud.doubt_depth
+    allowed = allowed and terms.model.has_keypoints21
+    return allowed and terms.cloud is not None and terms.views == 1 and not terms.keypoints
+
+
+def poor_agreement(terms: FrameTerms, params: Floats, below: float) -> Agreement | None:
+    """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose (P,);
+    None where all is well.
+    """
+    if terms.cloud is None or not may_doubt(terms):
+        return None
+    found = agreement(terms.cloud, terms.model, terms.model.bones(params))
+    return found if found is not None and found.share < below else None
 
 
 def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement | None:
@@ -74,13 +90,6 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     )
 
 
-def is_simplified(result: FrameResult) -> bool:
-    """Return whether a frame was estimated without its fingers: it says nothing of any of them, and is not lost."""
-    fingers = result.parameter_std[6:]
-    held = len(fingers) > 0 and bool(np.isinf(fingers).all())
-    return held and result.status == Status.DOUBTFUL and not result.unknown
-
-
 @dataclass(frozen=True)
 class Simplified:
     """A simpler hand in the place of a whole one."""
@@ -89,8 +98,7 @@ class Simplified:
     start: Floats
     """its solver parameters (P',) where the whole hand stands"""
     whole: Callable[[Floats], Floats]
-    """its solver parameters → the whole hand's joint parameters (S,), fingers held"""
-    note: str
+    """its solver parameters → the whole hand's joint parameters (S,), fingers kept as they are"""
 
 
 def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
@@ -103,9 +111,7 @@ def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
         return held
 
     start = carried_over(model, model.transform.solver_params(joint), few)
-    return Simplified(
-        few, start, whole, f"the palm alone is estimated ({kind}), the fingers are held"
-    )
+    return Simplified(few, start, whole)
 
 
 def steadier(settings: TrackerSettings) -> TrackerSettings:
@@ -125,52 +131,59 @@ def steadier(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
-def held(
-    model: ArticulatedModel,
-    settings: TrackerSettings,
-    params: Floats,
-    last: Sequence[FrameResult],
-    step: Callable[..., FrameResult],
-    on_iteration: Callable[[int, Floats, float], None] | None = None,
-) -> FrameResult:
+def solve_doubted(task: FrameTask, params: Floats, solve: Callable[[FrameTask], Solved]) -> Solved:
     """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params (P,).
 
-    step: solves the frame with a model and settings, from the last results or a start, telling its iterations.
+    solve: solves a frame as it is described.
     """
-    calm, kind = steadier(settings), settings.model.fallback
+    model, settings, last = task.model, steadier(task.settings), task.previous[-1:]
+    calm = replace(task, settings=settings, texture=None, previous=last)
+    if last and last[0].status == Status.LOST:
+        calm = replace(calm, belief=None)
+    kind = task.settings.model.fallback
     if kind == "auto":
-        return step(model, calm, last, None if last else params, on_iteration)
-    joint = last[0].parameters if last else model.joint_params(params)
-    few = simplified(model, joint, kind)
-    last = [replace(r, parameters=few.model.joint_params(few.start)) for r in last]
+        place = model.transform.solver_params(last[0].parameters) if last else params
+        return solve(_started(calm, place))
+    few = simplified(model, last[0].parameters if last else model.joint_params(params), kind)
+    places = few.model.joint_params(few.start)
+    previous = tuple(replace(result, parameters=places) for result in last)
+    shown = task.control.on_iteration
 
-    def watch(k: int, x: Floats, cost: float) -> None:
-        if on_iteration is not None:
-            on_iteration(k, model.transform.solver_params(few.whole(x)), cost)
+    def watch(number: int, k: int, x: Floats, cost: float) -> None:
+        if shown is not None:
+            shown(number, k, model.transform.solver_params(few.whole(x)), cost)
 
-    found = step(few.model, calm, last, few.start, watch)
+    control = replace(task.control, on_iteration=watch)
+    calm = replace(calm, model=few.model, previous=previous, control=control)
+    found = solve(_started(calm, few.start)).result
     whole = few.whole(few.model.transform.solver_params(found.parameters))
     whole[3:6] = wrapped(whole[3:6])
-    return _in_whole(model, found, whole, few)
+    return Solved(_in_whole(model, found, whole))
 
 
-def _in_whole(
-    model: ArticulatedModel, found: FrameResult, joint: Floats, held: Simplified
-) -> FrameResult:
-    """Return what the simpler hand found as a result of the whole one, whose joint parameters (S,) are given.
+def _started(calm: FrameTask, params: Floats) -> FrameTask:
+    """Return a frame that begins at params (P,) and expects the hand where it was last."""
+    start = calm.model.clipped(params)
+    if not calm.previous:
+        return replace(calm, start=start, expected=None)
+    expected = calm.previous[-1].parameters.copy()
+    expected[3:6] = closest_equivalent(expected[3:6], calm.model.joint_params(start)[3:6])
+    return replace(calm, start=start, expected=expected)
+
+
+def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats) -> FrameResult:
+    """Return what a simpler hand found as a result of the whole one, whose joint parameters (S,) are given.
 
     Nothing is said of the fingers: their standard deviations are infinite, and their joints may be as far off as their
     limits let them.
     """
     std = np.full(len(joint), np.inf)
     std[:6] = found.parameter_std[:6]
-    params = model.transform.solver_params(joint)
-    bones, jacobian, _ = model.linearize(params)
+    bones, jacobian, _ = model.linearize(model.transform.solver_params(joint))
     limits = model.limits.bounds(joint)
     spread = np.zeros(len(joint))
     spread[6:] = np.diff(limits[6:], axis=1)[:, 0] ** 2 / 12.0  # anywhere between them
-    palm = np.where(np.isfinite(std[:6]), std[:6], 1.0) ** 2
-    spread[:6] = palm
+    spread[:6] = np.where(np.isfinite(std[:6]), std[:6], 1.0) ** 2
     moves = joint_position_jacobian(model, bones, jacobian)
     return replace(
         found,
@@ -181,7 +194,4 @@ def _in_whole(
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-        note=held.note,
-        covariance=None,
-        unknown=False,
     )

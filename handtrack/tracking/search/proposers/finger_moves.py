@@ -1,8 +1,8 @@
-"""Out of wrong minima: a finger that was lost is looked for over its whole range, and kept only if energy agrees."""
+"""Fingers put elsewhere: one over its whole range, or all shifted by one, where they may have been lost."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise, product
 
 import numpy as np
@@ -13,48 +13,20 @@ from handtrack.solver.problem import Problem
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
-_ROUNDS = 3
-_PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are, in a round
+_PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are
 _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
-_GAIN = 2.0  # [log-likelihood] a pose must be this much better to be taken
 
 
-def escape(
-    far: Problem,
-    measured: Callable[[Floats], float],
-    params: Floats,
-    descend: Callable[[Floats], Floats],
-    should_stop: Callable[[], bool] | None = None,
-) -> Floats:
-    """Return params (P,), or a pose with fingers elsewhere whose cost is clearly lower.
+def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
+    """Return the most promising starts (P,), the best first: each with one finger, named, well away from where it is.
 
-    Each round tries all fingers shifted by one either way and the most promising single fingers, and keeps the best.
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
-    measured: a pose's cost; it decides. descend: solves the frame from a start. Never returns a pose that costs more.
-    """
-    cost = measured(params)
-    for _ in range(_ROUNDS):
-        best, least = params, cost - _GAIN
-        for start in (*_shifted(far.model, params), *_candidates(far, params)):
-            if should_stop is not None and should_stop():
-                return params
-            trial = descend(start)
-            trial_cost = measured(trial)
-            if trial_cost < least:
-                best, least = trial, trial_cost
-        if best is params:
-            return params
-        params, cost = best, least
-    return params
-
-
-def _candidates(far: Problem, params: Floats) -> list[Floats]:
-    """Return the most promising starts, the best first: each with one finger moved well away from where it is.
 
     They may cost more than the pose that stands: put anywhere on a grid, a finger covers little of its own silhouette,
     but the one that is lost loses least where it was. No two of a finger are near each other: one of them may lead back.
     """
-    model, best = far.model, []
+    model = far.model
+    best: list[tuple[float, str, Floats]] = []
 
     def tip(start: Floats, finger: str) -> Floats:
         return model.joint_positions(model.bones(start))[model.joint_names.index(f"{finger}_tip")]
@@ -67,14 +39,14 @@ def _candidates(far: Problem, params: Floats) -> list[Floats]:
             there = tip(start, finger)
             if all(np.linalg.norm(there - tip(t, finger)) > _ELSEWHERE_M for t in taken):
                 taken.append(start)
-                best.append((cost, start))
+                best.append((cost, finger, start))
             if len(taken) > _PLACES:
                 break
-    return [start for _, start in sorted(best, key=lambda pair: pair[0])[:_TRIED]]
+    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:_TRIED]]
 
 
-def _shifted(model: ArticulatedModel, params: Floats) -> list[Floats]:
-    """Return params with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
+def finger_shifts(model: ArticulatedModel, params: Floats) -> list[Floats]:
+    """Return solver parameters (P,) with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
 
     The palm moves sideways by the distance of two knuckles, so that every finger stands where its neighbour was; once with
     the fingers bent as they are, once each as that neighbour is: what was seen there then still has its finger.
@@ -89,12 +61,12 @@ def _shifted(model: ArticulatedModel, params: Floats) -> list[Floats]:
     for side in (-1.0, 1.0):
         joint = model.joint_params(params)
         joint[:3] += side * sideways * (1.0 if model.side == "right" else -1.0)
-        for posture in (_handed_on(model, joint, side), joint):
+        for posture in (handed_on(model, joint, side), joint):
             starts.append(model.clipped(model.transform.solver_params(posture)))
     return starts
 
 
-def _handed_on(model: ArticulatedModel, joint: Floats, side: float) -> Floats:
+def handed_on(model: ArticulatedModel, joint: Floats, side: float) -> Floats:
     """Return joint parameters (S,) in which each finger is bent as its neighbour was; side 1: on the little's side."""
     four = FINGERS[1:] if side > 0 else FINGERS[:0:-1]
     moved = joint.copy()

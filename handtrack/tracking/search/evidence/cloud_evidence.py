@@ -16,9 +16,9 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
 from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.start_kernels import cloud_scores
-from handtrack.tracking.search.evidence.start_shapes import REACH_M, StartShape, palm_middle
-from handtrack.tracking.search.laid_shapes import PIECE_M
+from handtrack.tracking.search.evidence.hand_shapes import REACH_M, HandShape, palm_middle
+from handtrack.tracking.search.evidence.score_kernels import cloud_scores
+from handtrack.tracking.search.evidence.source import PIECE_M
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -32,8 +32,8 @@ _FEWEST = 60
 
 
 @dataclass(frozen=True, eq=False)
-class CloudStart:
-    """One frame's cloud, thinned; made by `cloud_start`."""
+class CloudEvidence:
+    """One frame's cloud, thinned; made by `cloud_evidence`."""
 
     points: Floats
     """(N, 3) world [m]"""
@@ -70,7 +70,7 @@ class CloudStart:
         return np.array(chosen) + _PALM_DEEP_M * away
 
     def scores(
-        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
+        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
     ) -> Floats:
         """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
         sights, start = self._sights
@@ -83,7 +83,7 @@ class CloudStart:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
         """Return E1 and E2 around a pose (P,) of the shape's model, with arms as long as band_m: coarse, but quick."""
         model = shape.model
         middle = palm_middle(model, params)
@@ -109,14 +109,14 @@ class CloudStart:
         )
         return terms
 
-    def pieces(self, shape: StartShape, params: Floats) -> float:
+    def pieces(self, shape: HandShape, params: Floats) -> float:
         """Return how many pieces of a hand are seen about a pose (P,)."""
         middle = palm_middle(shape.model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
         return float(near.sum() * self.area / (0.5 * PIECE_M**2))
 
     def _visible(
-        self, shape: StartShape, model: ArticulatedModel, params: Floats, middle: Floats
+        self, shape: HandShape, model: ArticulatedModel, params: Floats, middle: Floats
     ) -> Array:
         bones = model.bones(params)
         points = shape.mesh.carried(bones)
@@ -127,7 +127,7 @@ class CloudStart:
         return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
 
 
-def cloud_start(points: Floats, views: tuple[Floats, ...]) -> CloudStart | None:
+def cloud_evidence(points: Floats, views: tuple[Floats, ...]) -> CloudEvidence | None:
     """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
@@ -141,4 +141,4 @@ def cloud_start(points: Floats, views: tuple[Floats, ...]) -> CloudStart | None:
         return None
     low, high = kept.min(axis=0) - REACH_M, kept.max(axis=0) + REACH_M
     distances = distance_map(points, low, high, max(_MAP_M, 0.6 * voxel), most_voxels=1_500_000)
-    return CloudStart(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)
+    return CloudEvidence(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)

@@ -14,10 +14,10 @@ from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.start_kernels import silhouette_scores
-from handtrack.tracking.search.evidence.start_shapes import StartShape, palm_middle
+from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
+from handtrack.tracking.search.evidence.score_kernels import silhouette_scores
+from handtrack.tracking.search.evidence.source import PIECE_M
 from handtrack.tracking.search.evidence.visual_hull import VisualHull, visual_hull
-from handtrack.tracking.search.laid_shapes import PIECE_M
 
 _PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
 _HAND_M2 = 0.012  # of an open hand's outline
@@ -32,8 +32,8 @@ _LEAST_SEEN = 0.25  # share of a box that counts as the whole
 
 
 @dataclass(frozen=True, eq=False)
-class SilhouetteStart:
-    """One frame's silhouettes, reduced; made by `silhouette_start`."""
+class SilhouetteEvidence:
+    """One frame's silhouettes, reduced; made by `silhouette_evidence`."""
 
     whole: tuple[Silhouette, ...]
     small: tuple[Silhouette, ...]
@@ -97,7 +97,7 @@ class SilhouetteStart:
         return np.concatenate(chosen), start, np.array(areas)
 
     def scores(
-        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
+        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
     ) -> Floats:
         """Return (R, M) the share of area on which shape and masks disagree, by rotation (R, 3, 3) and place (M, 3)."""
         outside, sizes = self._pictures
@@ -111,7 +111,7 @@ class SilhouetteStart:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
         """Return coverage with a band around a pose (P,) of the shape's model: on small pictures where it is wide."""
         model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
@@ -133,7 +133,7 @@ class SilhouetteStart:
             return []
         return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
 
-    def pieces(self, shape: StartShape, params: Floats) -> float:
+    def pieces(self, shape: HandShape, params: Floats) -> float:
         """Return how many pieces of a hand's outline are seen about a pose (P,)."""
         middle, count = palm_middle(shape.model, params), 0.0
         for silhouette in self.whole:
@@ -152,14 +152,14 @@ def _outline_px(silhouette: Silhouette) -> float:
     return 0.25 * np.pi * float(down.sum() + across.sum())
 
 
-def silhouette_start(silhouettes: Sequence[Silhouette]) -> SilhouetteStart | None:
+def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence | None:
     """Return silhouettes made ready for the search; None where they show nothing in common."""
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     hull = visual_hull(seen)
     if not len(hull.centres):
         return None
     middle = hull.centres.mean(axis=0)
-    return SilhouetteStart(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
+    return SilhouetteEvidence(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
 
 
 def _spread(points: Floats, apart: float) -> Floats:

@@ -25,7 +25,7 @@ _LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with 
 
 
 @dataclass(frozen=True, eq=False)
-class StartShape:
+class HandShape:
     """A hand in one posture, in its own frame: the root at the origin, not turned."""
 
     model: ArticulatedModel
@@ -71,7 +71,7 @@ class StartShape:
         return self.model.clipped(self.model.transform.solver_params(joint))
 
 
-def start_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[StartShape]:
+def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[HandShape]:
     """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
     bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
     shapes = []
@@ -91,7 +91,7 @@ def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
     return wrist + _MIDDLE * (knuckle - wrist)
 
 
-def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape:
+def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> HandShape:
     """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
     joint = joint.copy()
     joint[:6] = 0.0
@@ -110,7 +110,7 @@ def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> StartShape
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)
-    return StartShape(
+    return HandShape(
         model,
         posture,
         model.joint_params(params),

@@ -40,15 +40,15 @@ def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
 
 
 def inheriting_doubt(
-    problem: Problem, params: Floats, hessian: Floats, previous: Sequence[FrameResult]
+    problem: Problem, params: Floats, hessian: Floats, belief: Floats | None
 ) -> Floats:
     """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
 
-    hessian: (P, P) the one that poses are found with, which takes that pose for the truth. What is stated must not: a
+    hessian: (P, P) the one that poses are found with, which takes that pose for the truth; belief: its covariance (P, P),
+    None where nothing is said of it. What is stated must not: a
     finger hidden for a second would be called as well known as after one frame. A mixture's prediction inherits by itself.
     """
     terms = problem.parameter_terms
     motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
     told = Problem(problem.model, (), motion).linearize(params).hessian
-    before = [result.covariance for result in previous if result.status != Status.LOST]
-    return hessian - told + inherited_information(told, before[-1] if before else None)
+    return hessian - told + inherited_information(told, belief)

@@ -12,7 +12,7 @@ _STRETCHED, _BENT = "open", "fist"
 _FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 
 
-def finger_assignments(model: ArticulatedModel, params: Floats) -> list[Floats]:
+def finger_bends(model: ArticulatedModel, params: Floats) -> list[Floats]:
     """Return solver parameters (P,) of a pose with each finger but the thumb stretched or bent: 16 poses."""
     ends = [named_pose(model, name) for name in (_STRETCHED, _BENT)]
     bends = [

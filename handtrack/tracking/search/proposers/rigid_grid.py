@@ -1,17 +1,16 @@
-"""Rigid shapes laid everywhere over what was seen: every turn, every place, some postures."""
+"""A grid of rigid hands over what was seen: every turn, every place, some postures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.start_shapes import StartShape
-from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
+from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.evidence.hand_shapes import HandShape
+from handtrack.tracking.search.evidence.source import EvidenceSource
+from handtrack.tracking.search.proposers.orientation_grid import spread_rotations, turned_by
 
 _FEW_ROTATIONS, _ROTATIONS = 120, 700
 """to find out where a hand may be, and how it is turned there (13° from the nearest on average)"""
@@ -25,59 +24,14 @@ PLACE_M = 0.07
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 
 
-PIECE_M = 0.03
-"""length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
-
-
-class StartSource(Protocol):
-    """What one kind of observation says about where a hand may be."""
-
-    @property
-    def places(self) -> Floats:
-        """(M, 3) where a palm's middle may be, world [m], the likelier first"""
-        ...
-
-    def scores(
-        self, shape: StartShape, rotations: Floats, places: Floats, enough: float = 1.0
-    ) -> Floats:
-        """Return (R, M) the share of area on which shape and observation disagree; exact only up to `enough`."""
-        ...
-
-    def terms(self, shape: StartShape, params: Floats, band_m: float) -> list[ObservationTerm]:
-        """Return what pulls a pose (P,) from about band_m around it [m]."""
-        ...
-
-    def pieces(self, shape: StartShape, params: Floats) -> float:
-        """Return how many pieces of a hand are seen about a pose (P,): a phalanx's side in a view, or half its skin."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Laid:
-    """A pose that may be the hand's."""
-
-    shape: StartShape
-    """where it started from"""
-    params: Floats
-    """(P,) solver parameters of the shape's model"""
-    cost: float
-    """share of disagreement, or energy once it has descended"""
-
-    @property
-    def joints(self) -> Floats:
-        """(J, 3) its 21 joints, world [m]"""
-        model = self.shape.model
-        return model.keypoints21(model.bones(self.params))
-
-
-def laid_everywhere(
-    sources: Sequence[StartSource],
-    shapes: Sequence[StartShape],
+def rigid_grid(
+    sources: Sequence[EvidenceSource],
+    shapes: Sequence[HandShape],
     most: int,
     should_stop: Callable[[], bool],
     within: tuple[Floats, float] | None = None,
-) -> list[Laid]:
-    """Return the shapes laid everywhere, the best first, at most `most`, none like a better one; at most half
+) -> list[Candidate]:
+    """Return the shapes at all turns and places, the best first, at most `most`, none like a better one; at most half
     of them at one place, if nothing is known of where the hand is.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
@@ -116,7 +70,13 @@ def laid_everywhere(
         if len(chosen) == most:
             break
     kept = [
-        Laid(shapes[s], shapes[s].params_at(rotations[r], places[p]), float(scores[s, r, p]))
+        Candidate(
+            shapes[s].model,
+            shapes[s].params_at(rotations[r], places[p]),
+            float(scores[s, r, p]),
+            f"rigid grid, {shapes[s].posture}",
+            shapes[s],
+        )
         for s, r, p in [*chosen, *spare][:most]
     ]
-    return sorted(kept, key=lambda laid: laid.cost)
+    return sorted(kept, key=lambda candidate: candidate.cost)

@@ -1,0 +1,114 @@
+"""From solved parameters to a frame's result: uncertainty, status and reason, the skeleton posed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.rotation import wrapped
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.solver.covariance import uncertainty
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.assessment import assess, what_is_open
+from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.prediction import inheriting_doubt
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import FrameResult, Status
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A frame's result, and what only the next frame's prediction needs of it."""
+
+    result: FrameResult
+    covariance: Floats | None = None
+    """(P, P) of the solver parameters; None where nothing is said of them"""
+
+
+def solved_result(
+    observation: Observation,
+    terms: FrameTerms,
+    problem: Problem,
+    params: Floats,
+    iterations: int,
+    previous: Sequence[FrameResult] = (),
+    belief: Floats | None = None,
+    exact: Problem | None = None,
+) -> Solved:
+    """Return what is found of a frame at solver parameters (P,), with its uncertainty and status.
+
+    problem: the last stage's, whose cost is the energy; exact: the same with what was seen as sharp as it lies, if that is
+    sharper. previous: results that tell what is usual. belief: (P, P) covariance of the last frame's pose.
+    """
+    params, model = params.copy(), terms.model
+    system, last = problem.linearize(params), exact or problem
+    known = system if exact is None else exact.linearize(params)
+    alone = Problem(model, last.observation_terms).linearize(params)
+    sure = inheriting_doubt(last, params, known.hessian, belief)
+    spread = uncertainty(model, params, sure, alone.hessian)
+    status, reason = assess(terms, model.bones(params), system.cost, previous)
+    if status == Status.TRACKED:
+        most = terms.settings.tracker.doubtful_mm
+        reason = what_is_open(model, spread.joint_covariance, most)
+        status = Status.TRACKED if reason is None else Status.DOUBTFUL
+    std = spread.parameter_std
+    found = posed_result(
+        model, observation, params, status, reason,
+        energy=system.cost,
+        iterations=iterations,
+        std=np.full_like(std, np.inf) if status == Status.LOST else std,
+        joint_covariance=spread.joint_covariance,
+    )  # fmt: skip
+    return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
+
+
+def unseen_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
+    """Return a frame in which nothing was seen: lost, at the pose that is handed in (P,)."""
+    cloud = terms.settings.cloud
+    elsewhere = observation.cloud is not None and cloud.weight > 0
+    reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
+    return posed_result(terms.model, observation, params, Status.LOST, reason)
+
+
+def given_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
+    """Return a first frame that is only to be compared with those after it, at the given pose (P,)."""
+    return posed_result(terms.model, observation, params, Status.DOUBTFUL, Reason("given"))
+
+
+def posed_result(
+    model: ArticulatedModel,
+    observation: Observation,
+    params: Floats,
+    status: Status,
+    reason: Reason | None,
+    energy: float = float("nan"),
+    iterations: int = 0,
+    std: Floats | None = None,
+    joint_covariance: Floats | None = None,
+) -> FrameResult:
+    """Return a result at solver parameters (P,). Without std and covariance, nothing is known: a metre."""
+    joint = model.joint_params(params)
+    joint[3:6] = wrapped(joint[3:6])
+    if std is None:
+        std = np.full(len(joint), np.inf)
+    if joint_covariance is None:
+        joint_covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
+    bones = model.bones(params)
+    return FrameResult(
+        frame=observation.frame,
+        time_s=observation.time_s,
+        parameters=joint,
+        status=status,
+        energy=energy,
+        iterations=iterations,
+        parameter_std=std,
+        joint_covariance=joint_covariance,
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+        reason=reason,
+    )

@@ -1,0 +1,74 @@
+"""Why a frame is doubtful or lost: kind, place and numbers, and the one place where they become words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+NEAR_M = 0.006
+"""a cloud's point this near to the surface was measured on it: three times the usual error of a point"""
+NEAR_SIGMAS = 4.0
+"""a keypoint this near is where it was seen; twice that a normal error rarely is, for detectors err more often"""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a frame is not simply tracked."""
+
+    kind: str
+    """one of KINDS"""
+    part: str = ""
+    """of the model, in words; for a poor cloud the simpler model that took the hand's place, if one did"""
+    camera: str = ""
+    number: float = float("nan")
+    """what was measured: a share, a ratio, or millimetres, as the kind says"""
+    other: float = float("nan")
+    """a second number: how many, or a second share"""
+
+    @property
+    def words(self) -> str:
+        """The reason in a clause, without a full stop."""
+        return KINDS[self.kind](self)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _poor_cloud(reason: Reason) -> str:
+    text = (
+        f"poor cloud: {_percent(reason.number)} of the hand in view was measured, "
+        f"{_percent(reason.other)} of the points lie on it"
+    )
+    if not reason.part:
+        return text
+    return f"{text}; the palm alone is estimated ({reason.part}), the fingers are held"
+
+
+KINDS: dict[str, Callable[[Reason], str]] = {
+    "unseen": lambda r: "no camera saw anything in this frame",
+    "cloud elsewhere": lambda r: (
+        f"the cloud has hardly any points within {r.number:g} mm of where the hand was expected"
+    ),
+    "given": lambda r: "the pose is the given one; its texture is carried from here on",
+    "given keypoints": lambda r: "nothing was seen; only given keypoints hold the pose",
+    "out of view": lambda r: "neither model nor silhouette is in any view",
+    "overlap": lambda r: (
+        f"model and silhouette overlap by {_percent(r.number)} in {r.camera}"
+    ),
+    "part outside": lambda r: (
+        f"{_percent(r.number)} of the {r.part} and the bone before it lie outside the silhouette in {r.camera}"
+    ),
+    "keypoints": lambda r: (
+        f"{_percent(r.number)} of {r.other:.0f} keypoints lie within {NEAR_SIGMAS:g} sigma of the model"
+    ),
+    "cloud": lambda r: (
+        f"{_percent(r.number)} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model"
+    ),
+    "poor cloud": _poor_cloud,
+    "energy": lambda r: (
+        f"the model fits {r.number:.1f} times worse than usual; a finger may be lost"
+    ),
+    "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
+}  # fmt: skip
+"""what each kind says; the only place where a doubt is worded"""

@@ -1,0 +1,179 @@
+"""The search engine: proposers put candidates in, rounds thin and fit them, the better pose is taken.
+
+What is tried when stands in `policy`; how one frame's candidates are proposed, fitted and compared is its landscape's affair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.search.evidence.hand_shapes import HandShape
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A pose that may be the frame's."""
+
+    model: ArticulatedModel
+    params: Floats
+    """(P,) solver parameters"""
+    cost: float = np.inf
+    """how badly it explains what was seen; comparable within a round"""
+    origin: str = "given"
+    """which proposer it comes from"""
+    shape: HandShape | None = None
+    """the rigid shape that it started from, in a search by evidence"""
+    solved: Solved | None = None
+    """the frame's result there, once it was fitted as the tracker fits"""
+    normal: Floats | None = None
+    """(P, P) Gauss-Newton matrix of its cost, where the fit gives one"""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One way to improve a candidate."""
+
+    kind: str
+    """a name that the landscape knows"""
+    iterations: int = 0
+    """of the solver; 0: as many as the kind has by itself"""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of a search: who joins, how many are fitted, and how."""
+
+    propose: tuple[str, ...] = ()
+    """proposers, by the names that the landscape knows"""
+    keep: int | None = None
+    """how many of those found so far stay beside the proposed; None: all"""
+    enter: int | None = None
+    """the best distinct ones that are fitted; None: all, in their order"""
+    fits: tuple[Fit, ...] = ()
+    adds: bool = False
+    """only what is newly proposed is fitted, and joins those that stand"""
+
+
+@dataclass(frozen=True)
+class Search:
+    """A row of the policy: a situation and what is tried in it."""
+
+    situation: str
+    when: str
+    rounds: tuple[Round, ...]
+    measure: str
+    """by what finished candidates are compared, in words"""
+    factor: float = 1.0
+    margin: float = 0.0
+    """a pose is taken that costs less than factor · (the standing one's) − margin"""
+    repeats: int = 1
+    """how often it is searched on from a better pose"""
+    again: str = ""
+    """how soon the search is made again if it found nothing, in words"""
+
+    def is_better(self, cost: float, standing: float) -> bool:
+        """Return whether a candidate of that cost is taken instead of the standing pose."""
+        return cost < self.factor * standing - self.margin
+
+
+class Landscape(Protocol):
+    """One frame, as a search sees it."""
+
+    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+        """Return a proposer's candidates, given those found so far."""
+        ...
+
+    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
+        """Return candidates improved, each with its new cost; fewer when stopped."""
+        ...
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        """Return the best, at most so many, each pose once, by rising cost."""
+        ...
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of one candidate in a round."""
+
+    origin: str
+    cost: float
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """What a search tried in a frame, and what came of it."""
+
+    frame: int
+    search: Search
+    why: str
+    """why it was made in this frame"""
+    rounds: tuple[tuple[int, tuple[Trial, ...]], ...]
+    """of each round how many were proposed, and those fitted"""
+    standing: float
+    """cost of the pose that stood; NaN without one"""
+    winner: Trial | None
+    """None: the standing pose stays"""
+
+
+def run_rounds(
+    search: Search,
+    landscape: Landscape,
+    found: Sequence[Candidate],
+    control: Control,
+    on_round: Callable[[int, int], None] | None = None,
+    tried: list[tuple[int, tuple[Trial, ...]]] | None = None,
+) -> list[Candidate]:
+    """Return what is found after all rounds.
+
+    on_round: called before each round's fits with its number and how many are fitted. tried: gathers what was tried, for a
+    report.
+    """
+    found = list(found)
+    for number, step in enumerate(search.rounds):
+        proposed = [c for name in step.propose for c in landscape.propose(name, found)]
+        kept = found if step.keep is None else landscape.distinct(found, step.keep)
+        entering = proposed if step.adds else [*kept, *proposed]
+        if step.enter is not None:
+            entering = landscape.distinct(entering, step.enter)
+        if on_round is not None:
+            on_round(number, len(entering))
+        for fit in step.fits:
+            entering = landscape.fit(fit, entering, control)
+        if tried is not None:
+            tried.append((len(proposed), tuple(Trial(c.origin, c.cost) for c in entering)))
+        found = [*found, *entering] if step.adds else entering
+    return found
+
+
+def improved(
+    search: Search,
+    landscape: Landscape,
+    standing: Candidate,
+    control: Control,
+    frame: int,
+    why: str,
+) -> Candidate:
+    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried."""
+    for _ in range(search.repeats):
+        tried: list[tuple[int, tuple[Trial, ...]]] = []
+        found = run_rounds(search, landscape, [standing], control, tried=tried)
+        if control.should_stop():
+            return standing
+        best = min(found, key=lambda c: c.cost, default=standing)
+        taken = search.is_better(best.cost, standing.cost)
+        if control.on_search is not None:
+            winner = Trial(best.origin, best.cost) if taken else None
+            control.on_search(SearchReport(frame, search, why, tuple(tried), standing.cost, winner))
+        if not taken:
+            return standing
+        standing = best
+    return standing

@@ -1,0 +1,35 @@
+"""What one kind of observation says about where a hand may be: the questions that a search asks of it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from handtrack.arrays import Floats
+from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.search.evidence.hand_shapes import HandShape
+
+PIECE_M = 0.03
+"""length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
+
+
+class EvidenceSource(Protocol):
+    """A frame's silhouettes, or its cloud, made ready for a search."""
+
+    @property
+    def places(self) -> Floats:
+        """(M, 3) where a palm's middle may be, world [m], the likelier first"""
+        ...
+
+    def scores(
+        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
+    ) -> Floats:
+        """Return (R, M) the share of area on which shape and observation disagree; exact only up to `enough`."""
+        ...
+
+    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
+        """Return what pulls a pose (P,) from about band_m around it [m]."""
+        ...
+
+    def pieces(self, shape: HandShape, params: Floats) -> float:
+        """Return how many pieces of a hand are seen about a pose (P,): a phalanx's side in a view, or half its skin."""
+        ...

@@ -1,0 +1,167 @@
+"""A frame as a search sees it that knows little of where the hand is: silhouettes and cloud, asked coarsely.
+
+Candidates descend with wide arms first (12 mm), are compared with short ones (4 mm), and the best are fitted as the
+tracker fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
+from handtrack.tracking.search.engine import Candidate, Fit
+from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
+from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
+from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_evidence
+from handtrack.tracking.search.evidence.source import EvidenceSource
+from handtrack.tracking.search.proposers.depth_flips import depth_flips
+from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
+from handtrack.tracking.search.proposers.rigid_grid import PLACE_M, rigid_grid
+
+WIDE_M, NARROW_M = 0.012, 0.004
+_SAME_M = 0.012  # mean distance between joints of poses that count as one
+_PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
+_GRID, _GRID_NEARBY = 48, 28
+"""rigid hands proposed where nothing is known, and around a known place"""
+_BENT, _BENT_TRIED = 12, 48
+"""poses with fingers bent otherwise that are proposed, and of how many"""
+_WAYS = 2  # of each of them
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceLandscape:
+    """One frame's evidence; see engine.Landscape."""
+
+    sources: Sequence[EvidenceSource]
+    seen: Observation
+    shapes: Sequence[HandShape] = ()
+    """rigid hands that the grid proposes"""
+    solve: Callable[[ArticulatedModel, Floats, bool], Solved] | None = None
+    """fits the frame from solver parameters (P,) as the tracker does; the flag: also looks for lost fingers"""
+    looks_for_fingers: bool = False
+    within: tuple[Floats, float] | None = None
+    """a point (3,) and a distance from it [m] beyond which no palm is looked for"""
+    control: Control = Control()
+
+    @classmethod
+    def of(cls, seen: Observation, settings: TrackerSettings) -> EvidenceLandscape | None:
+        """Return what a frame's cloud and silhouettes say, as far as settings use them; None where they say nothing."""
+        sources: list[EvidenceSource] = []
+        if seen.cloud is not None and settings.cloud.weight > 0:
+            cloud = cloud_evidence(seen.cloud.points, seen.cloud_views)
+            if cloud is not None:
+                sources.append(cloud)
+        if seen.silhouettes and settings.silhouettes.weight > 0:
+            outlines = silhouette_evidence(seen.silhouettes)
+            if outlines is not None:
+                sources.append(outlines)
+        return cls(tuple(sources), seen) if sources else None
+
+    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+        stop = self.control.should_stop
+        if proposer == "rigid grid":
+            return rigid_grid(self.sources, self.shapes, _GRID, stop)
+        if proposer == "rigid grid nearby":
+            nearby = rigid_grid(self.sources, self.shapes, _GRID_NEARBY, stop, self.within)
+            return [replace(c, cost=0.0) for c in nearby]  # all of them descend
+        if proposer == "finger bends":
+            return self._bent(self.distinct(found, _BENT_TRIED))
+        best = min(found, key=lambda c: c.cost)
+        if proposer == "standing pose":
+            return [replace(best, cost=0.0)]
+        if proposer == "best again":
+            return [replace(best, origin=f"{best.origin}, fingers looked for")][
+                : self.looks_for_fingers
+            ]
+        moved = {"depth flips": self._flipped, "finger swaps": self._swapped}[proposer](best)
+        return [replace(best, params=x, origin=proposer, cost=0.0) for x in moved]
+
+    def _flipped(self, best: Candidate) -> list[Floats]:
+        return depth_flips(best.model, self.seen, best.params)
+
+    def _swapped(self, best: Candidate) -> list[Floats]:
+        return finger_swaps(best.model, best.params)
+
+    def _bent(self, found: Sequence[Candidate]) -> list[Candidate]:
+        """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
+        ways = []
+        for candidate in found:
+            problem = self._problem(candidate, WIDE_M)
+            tried = [
+                replace(candidate, params=x, cost=problem.cost(x), origin=f"{candidate.origin}, fingers bent otherwise")
+                for x in finger_bends(candidate.model, candidate.params)
+            ]  # fmt: skip
+            ways += sorted(tried, key=lambda c: c.cost)[:_WAYS]
+        return self.distinct(ways, _BENT)
+
+    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
+        return [self._fitted(fit, c) for c in candidates if not control.should_stop()]
+
+    def _fitted(self, fit: Fit, candidate: Candidate) -> Candidate:
+        if fit.kind in ("wide", "narrow"):
+            band = WIDE_M if fit.kind == "wide" else NARROW_M
+            settings = SolverSettings(iterations=fit.iterations)
+            found = solve(self._problem(candidate, band), candidate.params, settings).params
+            return self._measured(replace(candidate, params=found), band)
+        assert self.solve is not None
+        solved = self.solve(candidate.model, candidate.params, fit.kind.endswith("lost fingers"))
+        params = candidate.model.transform.solver_params(solved.result.parameters)
+        return self.measured(replace(candidate, params=params, solved=solved))
+
+    def measured(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with the cost by which finished ones are compared: short arms, the same for all."""
+        return self._measured(candidate, NARROW_M)
+
+    def narrow_problem(self, candidate: Candidate) -> Problem:
+        """Return the problem around a pose by which finished ones are compared."""
+        return self._problem(candidate, NARROW_M)
+
+    def _measured(self, candidate: Candidate, band_m: float) -> Candidate:
+        return replace(candidate, cost=self._problem(candidate, band_m).cost(candidate.params))
+
+    def _problem(self, candidate: Candidate, band_m: float) -> Problem:
+        shape, model = candidate.shape, candidate.model
+        assert shape is not None, "a candidate of evidence starts from a shape"
+        terms = [
+            t for source in self.sources for t in source.terms(shape, candidate.params, band_m)
+        ]
+        return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        """Return the best, at most `most`, each pose once.
+
+        No place takes more than half of them while another is promising: the end of an arm fits a fist in many variants,
+        each a little better than the hand, whose fingers are not in place yet.
+        """
+        chosen: list[tuple[Candidate, Floats]] = []
+        spare: list[tuple[Candidate, Floats]] = []
+        palms: list[Floats] = []  # of those chosen
+        ordered = sorted(candidates, key=lambda c: c.cost)
+        for candidate in ordered:
+            if len(chosen) == most:
+                break
+            model = candidate.model
+            joints = model.keypoints21(model.bones(candidate.params))
+            known = (j for _, j in [*chosen, *spare])
+            if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for j in known):
+                continue
+            palm = palm_middle(model, candidate.params)
+            here = sum(np.linalg.norm(palm - other) < PLACE_M for other in palms)
+            if 2 * here < most and candidate.cost <= _PROMISING * ordered[0].cost:
+                chosen.append((candidate, joints))
+                palms.append(palm)
+            else:
+                spare.append((candidate, joints))
+        kept = [candidate for candidate, _ in [*chosen, *spare]][:most]
+        return sorted(kept, key=lambda c: c.cost)

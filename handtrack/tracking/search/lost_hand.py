@@ -1,0 +1,92 @@
+"""A hand that may be lost: hands around the last known place are tried, and taken only where they fit clearly better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.tracking.frame.assessment import assess
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.search.engine import Candidate, improved
+from handtrack.tracking.search.evidence.hand_shapes import (
+    hand_shapes,
+    palm_middle,
+    shape_of,
+)
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.frame_solve import solve_frame
+from handtrack.tracking.search.policy import LOST_HAND, why_hand_may_be_lost
+
+# how far a palm may be from where it was, and how much further each frame
+_NEAR_M, _SPEED_M = (0.10, 0.03)
+
+
+def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
+    """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt."""
+    model, result = task.model, solved.result
+    why = why_hand_may_be_lost(result, task.previous)
+    if not why or not model.has_keypoints21:
+        return solved
+    landscape = EvidenceLandscape.of(task.observation, task.settings)
+    if landscape is None:
+        return solved
+
+    def solve(_model: ArticulatedModel, params: Floats, _fingers: bool) -> Solved:
+        """Solve the frame as the tracker does, by what is seen alone."""
+        alone = replace(
+            task, start=model.clipped(params), previous=(), expected=None, belief=None, texture=None
+        )
+        return solve_frame(replace(alone, control=replace(task.control, on_iteration=None)))  # fmt: skip
+
+    here = shape_of(model, result.parameters, "last")
+    landscape = replace(
+        landscape,
+        shapes=[_last_shape(task), *hand_shapes(model)],
+        solve=solve,
+        within=_where(task, lost=result.status == Status.LOST),
+        control=task.control,
+    )
+    params = model.transform.solver_params(result.parameters)
+    standing = landscape.measured(Candidate(model, params, origin="standing pose", shape=here))
+    number = task.observation.frame
+    best = improved(LOST_HAND, landscape, standing, task.control, number, why)
+    return solved if best.solved is None else _judged(task, best.solved)
+
+
+def _last_known(task: FrameTask) -> FrameResult:
+    known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
+    return known[-1] if known else task.previous[-1]
+
+
+def _last_shape(task: FrameTask):
+    return shape_of(task.model, _last_known(task).parameters, "last")
+
+
+def _where(task: FrameTask, lost: bool) -> tuple[Floats, float]:
+    """Return a point (3,) and how far from it the hand may be [m].
+
+    Of a lost hand nobody knows how far it went: it is looked for everywhere.
+    """
+    last = _last_known(task)
+    middle = palm_middle(task.model, task.model.transform.solver_params(last.parameters))
+    if lost:
+        return middle, np.inf
+    return middle, _NEAR_M + _SPEED_M * abs(task.observation.frame - last.frame)
+
+
+def _judged(task: FrameTask, solved: Solved) -> Solved:
+    """Return a result with its status judged beside the frames before it."""
+    model, result = task.model, solved.result
+    bones = model.bones(model.transform.solver_params(result.parameters))
+    terms = frame_terms(model, task.settings, task.observation, bones, None)
+    status, reason = assess(terms, bones, result.energy, task.previous)
+    worse = status > result.status or (status != Status.TRACKED and result.is_open)
+    return (
+        replace(solved, result=replace(result, status=status, reason=reason)) if worse else solved
+    )

@@ -1,0 +1,65 @@
+"""What tracking carries from one frame to the next: everything that a step needs, and nothing else does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from handtrack.arrays import Floats
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.terms.appearance_terms import Before
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+
+REMEMBERED = 30
+"""results that a step may look back on"""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """Immutable: a state may be stepped from again, with other settings or another observation."""
+
+    start: Floats | None = None
+    """(P,) where the first frame begins"""
+    results: tuple[FrameResult, ...] = ()
+    """the latest last, in the order of tracking; they predict, and tell what is usual and how long the hand is lost"""
+    belief: Floats | None = None
+    """(P, P) covariance of the latest pose that was not lost; None where nothing is said of it"""
+    hypotheses: tuple[MovingHypothesis, ...] = ()
+    """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
+    texture: Before | None = None
+    """images of the latest frame that was not lost and the model in it, where images are looked at"""
+
+    @classmethod
+    def beginning_at(cls, start: Floats) -> TrackerState:
+        """Return the state before a first frame, whose pose is about `start`, solver parameters (P,)."""
+        return cls(start=start)
+
+    @classmethod
+    def resumed(cls, results: Iterable[FrameResult]) -> TrackerState:
+        """Return a state after results that were read back, in the order of tracking.
+
+        Poses go on as they would have; only how sure the last one was is not saved, nor hypotheses and texture.
+        """
+        return cls(results=tuple(results)[-REMEMBERED:])
+
+    @property
+    def last(self) -> FrameResult | None:
+        return self.results[-1] if self.results else None
+
+    def after(
+        self,
+        solved: Solved,
+        texture: Before | None = None,
+        hypotheses: tuple[MovingHypothesis, ...] = (),
+    ) -> TrackerState:
+        """Return the state once a frame is solved. A lost frame changes neither belief nor texture."""
+        result = solved.result
+        results = (*self.results, result)[-REMEMBERED:]
+        if result.status == Status.LOST and self.results:
+            return replace(self, results=results, hypotheses=hypotheses)
+        if texture is not None and self.texture is not None:
+            texture = replace(texture, first=self.texture.first or self.texture)
+        lost = result.status == Status.LOST
+        belief = self.belief if lost else solved.covariance
+        return TrackerState(None, results, belief, hypotheses, texture)
