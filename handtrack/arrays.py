@@ -1,4 +1,4 @@
-"""Names for arrays, and one check where they enter."""
+"""Type names for arrays with shapes in words, and a check of shapes where arrays enter."""
 
 from __future__ import annotations
 

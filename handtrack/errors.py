@@ -1,4 +1,4 @@
-"""Errors that reach the user, each one readable paragraph."""
+"""HandtrackError, the error that reaches the user as one readable paragraph, and sentences for unknown names."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class CloudMaker:
             near = near_hand(measured.points, crop, moment.filters.crop_m).tobytes()
         key = (id(measured), moment.filters, near)
         if self._known is None or self._known[0] != key:
-            fate, reports = moment.filters.fates(measured, crop, session.cloud_eyes)
+            fate, reports = moment.filters.dropped_by(measured, crop, session.cloud_eyes)
             self._known = (key, measured, fate, reports)
         return self._known[1:]
 

@@ -1,4 +1,4 @@
-"""The benchmarks by name."""
+"""The table of benchmarks: name → module, function, and whether it is quick."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Benchmark:
 
 BENCHMARKS = {
     "silhouette_iteration_vs_blas": Benchmark(
-        "handtrack.bench.silhouettes.kernels", "silhouette_iteration_vs_blas"
+        "handtrack.bench.silhouettes.silhouette_speed", "silhouette_iteration_vs_blas"
     ),
     "field_recovery": Benchmark(
         "handtrack.bench.silhouettes.field_recovery", "field_recovery", quick=False
     ),
     "binary_fist": Benchmark("handtrack.bench.silhouettes.binary_fist", "binary_fist", quick=False),
     "cloud_iteration_vs_blas": Benchmark(
-        "handtrack.bench.clouds.kernels", "cloud_iteration_vs_blas"
+        "handtrack.bench.clouds.cloud_speed", "cloud_iteration_vs_blas"
     ),
-    "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds.kernels", "cloud_solve_vs_scipy"),
+    "cloud_solve_vs_scipy": Benchmark("handtrack.bench.clouds.cloud_speed", "cloud_solve_vs_scipy"),
     "finger_shift": Benchmark("handtrack.bench.clouds.finger_shift", "finger_shift", quick=False),
     "poor_clouds": Benchmark("handtrack.bench.clouds.poor_clouds", "poor_clouds", quick=False),
     "freedoms": Benchmark("handtrack.bench.clouds.freedoms", "freedoms", quick=False),

@@ -1,4 +1,4 @@
-"""How close a tracked sequence is to the truth: the standard measures of `handtrack evaluate`."""
+"""Standard measures of a tracked sequence against the truth, as `handtrack evaluate` prints them."""
 
 from __future__ import annotations
 

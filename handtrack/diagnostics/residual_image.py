@@ -1,4 +1,4 @@
-"""What a silhouette term predicts, and where it disagrees with the mask, as arrays and painted pictures.
+"""Predicted images of a silhouette term and their difference to the mask, as arrays and pictures.
 
 Blue: the model covers, the mask does not. Orange: the mask, not the model. Both are told apart by colour-blind eyes.
 Plain NumPy, pixel by pixel: independent of the terms' run sums.

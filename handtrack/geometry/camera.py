@@ -113,7 +113,7 @@ class Camera:
         return focal * across / z[..., None, None] @ self.rotation
 
     def rays(self, pixels: Floats) -> Floats:
-        """Return unit directions (..., 3), world, of lines of sight through pixels (..., 2) of the
+        """Return unit directions (..., 3), world, of viewing rays through pixels (..., 2) of the
         real image."""
         flat = undistort(self._directions(pixels), self.distortions)
         directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)

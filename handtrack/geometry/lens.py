@@ -1,4 +1,4 @@
-"""The lens: OpenCV's distortion model with 4, 5, 8, 12 or 14 coefficients, forward and back.
+"""OpenCV's lens distortion with 4, 5, 8, 12 or 14 coefficients, forward and back.
 
 Coefficients are `k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]`. Directions are (...,
 2), x/z and y/z in the camera frame. A polynomial folds back beyond some radius: directions out

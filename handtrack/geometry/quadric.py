@@ -1,7 +1,7 @@
 """Ellipsoid ↔ quadric ↔ dual quadric, the conic it shows in a camera, and that conic's twist derivative.
 
 The plain form of what `terms/silhouettes/silhouette_kernels.py` computes. Sign: a quadric or conic is negative inside, so that the
-dual is positive across and negative along the line of sight. 2007 paper, eqs. 10–17 and 25–29.
+dual is positive across and negative along the viewing ray. 2007 paper, eqs. 10–17 and 25–29.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Ellipsoids on bones."""
+"""Ellipsoids: the flesh on bones, and where a pose puts them."""
 
 from __future__ import annotations
 

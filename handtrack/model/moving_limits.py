@@ -37,7 +37,7 @@ class MovingLimits(NamedTuple):
         nothing = np.zeros(count)
         return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
 
-    def held(self, where: Array, params: Floats) -> MovingLimits:
+    def frozen(self, where: Array, params: Floats) -> MovingLimits:
         """Return these limits, but no room at all for some parameters: where (P,) bool, at params (P,)."""
         kept, stay = ~where[self.param], np.flatnonzero(where)
         nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)

@@ -1,4 +1,4 @@
-"""Named poses: joint angles that users start from, and how the hand is held where that matters.
+"""Named poses: joint angles to start from, and how the hand is turned where that matters.
 
 The letters `lsf_a` to `lsf_z` are the French manual alphabet, with which the 2004 paper validated its
 model. A letter's turn of the hand is a hint for pictures and for placing a hand, not part of the pose:

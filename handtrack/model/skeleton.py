@@ -1,4 +1,4 @@
-"""The skeleton: bones in a tree, and the freedoms of their joints. Plain data."""
+"""Skeleton: bones in a tree and the freedoms of their joints, as plain data."""
 
 from __future__ import annotations
 

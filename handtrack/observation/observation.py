@@ -1,4 +1,4 @@
-"""All that was seen of one frame, as frozen data: silhouettes, images, keypoints, a point cloud."""
+"""Observation: all that was seen of one frame, as frozen data (silhouettes, images, keypoints, a cloud)."""
 
 from __future__ import annotations
 

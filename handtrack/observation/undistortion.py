@@ -1,4 +1,4 @@
-"""Masks and images into the undistorted image, once a frame, so that every term may use a plain pinhole."""
+"""Bring masks and images into the undistorted image once a frame, so that every term may use a plain pinhole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which chain to jump: the one that the least certain directions of a minimum are made of."""
+"""Choose which chain to jump, by its share in the least certain directions of a minimum."""
 
 from __future__ import annotations
 

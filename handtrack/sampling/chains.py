@@ -1,4 +1,4 @@
-"""Chains: limbs and fingers as links between joints, and the hinges that move each link's end."""
+"""Chains: limbs and fingers as links between joints, with the hinges that move each link's end."""
 
 from __future__ import annotations
 

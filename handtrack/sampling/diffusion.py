@@ -1,4 +1,4 @@
-"""Random samples around a minimum: covariance-scaled, and spherical ones with the same core volume."""
+"""Random samples around a minimum: covariance-scaled, heavy-tailed, and spherical with the same core volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypotheses of one frame: near-equal ones merged, ranked, pruned."""
+"""Hypotheses of one frame: merge near-equal ones, rank, prune."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The interpretation tree: all poses that put the same joints on the same lines of sight of one camera."""
+"""The interpretation tree: all poses that put the same joints on the same viewing rays of one camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import bone_poses
 from handtrack.model.transform import ParameterTransform
 from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
-from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, grown, rooted
+from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, extended, rooted
 from handtrack.sampling.limb_ik_kernels import pierce
 
 
@@ -40,7 +40,7 @@ class InterpretationTree:
     far: Array
     """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
     exact: Array
-    """(L,) whether every joint of the chains is on its line of sight, within limits"""
+    """(L,) whether every joint of the chains is on its viewing ray, within limits"""
     complete: int
     """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
 
@@ -59,7 +59,7 @@ def interpretation_tree(
 ) -> InterpretationTree:
     """Return all poses that differ from `params` (P,) by forwards/backwards flips along chains. 2003 paper, §3.
 
-    For each link the sphere about its start, as large as the link is long, is pierced by the line of sight of
+    For each link the sphere about its start, as large as the link is long, is pierced by the viewing ray of
     its end: two depths. Chains that do not carry each other are solved once, and the leaves are all their
     combinations. chains: all that the model offers, where None. targets_px: (J, 2) where the model's joints are seen
     (NaN where they are not: there, and by default, the given pose's own projection counts).
@@ -121,7 +121,7 @@ def _chain_leaves(
         points = np.empty((count, 2, 3))
         missed = np.empty((count, 2), dtype=np.int8)
         pierce(branches.end, centre, rays[end], length, points, missed, nearest)
-        branches = grown(
+        branches = extended(
             chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), nearest,
             max(REACHED_M, 1e-7 * length),
         )  # fmt: skip

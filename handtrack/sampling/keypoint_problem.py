@@ -1,4 +1,4 @@
-"""A key-point problem as plain arrays: what the compiled polishing reads."""
+"""KeypointProblem: keypoints, priors and limits as plain arrays, read by the compiled polishing."""
 
 from __future__ import annotations
 

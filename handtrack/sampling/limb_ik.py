@@ -1,4 +1,4 @@
-"""Joint angles from joint positions: in closed form along a chain, by descent where that fails."""
+"""Joint angles from joint positions: closed form along a chain, descent where that fails."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def rooted(
     return Branches(rotation, end, angles, np.arange(count), none, np.ones(count, dtype=bool))
 
 
-def grown(
+def extended(
     chain: PreparedChain,
     branches: Branches,
     link: int,
@@ -121,7 +121,7 @@ def limb_angles(
         row = branches.source
         targets = np.ascontiguousarray(positions[row, link][:, None, :])
         missed = np.zeros((len(row), 1), dtype=np.int8)
-        branches = grown(
+        branches = extended(
             ready, branches, link, targets, missed, np.ascontiguousarray(wanted[row]), tolerance=tolerance
         )  # fmt: skip
     found = given[branches.source]

@@ -1,4 +1,4 @@
-"""Compiled: sphere and ray, one and two hinges in closed form, and the growth of a tree of poses by one link."""
+"""Compiled inverse kinematics: sphere and ray, one and two hinges in closed form, a tree of poses extended by a link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many starts of one key-point problem, each brought to its minimum: compiled, in one thread."""
+"""Bring many starts of one keypoint problem to their minima, compiled, in one thread."""
 
 from __future__ import annotations
 

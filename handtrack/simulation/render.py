@@ -1,4 +1,4 @@
-"""Exact pictures of posed ellipsoids in a camera, with its lens: what a simulated camera sees."""
+"""Render posed ellipsoids exactly as a camera with its lens sees them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Body motion as somebody else's joint positions → parameters of our model."""
+"""Fit body34's size and parameters to another skeleton's joint positions over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a textured model before a background: what a simulated camera sees of somebody in patterned clothes."""
+"""Render a textured model before a background, as a camera sees somebody in patterned clothes."""
 
 from __future__ import annotations
 

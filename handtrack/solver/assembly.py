@@ -1,4 +1,4 @@
-"""The two ledgers, bone twists and joint parameters, become one small normal system."""
+"""Add the two ledgers, bone twists and joint parameters, up to one small normal system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well the parameters are known, from the normal matrix."""
+"""Covariance and unobservable directions of the solver parameters, from the normal matrix."""
 
 from __future__ import annotations
 

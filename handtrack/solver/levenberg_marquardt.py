@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton within limits, on a small normal system. Knows neither hands nor cameras."""
+"""Damped Gauss-Newton within limits on a small normal system."""
 
 from __future__ import annotations
 

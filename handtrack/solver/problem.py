@@ -69,4 +69,4 @@ class FreeProblem:
     @property
     def limits(self) -> MovingLimits:
         """Those of the problem where free, without room elsewhere."""
-        return self.problem.limits.held(~self.free, self.params)
+        return self.problem.limits.frozen(~self.free, self.params)

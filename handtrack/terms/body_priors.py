@@ -1,4 +1,4 @@
-"""What is known of a body before looking: parts do not collide, freedoms that hardly show stay near rest."""
+"""Soft priors of body34: parts do not collide, freedoms that hardly show stay near rest."""
 
 from __future__ import annotations
 

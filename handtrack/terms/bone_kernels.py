@@ -1,4 +1,4 @@
-"""Compiled pull-back of bone systems. Threads of BLAS would cost more than they bring at this size."""
+"""Compiled pull-back of bone systems to joint parameters: at this size, threads of BLAS cost more than they bring."""
 
 from __future__ import annotations
 

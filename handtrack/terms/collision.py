@@ -1,4 +1,4 @@
-"""Parts of the body do not pass through each other: overlap of ellipsoids. docs/derivations/collision.md."""
+"""CollisionTerm: parts of the model do not overlap. docs/derivations/collision.md."""
 
 from __future__ import annotations
 

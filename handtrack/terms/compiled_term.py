@@ -1,4 +1,4 @@
-"""What terms with a compiled kernel have in common: one pass gives the cost, and its derivatives where they are wanted."""
+"""CompiledTerm: terms with a kernel, where one pass gives the cost and, if wanted, the derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Model joints ↔ points in space or in an image. Robust."""
+"""Keypoint terms: the model's joints near points in space or in an image, robust."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robust losses: how much a residual counts, and the weight that gives the same gradient."""
+"""Robust losses: value and weight of a squared residual."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known before looking: poses that the hand is near, angles that go together. On joint parameters."""
+"""Quadratic priors on joint parameters: a mean pose, linear combinations, a correlated Gaussian."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class LinearPrior:
 
 
 @dataclass(frozen=True)
-class BellPrior:
+class CorrelatedPrior:
     """½ (x − mean)ᵀ information (x − mean) on joint parameters (S,): a normal distribution with correlations.
 
     Serves as continuity where it is known how well, and in which combinations, the last frame was seen.

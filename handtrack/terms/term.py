@@ -1,4 +1,4 @@
-"""What a term is: a cost that speaks in bone twists, or in joint parameters."""
+"""Protocols of terms: costs that answer in bone twists, or in joint parameters."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from handtrack_app.scene.palette import TERMS
 from tests.app.fake_run import fake_document
 
 CORE = Path(handtrack.__file__).parent
-PRIORS = ("GaussianPrior", "LinearPrior", "BellPrior")
+PRIORS = ("GaussianPrior", "LinearPrior", "CorrelatedPrior")
 
 
 def term_names() -> set[str]:

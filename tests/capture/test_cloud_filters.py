@@ -126,7 +126,7 @@ def test_each_points_fate_is_the_filter_that_dropped_it(rng):
     near, far = patch(rng, (0, 0, 0.5), 3_000), patch(rng, (0, 0, 3.0))
     cloud = PointCloud(np.vstack([near, far]))
     chain = CloudFilters(max_points=None)
-    fate, reports = chain.fates(cloud, eyes=EYE)
+    fate, reports = chain.dropped_by(cloud, eyes=EYE)
     assert (fate[len(near) :] == 0).all()
     assert (fate[: len(near)] > 0).all()
     assert [int((fate == k).sum()) for k in range(len(reports))] == [

@@ -141,7 +141,7 @@ def test_parameters_that_are_held_have_no_room(rng):
     where = rng.random(len(start)) < 0.5
     inside = problem.model.clipped(start)
     box = new_box(len(start))
-    fill_box(problem.limits.held(where, inside), inside, box)
+    fill_box(problem.limits.frozen(where, inside), inside, box)
     np.testing.assert_array_equal(box.low[where], inside[where])
     np.testing.assert_array_equal(box.high[where], inside[where])
     bounds = problem.model.bounds(inside)[~where]

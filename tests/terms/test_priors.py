@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.terms.posture import posture_prior
 from tests.derivatives import check_parameter_term
 
@@ -22,10 +22,13 @@ def test_a_standard_deviation_costs_a_half():
 
 def test_a_bell_without_correlations_is_the_plain_prior(rng):
     sigma, x = np.array([0.5, 0.1, 2.0]), rng.normal(size=3)
-    bell, plain = BellPrior(np.ones(3), np.diag(1 / sigma**2)), GaussianPrior(np.ones(3), sigma)
-    assert bell.cost(x) == pytest.approx(plain.cost(x))
-    np.testing.assert_allclose(bell.linearize(x).gradient, plain.linearize(x).gradient)
-    np.testing.assert_allclose(bell.linearize(x).hessian, plain.linearize(x).hessian)
+    correlated, plain = (
+        CorrelatedPrior(np.ones(3), np.diag(1 / sigma**2)),
+        GaussianPrior(np.ones(3), sigma),
+    )
+    assert correlated.cost(x) == pytest.approx(plain.cost(x))
+    np.testing.assert_allclose(correlated.linearize(x).gradient, plain.linearize(x).gradient)
+    np.testing.assert_allclose(correlated.linearize(x).hessian, plain.linearize(x).hessian)
 
 
 def test_a_combination_that_fits_costs_nothing():

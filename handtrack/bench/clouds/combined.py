@@ -1,4 +1,4 @@
-"""Silhouettes, cloud and keypoints alone and together, on recordings of a hand that is not our model's.
+"""Benchmark: joint error from silhouettes, cloud and keypoints, alone and together, on recordings of another hand.
 
 The recordings are those of the contracts' test data (HANDTRACK_DATA). Keypoints are simulated: the true joints with noise.
 """

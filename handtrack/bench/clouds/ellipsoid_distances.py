@@ -1,4 +1,4 @@
-"""How far d1, d2 and d3 of the 2004 paper are from the true distance to an ellipsoid: a table and a map.
+"""Benchmark: errors of the 2004 paper's distances d1, d2, d3 to an ellipsoid, as a table and a map.
 
 `python -m handtrack.bench.clouds.ellipsoid_distances map.png`
 """

@@ -1,4 +1,4 @@
-"""Starts with every finger on its neighbour's place: repaired by descent alone, and with the escape. 2004 paper, section 4.
+"""Benchmark: starts with every finger on its neighbour's place, repaired with and without the lost-finger search.
 
 The palm is a knuckle too far to one side, and each finger is bent as the one is whose place it took: three fingers then fit
 what is seen, one hangs in the air.

@@ -1,4 +1,4 @@
-"""A person's hand size from a recording of a hand that is not our model, and what it does to the error.
+"""Benchmark: a person's hand size fitted to a recording of another hand, and the joint error with it.
 
 Needs the shared test data (HANDTRACK_DATA). Both recordings show the same mesh: the size comes from the first alone.
 """

@@ -1,4 +1,4 @@
-"""Real depth frames of an open hand, each found and fitted by itself: how far cloud and model are apart.
+"""Benchmark: distances between model and cloud on eight real depth frames, each fitted without a first pose.
 
 `handtrack bench sr305` prints the figures; `python -m handtrack.bench.clouds.sr305 FOLDER` also draws the fits. Both need
 the shared test data (HANDTRACK_DATA).

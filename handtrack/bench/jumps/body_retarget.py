@@ -1,4 +1,4 @@
-"""Captured motion of people → body34: how far its joints are from theirs, once their sizes are fitted.
+"""Benchmark: distance between body34's joints and those of captured motion, sizes fitted.
 
 `handtrack bench body_retarget` prints the figures; needs the shared test data (HANDTRACK_DATA).
 """

@@ -1,4 +1,4 @@
-"""The 2003 paper's last experiment (§5.2, Fig. 7): a dance of 4 s before clutter in one camera, by edges and intensity.
+"""Benchmark: a dance before one camera tracked by edges and intensity, as in the 2003 paper's §5.2.
 
 The motion is the Bandai Namco data's in the shared test data (HANDTRACK_DATA); dancer and room are rendered.
 """

@@ -1,4 +1,4 @@
-"""How long 1024 starts of a monocular body take to their minima, beside scipy's least_squares."""
+"""Benchmark: time to polish 1024 starts of a monocular body, beside scipy's least_squares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image joints' residuals and dense Jacobian, compiled row by row: what a general solver is given in the benchmark."""
+"""Compiled residuals and dense Jacobian of image joints, row by row: the reference that a general solver gets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long an interpretation tree of 1024 leaves takes, beside the plain loop over its leaves."""
+"""Benchmark: time of an interpretation tree of 1024 leaves, beside a plain loop over its leaves."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.bench.silhouettes.kernels import alternating_medians
+from handtrack.bench.silhouettes.silhouette_speed import alternating_medians
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import Limits
@@ -118,19 +118,21 @@ def leaves_one_by_one(
     start = tuple(float(x) for x in bones.to_world(chain.start_bone, chain.start_point))
     carrier = [[float(x) for x in row] for row in bones.rotation[chain.carrier]]
     centre = tuple(float(x) for x in camera.centre)
-    rays = camera.rays(camera.project(model.joint_positions(bones)))[chain.end_joints]
-    sights = [tuple(float(x) for x in ray) for ray in rays]
+    directions = camera.rays(camera.project(model.joint_positions(bones)))[chain.end_joints]
+    directions = [tuple(float(x) for x in ray) for ray in directions]
     axes = [
-        [tuple(float(x) for x in chain.axes[h]) for h in chain.hinges(i)] for i in range(len(rays))
+        [tuple(float(x) for x in chain.axes[h]) for h in chain.hinges(i)]
+        for i in range(len(directions))
     ]
     interval = [
-        [tuple(map(float, chain.interval[h])) for h in chain.hinges(i)] for i in range(len(rays))
+        [tuple(map(float, chain.interval[h])) for h in chain.hinges(i)]
+        for i in range(len(directions))
     ]
     leaves = []
-    for sides in itertools.product((-1.0, 1.0), repeat=len(rays)):
+    for sides in itertools.product((-1.0, 1.0), repeat=len(directions)):
         frame, joint, angles = carrier, start, []
         for link, side in enumerate(sides):
-            found = _link(frame, joint, centre, sights[link], side, axes[link], interval[link])
+            found = _link(frame, joint, centre, directions[link], side, axes[link], interval[link])
             if found is None:
                 break
             pair, frame, joint = found
@@ -144,18 +146,18 @@ def _link(
     frame: list[list[float]],
     start: Any,
     centre: Any,
-    sight: Any,
+    ray: Any,
     side: float,
     axes: list[Any],
     interval: list[Any],
 ) -> tuple[list[float], list[list[float]], Vector] | None:
     arm = _minus(start, centre)
-    along = _dot(arm, sight)
+    along = _dot(arm, ray)
     inside = LENGTH_M**2 - (_dot(arm, arm) - along**2)
     if inside < 0:
         return None
     depth = along + side * math.sqrt(inside)
-    end = (centre[0] + depth * sight[0], centre[1] + depth * sight[1], centre[2] + depth * sight[2])
+    end = (centre[0] + depth * ray[0], centre[1] + depth * ray[1], centre[2] + depth * ray[2])
     way = _minus(end, start)
     d = tuple(sum(frame[i][j] * way[i] for i in range(3)) for j in range(3))
     a, b = axes
@@ -218,7 +220,7 @@ def _sorted(leaves: Floats) -> Floats:
 
 
 def _camera() -> Camera:
-    """Return a camera so far off that no flip puts a link out of reach of its line of sight."""
+    """Return a camera so far off that no flip puts a link out of reach of its viewing ray."""
     matrix = np.array([[4000.0, 0.0, 640.0], [0.0, 4000.0, 960.0], [0.0, 0.0, 1.0]])
     pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.9, 12.0])
     return Camera("camera", (1280, 1920), matrix, np.zeros(5), *pose)

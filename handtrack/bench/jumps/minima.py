@@ -1,4 +1,4 @@
-"""Kinematic jumps beside random samplers: Table 1 of the 2003 paper. Run: python -m handtrack.bench.jumps.minima."""
+"""Benchmark: minima found by kinematic jumps and by random samplers, Table 1 of the 2003 paper. Run: python -m handtrack.bench.jumps.minima."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dance seen by one camera as 2D joints: how near the truth one of a few hypotheses is, and the tracker's own choice.
+"""Benchmark: joint error of several hypotheses on a dance that one camera sees as 2D joints.
 
 The motion is the Bandai Namco data's in the shared test data (HANDTRACK_DATA), put on body34 in the dancer's size; that
 body's joints are the truth. `handtrack bench monocular_dance`; `python -m handtrack.bench.jumps.monocular_dance FILE.png` draws.

@@ -1,4 +1,4 @@
-"""Draws docs/figures/body34.png: the body's superquadrics from four sides, dancing, and its ellipsoids.
+"""Draw docs/figures/body34.png: the body's superquadrics from four sides, dancing, and its ellipsoids.
 
 Run: python -m handtrack.bench.pictures.body_picture [FILE]
 """

@@ -1,4 +1,4 @@
-"""Draws the dance as the 2003 paper's Fig. 7 does: images, the model over them, and the pose seen from above.
+"""Draw the dance as the 2003 paper's Fig. 7: images, the model over them, and the pose from above.
 
 Run: python -m handtrack.bench.pictures.dance_picture FILE.png; it tracks first, which takes minutes.
 """

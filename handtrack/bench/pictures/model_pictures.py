@@ -1,4 +1,4 @@
-"""The 2007 paper's Fig. 1, rendered: skeleton, flesh, the projected field of a camera, and all three in one view."""
+"""Draw the 2007 paper's Fig. 1: skeleton, flesh, a camera's projected field, and all three in one view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""matplotlib, where it is installed: the extra `docs`."""
+"""Import matplotlib, which only the extra `docs` installs, and save figures alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A contact sheet: named poses as a viewer sees them, rendered from the model's own flesh."""
+"""Draw a sheet of named poses, rendered from the model's flesh."""
 
 from __future__ import annotations
 

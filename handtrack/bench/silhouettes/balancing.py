@@ -1,4 +1,4 @@
-"""A real person balancing, detected by OpenPose in four cameras: fitted by all of them, and by one with hypotheses.
+"""Benchmark: a real person in four cameras, OpenPose joints, fitted by all of them and by one with hypotheses.
 
 Data: pose2sim_body_4cam of the shared test data (HANDTRACK_DATA). There is no measured truth, and the cameras are some 20 to
 30 mm off (its README): the fit by all four stands for the truth of the single camera. `handtrack bench balancing`.

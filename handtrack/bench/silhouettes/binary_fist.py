@@ -1,4 +1,4 @@
-"""The 2007 paper's second experiment: binary masks of a hand that closes to a fist and opens again.
+"""Benchmark: masks of a hand that closes to a fist and opens, the 2007 paper's second experiment.
 
 Two cameras cannot see the fingers in the fist: the estimate drifts along poses that look alike. Six can.
 """

@@ -1,4 +1,4 @@
-"""The 2007 paper's first experiment: simulated field images of two cameras, and the pose found again from nearby.
+"""Benchmark: poses found again from nearby in simulated field images, the 2007 paper's first experiment.
 
 A perfect model sees its own field images, so the true pose costs nothing; what is measured is from how far it is found.
 """

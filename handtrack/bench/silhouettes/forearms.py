@@ -1,4 +1,4 @@
-"""A hand with an arm of any length, or a sleeve, by masks: with and without a forearm in the model.
+"""Benchmark: joint error with arms of any length or a sleeve, with and without a modelled forearm.
 
 The hand that is seen is another than the one that is tracked: each part is thicker or thinner by 6 %, and the forearm is
 a tapered tube that ends bluntly. First pose and size come from keypoints with 5 mm of noise, as in a session.

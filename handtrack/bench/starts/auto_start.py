@@ -1,4 +1,4 @@
-"""First frames found without a first pose: how many reach the tracked basin, how soon, and how sure they are.
+"""Benchmark: how many first frames the automatic start finds, how fast and how surely.
 
 Needs the shared test data (HANDTRACK_DATA).
 """

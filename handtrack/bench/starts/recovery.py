@@ -1,4 +1,4 @@
-"""A hand that nobody saw for ten frames: how often the tracker is back on it, with jumps and without."""
+"""Benchmark: how often tracking finds a hand again that ten frames did not show, with and without recovery."""
 
 from __future__ import annotations
 

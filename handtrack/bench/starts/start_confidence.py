@@ -1,4 +1,4 @@
-"""Whether the automatic start is as often right as it says: simulated frames of several kinds and gestures."""
+"""Benchmark: the automatic start's stated confidence beside how often it was right, on simulated frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 
 
 @dataclass(frozen=True)
-class Told:
+class StartTrial:
     """What was said of a frame's best pose, and how far off it was."""
 
     kind: str
@@ -33,7 +33,7 @@ class Told:
         return self.error_mm < 1e3 * BASIN_M
 
 
-def told(number: int, seed: int = SEED) -> Told:
+def start_trial(number: int, seed: int = SEED) -> StartTrial:
     """Return how the search of one simulated frame went."""
     frame = start_frame(seed, number)
     models = [load_model(forearm=arm) for arm in (False, True)]
@@ -41,14 +41,14 @@ def told(number: int, seed: int = SEED) -> Told:
     found = auto_start(models, TrackerSettings(), frame.seen)
     seconds = time.process_time() - begin
     if not found:
-        return Told(frame.kind, 0.0, np.inf, seconds)
+        return StartTrial(frame.kind, 0.0, np.inf, seconds)
     best = found[0]
     off = best.model.keypoints21(best.model.bones(best.params)) - frame.joints
     error = 1e3 * float(np.linalg.norm(off, axis=1).mean())
-    return Told(frame.kind, best.confidence, error, seconds)
+    return StartTrial(frame.kind, best.confidence, error, seconds)
 
 
-def reliability(rows: Sequence[Told]) -> dict[str, float | str]:
+def reliability(rows: Sequence[StartTrial]) -> dict[str, float | str]:
     """Return for each stretch of confidence how many frames, what was said and what was so; Brier's score."""
     said = np.array([row.confidence for row in rows])
     right = np.array([row.is_right for row in rows], float)
@@ -72,4 +72,4 @@ def reliability(rows: Sequence[Told]) -> dict[str, float | str]:
 
 def start_confidence(frames: int = FRAMES) -> dict[str, float | str]:
     """Return how sure the automatic start was of simulated frames, and how often it was right."""
-    return reliability([told(number) for number in range(frames)])
+    return reliability([start_trial(number) for number in range(frames)])

@@ -1,4 +1,4 @@
-"""Point clouds from files: .ply and .npz → metres, what cannot be used left out and said."""
+"""Read point clouds from .ply and .npz files in metres, leaving out unusable points with a note."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which points of a cloud are the hand: each filter a pure function points → keep, and their chain.
+"""Filters that keep the hand's points of a cloud: pure functions points → keep, and their chain.
 
 After the point cloud paper, §2.3: distance to the previous hand, skin ellipse; and mission B4.
 Every filter is deterministic.
@@ -83,10 +83,10 @@ class CloudFilters:
         hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
-        fate, reports = self.fates(cloud, hand_distance, eyes)
+        fate, reports = self.dropped_by(cloud, hand_distance, eyes)
         return cloud.select(fate == len(reports)), reports
 
-    def fates(
+    def dropped_by(
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
@@ -121,12 +121,12 @@ class CloudFilters:
 
         near, far = self.near_m or 0.0, self.far_m or np.inf
         ranged = eyes is not None and (self.near_m or self.far_m)
-        sight = eyes if eyes is not None else np.zeros((1, 3))
+        centres = eyes if eyes is not None else np.zeros((1, 3))
         add(
             ranged,
             "range",
             f"{near:g} to {far:g} m from a camera",
-            lambda c: within_range(c.points, sight, near, far),
+            lambda c: within_range(c.points, centres, near, far),
         )
         crop, distance = self.crop_m, hand_distance
         if crop is not None and distance is not None:
@@ -152,7 +152,7 @@ class CloudFilters:
             nearest,
             "component",
             f"the part nearest to a camera{reach}",
-            lambda c: nearest_part(c.points, sight, front),
+            lambda c: nearest_part(c.points, centres, front),
         )
         voxel = self.voxel_m
         if voxel is not None:

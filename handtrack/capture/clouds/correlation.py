@@ -1,5 +1,4 @@
-"""Disparity by plain correlation, as the point cloud paper does it: zero-mean normalised
-cross-correlation of square windows, the best one taken, between pixels by a parabola."""
+"""Disparity by zero-mean normalised cross-correlation of square windows, as in the 2004 paper."""
 
 from __future__ import annotations
 

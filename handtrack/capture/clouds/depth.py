@@ -1,4 +1,4 @@
-"""Depth images → clouds: lens undone, flying pixels and grazing surfaces left out."""
+"""Depth images → point clouds, without lens distortion, flying pixels and grazing surfaces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DepthSettings:
     """
 
     grazing_deg: float = 80.0
-    """angle between line of sight and surface normal from which on a surface does not count."""
+    """angle between viewing ray and surface normal from which on a surface does not count."""
     jump_share: float = 0.008
     """steps that noise may make, as a share of the depth: 4 mm at 0.5 m."""
     support: int = 4

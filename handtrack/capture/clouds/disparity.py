@@ -1,4 +1,4 @@
-"""Disparity of rectified pairs: two methods, and the checks that both pass through."""
+"""Disparity of rectified pairs by two methods, with the checks that both pass through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Point clouds as .ply: ascii and binary in, binary little endian out.
+"""Read and write point clouds as .ply: ascii and binary in, binary little endian out.
 
 An own reader, since trimesh reads a file whole and several times over: here a file of ten million
 points costs no more memory than the part of it that is kept.

@@ -1,4 +1,4 @@
-"""A cloud of measured points, as frozen data: what depth, stereo and cloud files give."""
+"""PointCloud: measured points with colours, as frozen data."""
 
 from __future__ import annotations
 

@@ -98,17 +98,17 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
             f"{who}: their centres are {baseline * 1e3:.3g} mm apart, so there is no stereo in "
             "them. Check the translations in the calibration, and world_unit_m."
         )
-    sights = first.rotation[2], second.rotation[2]
-    if sights[0] @ sights[1] < _LEAST_CROSSING_COS:
-        angle = np.degrees(np.arccos(np.clip(sights[0] @ sights[1], -1, 1)))
+    axes = first.rotation[2], second.rotation[2]
+    if axes[0] @ axes[1] < _LEAST_CROSSING_COS:
+        angle = np.degrees(np.arccos(np.clip(axes[0] @ axes[1], -1, 1)))
         raise HandtrackError(
             f"{who} look in directions {angle:.0f} degrees apart; matching needs less than 70. "
             "Choose neighbouring cameras as the pair, or use their silhouettes."
         )
     x = line / baseline
-    sight = sights[0] + sights[1]
-    ahead = sight - (sight @ x) * x
-    if np.linalg.norm(ahead) < 0.2 * np.linalg.norm(sight):
+    axis = axes[0] + axes[1]
+    ahead = axis - (axis @ x) * x
+    if np.linalg.norm(ahead) < 0.2 * np.linalg.norm(axis):
         raise HandtrackError(
             f"{who} look along the line between them; matching needs them beside each other."
         )

@@ -1,4 +1,4 @@
-"""Skin as an ellipse in (r, g) chromaticity, fitted from samples; its size is the threshold.
+"""SkinEllipse: skin colour as an ellipse in (r, g) chromaticity, fitted from samples.
 
 r = R / (R + G + B), g = G / (R + G + B): brightness drops out. After the point cloud paper, §2.3.
 """

@@ -1,4 +1,4 @@
-"""Why a pair does not match: images exchanged, a wrong calibration, the wrong range."""
+"""Check why a stereo pair does not match: exchanged images, a wrong calibration, a wrong range."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was odd about single frames, told in few sentences however many frames there are."""
+"""FrameNotes: collects remarks about single frames and words them in few sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera gave for each frame: numbered image files here, videos in `video.py`.
+"""FrameSource, what a camera gave for each frame, and its numbered image files (videos: `video.py`).
 
 A miss is a value, None.
 """

@@ -1,4 +1,4 @@
-"""2D joints as OpenPose writes them: one JSON file a frame, several people in it."""
+"""Read 2D joints from OpenPose's JSON files, one a frame, several people in it."""
 
 from __future__ import annotations
 

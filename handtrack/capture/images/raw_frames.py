@@ -1,4 +1,4 @@
-"""Raw Bayer mosaics in numbered files, given as colour images: one more kind of camera image."""
+"""Read numbered files of raw Bayer mosaics as colour images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether two cameras' frames of equal number show the same moment, told from what moves.
+"""Estimate by how many frames one camera's recording is late against another's, from what moves.
 
 A point in space lies in one plane through both cameras' centres. However the cameras stand, what moves at an angle of that
 plane around the line between them moves at the same angle in the other's picture, at the same time.
@@ -73,8 +73,8 @@ def plane_angles(camera: Camera, other: Camera, pixels: Floats) -> Floats:
     if length < _LEAST_APART_M:
         return np.full(pixels.shape[:-1], np.nan)
     line = line / length
-    sight = first.rotation[2] + second.rotation[2]
-    ahead = sight - (sight @ line) * line
+    axis = first.rotation[2] + second.rotation[2]
+    ahead = axis - (axis @ line) * line
     if np.linalg.norm(ahead) < 1e-6:  # they look at each other
         ahead = np.cross(line, first.rotation[0])
     ahead = ahead / np.linalg.norm(ahead)

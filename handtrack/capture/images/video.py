@@ -1,4 +1,4 @@
-"""Videos by decode index, exact at random access, without holding the recording in memory.
+"""Read videos by decode index, exact at random access, without holding the recording in memory.
 
 What a container says about its frames is not trusted: the number of frames is counted by decoding
 once, and a seek is used only where it is proven, by time stamp and by content, to have arrived

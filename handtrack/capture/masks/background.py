@@ -1,4 +1,4 @@
-"""Hand = what differs from the background, which is learned from frames of the recording itself."""
+"""Mask methods that learn the background from the recording's own frames: median and MOG2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every mask method ends with: the region of interest, an opening, the largest component."""
+"""Last steps of every mask method: region of interest, opening, largest component."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Image → mask: the methods that session.toml may name, their settings, and how they are read and
-written."""
+"""Mask methods by fixed skin colour and by depth, and the table of all methods that session.toml may name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Skin by its own colour in this recording: an ellipse of chromaticity fitted to a sample of it."""
+"""Mask method by skin colour learned from a sample of this recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The merged surface of ellipsoids on bones: signed distance, gradient, and who is linked with whom.
+"""MetaballSurface: ellipsoids merged into one surface, its signed distance and gradient.
 
 2004 paper, sections 3.2 and 3.3. Mathematics: docs/derivations/clouds.md.
 """

@@ -1,4 +1,4 @@
-"""The surface of a whole model that a camera can see."""
+"""The mesh of a whole model as a camera can see it: metaball surface or superquadrics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The meshes of all parts of a model together, each part fixed to its bone: what a camera can see of it."""
+"""PartMesh: one mesh of all parts of a model, each part fixed to its bone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh of the merged surface, exactly the one that the solver sees, with each vertex bound to a bone."""
+"""Triangle mesh of the merged metaball surface, each vertex bound to a bone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Eight real depth frames of an open hand before a body: the points that are the hand, from depth alone."""
+"""Read eight real depth frames of an open hand and pick the hand's points from depth alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A person seen from the front by one camera, joints only: the scene of the 2003 paper's Table 1."""
+"""Scene of the 2003 paper's Table 1: a person seen from the front by one camera, joints only."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def front_camera() -> Camera:
 def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats:
     """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
 
-    Each link of arms and legs is 30° to 64° off the plane across its line of sight (sine between `flat` and `steep`): a
-    link in that plane has no flip, one along the line of sight no direction. Trunk, head and shoulders are near rest. No part passes
+    Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a
+    link in that plane has no flip, one along the viewing ray no direction. Trunk, head and shoulders are near rest. No part passes
     through another.
     """
     model = body()
@@ -128,9 +128,9 @@ def _hold(
     while True:
         params[own] = low + (high - low) * rng.uniform(0.1, 0.9, size=len(own))
         points = model.joint_positions(model.bones(params))[joints]
-        link, sight = np.diff(points, axis=0), points[:-1] - centre
-        along = np.abs((link * sight).sum(axis=1))
-        leaves = along / (np.linalg.norm(link, axis=1) * np.linalg.norm(sight, axis=1))
+        link, ray = np.diff(points, axis=0), points[:-1] - centre
+        along = np.abs((link * ray).sum(axis=1))
+        leaves = along / (np.linalg.norm(link, axis=1) * np.linalg.norm(ray, axis=1))
         if leaves.min() > flat and leaves.max() < steep:
             return
 

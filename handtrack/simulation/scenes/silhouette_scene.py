@@ -1,4 +1,4 @@
-"""The scene that silhouette benchmarks share: three cameras, one hand, a start some millimetres and degrees off."""
+"""Scene of the silhouette benchmarks: three cameras, one hand, a start some millimetres and degrees off."""
 
 from __future__ import annotations
 

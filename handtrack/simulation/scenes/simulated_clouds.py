@@ -1,4 +1,4 @@
-"""What a simulated depth sensor measures of a known motion: good, noisy, or as poor as in the 2004 paper's first experiment."""
+"""Simulated depth sensors over a known motion: good, noisy, or as poor as in the 2004 paper's first experiment."""
 
 from __future__ import annotations
 

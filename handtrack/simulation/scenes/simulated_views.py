@@ -1,4 +1,4 @@
-"""What simulated cameras see of a known pose: field images as in the 2007 paper's first experiment, and masks."""
+"""Simulated camera images of a known pose: the 2007 paper's field images, and masks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated first frames: hands that are not the model's, turned anyhow, seen in several ways, with what may go wrong."""
+"""Simulated first frames of hands that are not the model's, any turn, several kinds of evidence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""E2: no part of the model lies where the cloud is empty. 2004 paper, section 4; docs/derivations/clouds.md."""
+"""E2: the model's visible surface lies near the cloud. 2004 paper, section 4; docs/derivations/clouds.md."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.loss import Loss, Quadratic
 
 GRAZING = 0.25
-"""cosine between normal and line of sight below which a surface is seen too flatly to be asked for"""
+"""cosine between normal and viewing ray below which a surface is seen too flatly to be asked for"""
 CELL, DEPTH_STEP = 0.006, 0.012
 """[m] of the depth picture in which model points hide each other"""
 
@@ -75,9 +75,9 @@ class CloudEmptinessTerm(CompiledTerm):
         low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
         distances = distance_map(cloud, low, high, spacing_m, most_voxels)
         nothing = np.empty(0, np.int64), np.empty((0, 3))
-        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).asking(mesh, views)
+        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(mesh, views)
 
-    def asking(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
+    def for_mesh(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
         """Return the term of the same cloud for another mesh of the model."""
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
@@ -133,8 +133,8 @@ def seen_from(points: Floats, normals: Floats, views: Sequence[Floats]) -> Array
 
 
 def _faces(points: Floats, normals: Floats, centre: Floats) -> Array:
-    sight = centre - points
-    return (normals * sight).sum(axis=1) > GRAZING * np.linalg.norm(sight, axis=1)
+    ray = centre - points
+    return (normals * ray).sum(axis=1) > GRAZING * np.linalg.norm(ray, axis=1)
 
 
 def _in_front(points: Floats, centre: Floats) -> Array:

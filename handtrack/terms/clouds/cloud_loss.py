@@ -1,4 +1,4 @@
-"""Losses of cloud terms: which of them are compiled, and the class of outliers."""
+"""Losses of cloud terms: which are compiled, and the outlier class."""
 
 from __future__ import annotations
 

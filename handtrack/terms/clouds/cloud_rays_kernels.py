@@ -1,4 +1,4 @@
-"""Compiled sums of a cloud's lines of sight against ellipsoids. The plain form: tests/terms/cloud_rays_reference.py."""
+"""Compiled sums of a cloud's viewing rays against ellipsoids. The plain form: tests/terms/cloud_rays_reference.py."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def rays_system(
     centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, want_system, gradient,
     hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the lines of sight to gradient (6B,) and hessian (6B, 6B); returns their cost.
+    """Add the viewing rays to gradient (6B,) and hessian (6B, 6B); returns their cost.
 
     rays: (N, 3) unit; depth: (N,) where the points are along them [m]; beside, along: sigmas [m]; robust, outlier: scales
     of the two losses.

@@ -1,4 +1,4 @@
-"""How far every place near the hand is from the cloud: a grid of distances, once a frame."""
+"""Grid of distances to the cloud around the hand, made once a frame."""
 
 from __future__ import annotations
 

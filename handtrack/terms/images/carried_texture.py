@@ -1,4 +1,4 @@
-"""The model's texture, carried from an earlier frame's pose and looked for in this one's image. 2003 paper, section 2."""
+"""Intensity term: the surface's texture of an earlier frame looked for in this frame's image. 2003 paper, section 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera sees of a model: at every pixel the nearest face and how far it is."""
+"""Depth picture of a model in a camera: at every pixel the nearest face and its distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edges of an image near a predicted outline: the places along each normal where brightness changes most."""
+"""Find image edges along the normals of a predicted outline."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def outline_points(
 
     A piece is seen where the part is in front, and what shows beside it is further away by `step_m` at least: where
     parts of one limb meet, nothing is to be seen. On a face whose corners look partly to the camera and partly away
-    the contour runs between the points of its edges where the normal is across the line of sight.
+    the contour runs between the points of its edges where the normal is across the viewing ray.
     """
     camera = picture.camera
     points, normals = mesh.carried(bones)
@@ -99,7 +99,7 @@ def _between(values: Floats, towards: Floats, pair: Pair) -> Floats:
 def _image_normals(camera: Camera, points: Floats, normals: Floats) -> Floats:
     """Return unit (N, 2) the directions in the image in which the surface ends.
 
-    On the contour the normal is across the line of sight; moving along it moves the point across the contour.
+    On the contour the normal is across the viewing ray; moving along it moves the point across the contour.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         moved = np.einsum("nij,nj->ni", camera.project_jacobian(points), normals)

@@ -1,4 +1,4 @@
-"""Edges of the image on the model's outline: robust, normalised, no silhouette needed. 2003 paper, section 2."""
+"""Edge term: image edges lie on the model's outline; robust, normalised, without masks. 2003 paper, section 2."""
 
 from __future__ import annotations
 

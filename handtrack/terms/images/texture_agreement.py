@@ -1,4 +1,4 @@
-"""Which points of a texture contradict what is known of the surface: a limb that has slipped learns the background."""
+"""Find points of a carried texture that contradict what is known of the surface."""
 
 from __future__ import annotations
 

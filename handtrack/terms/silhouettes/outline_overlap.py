@@ -1,4 +1,4 @@
-"""How well the model's outline covers the mask, per camera: what tells a lost hand from a tracked one."""
+"""Overlap of the model's outline with the mask, per camera."""
 
 from __future__ import annotations
 

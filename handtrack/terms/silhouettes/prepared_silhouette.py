@@ -1,4 +1,4 @@
-"""What a silhouette needs once a frame, whatever terms look at it: sums of the observation along its rows."""
+"""Prefix sums of a mask along its rows, made once a frame and shared by the silhouette terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Silhouettes against a field painted by ellipsoids: what ConicFieldTerm and CoverageTerm share."""
+"""Common base of ConicFieldTerm and CoverageTerm: a field painted by ellipsoids against a mask."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, Ints
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -29,7 +29,7 @@ def pulled(
     information[np.ix_(others, others)] = np.linalg.inv(inner)
     back = np.linalg.pinv(model.transform.matrix)
     information = back.T @ (0.5 * (information + information.T)) @ back
-    prior = BellPrior(model.joint_params(belief.mean), information)
+    prior = CorrelatedPrior(model.joint_params(belief.mean), information)
     return replace(terms, priors=(*without_memory(terms).priors, prior))
 
 

@@ -73,7 +73,7 @@ class SeenCloud:
         if self.emptiness is None:
             return self
         mesh = surface_mesh(MetaballSurface.of(model), bones)
-        term = _hand_only(self.emptiness.asking(mesh, self.views), model)
+        term = _hand_only(self.emptiness.for_mesh(mesh, self.views), model)
         return replace(self, emptiness=term, length=model.skeleton.length)
 
 

@@ -1,4 +1,4 @@
-"""How long one Gauss-Newton iteration on silhouettes takes, beside BLAS on the Jacobian that it never forms."""
+"""Benchmark: time of one Gauss-Newton iteration on silhouettes, beside BLAS on the dense Jacobian."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL",
 
 def silhouette_iteration_vs_blas() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is; in a process of its own with one thread."""
-    command = [sys.executable, "-m", "handtrack.bench.silhouettes.kernels"]
+    command = [sys.executable, "-m", "handtrack.bench.silhouettes.silhouette_speed"]
     done = subprocess.run(
         command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
     )

@@ -1,4 +1,4 @@
-"""E1's residuals and dense Jacobian, compiled point by point: what a general solver is given in the benchmark."""
+"""Compiled residuals and dense Jacobian of E1, point by point: the reference that a general solver gets."""
 
 from __future__ import annotations
 

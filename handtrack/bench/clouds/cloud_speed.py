@@ -1,4 +1,4 @@
-"""How long a step on a point cloud takes, beside BLAS on the Jacobian that it never forms, and beside scipy."""
+"""Benchmark: time of a step on a point cloud, beside BLAS on the dense Jacobian and beside scipy."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from handtrack.arrays import Floats
-from handtrack.bench.clouds.clouds_kernels import dense_rows
-from handtrack.bench.silhouettes.kernels import alternating_medians
+from handtrack.bench.clouds.dense_rows_kernels import dense_rows
+from handtrack.bench.silhouettes.silhouette_speed import alternating_medians
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -269,7 +269,7 @@ class _ReachedError(Exception):
 
 
 def _alone(what: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "handtrack.bench.clouds.kernels", what]
+    command = [sys.executable, "-m", "handtrack.bench.clouds.cloud_speed", what]
     done = subprocess.run(
         command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
     )
