@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack.bench import figures, jump_figures
+from handtrack.bench.pictures import figures, jump_figures
 from handtrack.bench.pictures.model_pictures import model_pictures, segments
 from handtrack.bench.pictures.plotting import saved
 from handtrack.errors import HandtrackError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from handtrack.capture import cloud_files
+from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds.cloud_files import read_cloud, write_cloud
 from handtrack.capture.clouds.ply import read_ply, spread_part
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud

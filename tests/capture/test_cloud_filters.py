@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.capture import cloud_filters as filters
+from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud, merged
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
