@@ -33,7 +33,7 @@ def field_image(
     width, height = camera.size
     image = np.zeros((height, width))
     shape = shape_matrix(flesh.rotation, flesh.radii)
-    dual = dual_conic(camera.projection, flesh.centre, shape).value
+    dual = dual_conic(camera.projection, flesh.centre, shape)
     seen = is_ellipse(camera.projection, flesh.centre, shape)
     centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
     seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)

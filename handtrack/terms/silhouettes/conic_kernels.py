@@ -1,6 +1,6 @@
 """Compiled geometry of one ellipsoid in one camera: its ellipse, the ellipse's twist derivative, and Aᵀ M A.
 
-The plain form is geometry/quadric.py. Pixels are counted from the ellipse's own origin (u0, v0), a whole pixel.
+The plain form is tests/terms/conic_field_reference.py. Pixels are counted from the ellipse's own origin (u0, v0), a whole pixel.
 """
 
 from __future__ import annotations
