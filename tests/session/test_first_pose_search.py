@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.first_pose import first_pose_search
 from handtrack.session.bundled import bundled_session
+from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses, spread_order

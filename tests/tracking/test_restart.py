@@ -16,9 +16,9 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search import restart
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search import restart
 from handtrack.tracking.search.evidence.start_shapes import shape_of
 from handtrack.tracking.search.finger_flips import finger_flips
 from handtrack.tracking.search.laid_shapes import Laid
