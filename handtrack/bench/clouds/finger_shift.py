@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import joint_error_mm
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -92,7 +93,7 @@ def repair(seed: int, seen: str) -> Repair:
     far = tracker._problem(terms, 0, alone)
     near = tracker._problem(terms, terms.stages - 1, alone)
     escaped = escape(far, near.cost, alone, descend)
-    errors = (_error_mm(model, x, truth) for x in (start, alone, escaped))
+    errors = (joint_error_mm(model, x, truth) for x in (start, alone, escaped))
     costs = (near.cost(x) for x in (alone, escaped, descend(truth)))
     return Repair(*errors, *costs)
 
@@ -131,8 +132,3 @@ def _seen(
     points, _ = sample_surface(MetaballSurface.of(model), model.bones(truth), _POINTS, rng)
     noisy = points + _NOISE_M * rng.normal(size=points.shape)
     return Observation(0, 0.0, cloud=PointCloud(noisy))
-
-
-def _error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:
-    found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
-    return 1e3 * float(np.linalg.norm(found - true, axis=1).mean())

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handtrack.bench.measuring import mean_mm, recording
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.scenes.depth_hand import data_folder
 
 FRAMES: dict[str, Sequence[int]] = {
     "webxr_open_close_3cam": (0, 9, 18, 27, 45, 54, 63, 72, 81, 99),
@@ -55,8 +55,7 @@ def searched(session: Session, frames: Sequence[int]) -> list[Start]:
             continue
         best = found[0]
         points = best.model.keypoints21(best.model.bones(best.params))
-        off = points - session.truth.keypoints21[rows[frame]]
-        error = 1e3 * float(np.linalg.norm(off, axis=1).mean())
+        error = mean_mm(points, session.truth.keypoints21[rows[frame]])
         starts.append(Start(error, seconds, best.confidence))
     return starts
 
@@ -67,7 +66,7 @@ def auto_start() -> dict[str, float | str]:
         "bar": "≥ 18 of 20 frames of 3 and 6 cameras within 12 mm, ≤ 5 s each; same for stereo and depth"
     }
     for name, frames in FRAMES.items():
-        starts = searched(Session.open(data_folder() / "sessions" / name), frames)
+        starts = searched(recording(name), frames)
         errors = np.array([start.error_mm for start in starts])
         figures |= {
             f"{name}_found": f"{int((errors <= BASIN_MM).sum())} of {len(frames)}",

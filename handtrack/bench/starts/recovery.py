@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 SEEN_BEFORE, BLANK, SEEN_AFTER = 8, 10, 6
 CAMERAS, BACK_MM = 3, 15.0
@@ -57,18 +55,16 @@ def gap_run(seed: int, jumps: bool) -> Gap:
     rig = simulated_rig(CAMERAS, (640, 480))
     blank = range(SEEN_BEFORE, SEEN_BEFORE + BLANK)
 
-    def observe(frame: int, _: object) -> Observation:
-        if frame in blank:
-            return Observation(frame, frame / 25.0)
-        return mask_views(filmed, poses[frame], rig.cameras, frame)
-
-    settings = TrackerSettings().with_values({"tracker.jumps": jumps})
-    results = list(track_frames(Tracker(model, settings), observe, 0, poses[0], range(count)))
+    seen = [
+        Observation(i, i / 25.0) if i in blank else mask_views(filmed, pose, rig.cameras, i)
+        for i, pose in enumerate(poses)
+    ]
+    results = tracked(model, {"tracker.jumps": jumps}, seen, poses[0])
     truth = np.stack([filmed.joint_positions(filmed.bones(x)) for x in poses])
     found = np.stack([r.joint_positions for r in results])
     error = 1e3 * np.linalg.norm(found - truth, axis=2).mean(axis=1)
-    moved = 1e3 * np.linalg.norm(truth[blank.stop] - truth[blank.start - 1], axis=1).mean()
-    return Gap(float(moved), error[blank.stop :])
+    moved = mean_mm(truth[blank.stop], truth[blank.start - 1])
+    return Gap(moved, error[blank.stop :])
 
 
 def recovery(seeds: int = 50) -> dict[str, float | str]:
