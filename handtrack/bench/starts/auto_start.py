@@ -40,24 +40,25 @@ class Start:
 
 def searched(session: Session, frames: Sequence[int]) -> list[Start]:
     """Return how the search went in frames of a session with truth; the hand's size is the adults' mean."""
-    assert session.truth is not None and session.truth.keypoints21 is not None
     run = TrackingRun.open(session, use_init=False)
-    rows = {int(frame): row for row, frame in enumerate(session.truth.frame)}
     find_first_poses(run, frames[0])  # compiles
-    starts = []
-    for frame in frames:
-        run.seen(frame)  # what is read and computed of a frame is kept
-        begin = time.process_time()
-        found = find_first_poses(run, frame)
-        seconds = time.process_time() - begin
-        if not found:
-            starts.append(Start(np.inf, seconds, 0.0))
-            continue
-        best = found[0]
-        points = best.model.keypoints21(best.model.bones(best.params))
-        error = mean_mm(points, session.truth.keypoints21[rows[frame]])
-        starts.append(Start(error, seconds, best.confidence))
-    return starts
+    return [search(run, frame) for frame in frames]
+
+
+def search(run: TrackingRun, frame: int) -> Start:
+    """Return how the search went in one frame."""
+    truth = run.session.truth
+    assert truth is not None and truth.keypoints21 is not None
+    run.seen(frame)  # what is read and computed of a frame is kept
+    begin = time.process_time()
+    found = find_first_poses(run, frame)
+    seconds = time.process_time() - begin
+    if not found:
+        return Start(np.inf, seconds, 0.0)
+    best = found[0]
+    points = best.model.keypoints21(best.model.bones(best.params))
+    row = int(np.flatnonzero(truth.frame == frame)[0])
+    return Start(mean_mm(points, truth.keypoints21[row]), seconds, best.confidence)
 
 
 def auto_start() -> dict[str, float | str]:

@@ -174,11 +174,11 @@ def _check_side(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
     if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
         return
     other = "left" if given == "right" else "right"
-    off = {side: _off_m(xyz, side) for side in (given, other)}
-    if off[given] > _OTHER_OFF_M and off[other] < _OTHER_SHARE * off[given]:
+    off = _off_m(xyz, given)
+    if off > _OTHER_OFF_M and (off_other := _off_m(xyz, other)) < _OTHER_SHARE * off:
         yield warning(
-            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off[other]:.1f} mm, a {given} one to "
-            f'{1e3 * off[given]:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
+            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off_other:.1f} mm, a {given} one to "
+            f'{1e3 * off:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
             "look at the order of cameras, and at the signs of axes."
         )
 
