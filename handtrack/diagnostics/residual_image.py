@@ -20,7 +20,6 @@ from handtrack.terms.silhouettes.coverage import CoverageTerm
 MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)
 OUTLINE = (255, 194, 10)
-_NEUTRAL = (247, 247, 247)
 
 
 def field_image(
@@ -33,7 +32,7 @@ def field_image(
     width, height = camera.size
     image = np.zeros((height, width))
     shape = shape_matrix(flesh.rotation, flesh.radii)
-    dual = dual_conic(camera.projection, flesh.centre, shape).value
+    dual = dual_conic(camera.projection, flesh.centre, shape)
     seen = is_ellipse(camera.projection, flesh.centre, shape)
     centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
     seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)
@@ -72,13 +71,6 @@ def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: Bone
 def residual_image(predicted: Floats, mask: Array) -> Floats:
     """Return P − Z (H, W) for Z = −mask: negative where only the model is, positive where only the mask is."""
     return predicted + mask
-
-
-def residual_colors(residual: Floats, scale: float = 1.0) -> Bytes:
-    """Return (H, W, 3) RGB: blue at −scale, near white at 0, orange at +scale."""
-    share = np.clip(np.nan_to_num(residual) / scale, -1.0, 1.0)[..., None]
-    end = np.where(share < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
-    return np.rint(_NEUTRAL + np.abs(share) * (end - _NEUTRAL)).astype(np.uint8)
 
 
 def residual_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids, mask: Array) -> Bytes:

@@ -1,4 +1,4 @@
-"""Hypotheses of one frame: merge near-equal ones, rank, prune."""
+"""Hypotheses of one frame: near-equal ones merged and ranked."""
 
 from __future__ import annotations
 
@@ -81,18 +81,3 @@ def merged(
 def ranked(hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     """Return the hypotheses by falling weight, equal ones by rising cost."""
     return tuple(sorted(hypotheses, key=lambda h: (-h.weight, h.cost)))
-
-
-def pruned(
-    hypotheses: Sequence[Hypothesis], most: int, least_weight: float = 0.0
-) -> tuple[Hypothesis, ...]:
-    """Return the `most` heaviest hypotheses, none lighter than `least_weight`, with weights that sum to one.
-
-    The heaviest always stays.
-    """
-    first = ranked(hypotheses)[:most]
-    kept = [h for n, h in enumerate(first) if n == 0 or h.weight >= least_weight]
-    total = sum(h.weight for h in kept)
-    if not total > 0.0:
-        return tuple(replace(h, weight=1.0 / len(kept)) for h in kept)
-    return tuple(replace(h, weight=h.weight / total) for h in kept)

@@ -12,8 +12,9 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.collision_kernels import collision_system, overlaps, shape_matrices
+from handtrack.terms.collision_kernels import collision_system, overlaps
 from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.ellipsoid_kernels import posed_shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ def colliding_pairs(model: ArticulatedModel, flesh: Ellipsoids, slack_m: float =
 
 def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
     place, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
-    shape_matrices(
+    posed_shapes(
         bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, place, shape
     )  # fmt: skip
     found = np.empty(len(pairs))

@@ -5,32 +5,11 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from handtrack.terms.ellipsoid_kernels import posed_shapes
+
 _STEPS = 30
 _DONE = 1e-20
 """squared tangential step [rad²] at which a direction is found"""
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def shape_matrices(
-    rotation, position, bone, centre, turn, radii, place, shape
-):  # pragma: no cover - compiled
-    """Fill place (E, 3) and shape (E, 3, 3) = R diag(r²) Rᵀ with the ellipsoids where the bones have carried them."""
-    axes = np.empty((3, 3))
-    for e in range(bone.shape[0]):
-        b = bone[e]
-        for i in range(3):
-            place[e, i] = position[b, i]
-            for k in range(3):
-                place[e, i] += rotation[b, i, k] * centre[e, k]
-                axes[i, k] = 0.0
-                for j in range(3):
-                    axes[i, k] += rotation[b, i, j] * turn[e, j, k]
-                axes[i, k] *= radii[e, k]
-        for i in range(3):
-            for j in range(3):
-                shape[e, i, j] = (
-                    axes[i, 0] * axes[j, 0] + axes[i, 1] * axes[j, 1] + axes[i, 2] * axes[j, 2]
-                )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -238,7 +217,7 @@ def collision_system(
     """Add the pairs' overlaps to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ r²."""
     count = bone.shape[0]
     place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
-    shape_matrices(rotation, position, bone, centre, turn, radii, place, shape)
+    posed_shapes(rotation, position, bone, centre, turn, radii, place, shape)
     for e in range(count):
         reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
     start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)

@@ -209,14 +209,5 @@ def add_run(moments, k, powers, a, b, heights, y, sums, row, za, zb):  # pragma:
     """Add to moments[k] a run: rows a and b of `powers`, row y of `heights`, columns za and zb of a row of `sums`."""
     line = row * sums.shape[1]
     _add_sums(
-        moments,
-        k * MOMENTS,
-        powers,
-        a * 8,
-        b * 8,
-        heights,
-        y * MOMENTS,
-        sums,
-        (line + za) * 4,
-        (line + zb) * 4,
-    )
+        moments, k * MOMENTS, powers, a * 8, b * 8, heights, y * MOMENTS, sums, (line + za) * 4, (line + zb) * 4
+    )  # fmt: skip

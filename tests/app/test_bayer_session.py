@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.images.bayer import mosaic_of
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from tests.app.command_line import CommandLine, refused
+from tests.capture.demosaicing_quality import mosaic_of
 from tests.session.small_session import edit
 
 FRAMES = 3

@@ -17,9 +17,15 @@ def six():
     return scene(6, 100, SIZE, CLOSING)
 
 
-def test_six_cameras_see_the_hand_close(six):
+@pytest.fixture(scope="module")
+def papers(six):
+    """The paper's term on the same frames."""
+    return track(six, MODES["conic_field"])
+
+
+def test_six_cameras_see_the_hand_close(six, papers):
     """The bars: median at most 0.5 mm, and a fifth of the paper's."""
-    ours, theirs = (track(six, MODES[mode]) for mode in ("coverage", "conic_field"))
+    ours, theirs = track(six, MODES["coverage"]), papers
     assert np.median(ours.error_mm) < 0.25  # measured 0.16 mm (0.07 at 640 × 480, all frames)
     assert ours.error_mm.max() < 0.5  # measured 0.31 mm
     assert np.median(ours.error_mm) < np.median(theirs.error_mm) / 20  # measured 1/38
@@ -28,9 +34,9 @@ def test_six_cameras_see_the_hand_close(six):
     assert {r.status for r in ours.results} == {Status.TRACKED}
 
 
-def test_the_papers_loop_with_our_term_holds_the_bars_too(six):
+def test_the_papers_loop_with_our_term_holds_the_bars_too(six, papers):
     """Ten iterations, no priors: the term alone makes the difference."""
-    ours, theirs = (track(six, MODES[mode]) for mode in ("coverage_paper_loop", "conic_field"))
+    ours, theirs = track(six, MODES["coverage_paper_loop"]), papers
     assert np.median(ours.error_mm) < 0.25  # measured 0.17 mm
     assert np.median(ours.error_mm) < np.median(theirs.error_mm) / 5
 

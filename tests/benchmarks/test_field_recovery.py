@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from handtrack.bench.measuring import joint_error_mm
 from handtrack.bench.silhouettes.field_recovery import (
     CONVERGED_MM,
     field_recovery,
     follow,
-    joint_error_mm,
     recover,
 )
 from handtrack.model.model_file import load_model

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack.bench import figures, jump_figures
+from handtrack.bench.pictures import figures, jump_figures
 from handtrack.bench.pictures.model_pictures import model_pictures, segments
 from handtrack.bench.pictures.plotting import saved
 from handtrack.errors import HandtrackError
@@ -19,10 +19,10 @@ def test_the_four_pictures_show_the_hand():
     model = load_model()
     params = model.rest_params()
     params[1] -= 0.09
-    pictures = model_pictures(model, params)
+    pictures = model_pictures(model, params, (320, 240))
     assert list(pictures) == ["skeleton", "flesh", "field seen by cam2", "all three"]
     for picture in pictures.values():
-        assert picture.shape == (480, 640, 3)
+        assert picture.shape == (240, 320, 3)
         assert picture.dtype == np.uint8
     skeleton, flesh = (pictures[name].min(axis=2) < 240 for name in ("skeleton", "flesh"))
     assert 0.05 < (skeleton & flesh).sum() / flesh.sum() < 0.6

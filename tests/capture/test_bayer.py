@@ -15,12 +15,10 @@ from handtrack.capture.images.bayer import (
     level_line_green,
     level_line_value,
     mosaic_doubts,
-    mosaic_of,
-    psnr_db,
-    psnr_table,
     sample_green,
 )
 from handtrack.errors import HandtrackError
+from tests.capture.demosaicing_quality import mosaic_of, psnr_db, psnr_table
 
 
 @pytest.fixture(scope="module")

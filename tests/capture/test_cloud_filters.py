@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,7 +100,7 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
     skin = (tone * 0.7).astype(np.uint8)
     assert filters.skin_coloured(skin, 500, ellipse).mean() > 0.95
     assert not filters.skin_coloured(background.astype(np.uint8), 60, ellipse).any()
-    tight = filters.skin_coloured(skin, 500, ellipse.with_size(0.5)).mean()
+    tight = filters.skin_coloured(skin, 500, replace(ellipse, size=0.5)).mean()
     assert tight < 0.4
     assert not filters.skin_coloured(np.zeros((2, 3), np.uint8), 2, ellipse).any()
     assert filters.skin_coloured(None, 4, ellipse).all()

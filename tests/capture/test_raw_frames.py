@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.images.bayer import PATTERNS, mosaic_of
+from handtrack.capture.images.bayer import PATTERNS
 from handtrack.capture.images.frames import RAW, ImageFiles
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.errors import HandtrackError
+from tests.capture.demosaicing_quality import mosaic_of
 
 
 def picture(level: float = 1.0) -> np.ndarray:

@@ -40,14 +40,6 @@ def test_the_models_mask_is_what_rays_hit(scene):
         assert ours.any()
 
 
-def test_colours_say_which_is_missing():
-    colors = ri.residual_colors(np.array([[-1.0, 0.0, 1.0, np.nan]]))
-    assert colors.dtype == np.uint8
-    assert tuple(colors[0, 0]) == ri.MODEL_ONLY
-    assert tuple(colors[0, 1]) == tuple(colors[0, 3]) == (247, 247, 247)
-    assert tuple(colors[0, 2]) == ri.MASK_ONLY
-
-
 def test_pictures_have_the_images_shape_and_leave_it_alone(scene):
     bones, flesh, seen = scene
     camera, mask, posed = seen[0].camera, seen[0].mask, flesh.posed(bones)

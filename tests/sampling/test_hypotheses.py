@@ -1,4 +1,4 @@
-"""Hypotheses: what counts as the same minimum, ranking, pruning."""
+"""Hypotheses: what counts as the same minimum, ranking."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from handtrack.sampling.hypotheses import (
     angle_distance,
     distinct,
     merged,
-    pruned,
     ranked,
 )
 
@@ -84,17 +83,3 @@ def test_ranked_by_weight_then_cost():
         hypothesis(np.zeros(8), c, w) for c, w in ((3.0, 0.2), (1.0, 0.4), (0.0, 0.4), (9.0, 0.9))
     ]
     assert [h.cost for h in ranked(given)] == [9.0, 0.0, 1.0, 3.0]
-
-
-def test_pruned_ones_are_the_heaviest_and_sum_to_one():
-    given = [hypothesis(np.zeros(8), n, w) for n, w in enumerate((0.1, 0.6, 0.01, 0.3))]
-    kept = pruned(given, most=3, least_weight=0.05)
-    assert [h.cost for h in kept] == [1, 3, 0]
-    np.testing.assert_allclose([h.weight for h in kept], [0.6, 0.3, 0.1])
-    assert len(pruned(given, most=3)) == 3
-    assert [h.weight for h in pruned(given, most=4, least_weight=2.0)] == [
-        1.0
-    ]  # the heaviest stays
-    weightless = [hypothesis(np.zeros(8), n, 0.0) for n in range(3)]
-    np.testing.assert_allclose([h.weight for h in pruned(weightless, 2)], [0.5, 0.5])
-    assert pruned([], 3) == ()

@@ -9,8 +9,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.sampling.chains import chain_along, chains_of
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
-from handtrack.sampling.limb_ik import within_limits
 from handtrack.sampling.limb_ik_kernels import pierce
+from tests.sampling.limb_angles import within_limits
 
 ALL = TreeSettings(solutions="all")
 NEAREST = TreeSettings(failing="nearest")

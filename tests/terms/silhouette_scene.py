@@ -9,6 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
+from tests.derivatives import twisted
 
 BONES = 5
 
@@ -79,9 +80,5 @@ def assert_same_system(ours, other, tolerance=1e-9):
 
 
 def moved_along(bones, step):
-    """Return bones moved by twists (6B,) about the reference, to first order exactly (rotations stay rotations)."""
-    v, w = step.reshape(-1, 2, 3).swapaxes(0, 1)
-    turn = Rotation.from_rotvec(w).as_matrix()
-    arm = bones.position - bones.reference
-    position = bones.reference + v + np.einsum("bij,bj->bi", turn, arm)
-    return BonePoses(bones.reference, turn @ bones.rotation, position)
+    """Return bones moved by twists (6B,) about the reference."""
+    return twisted(bones, step.reshape(-1, 6))

@@ -42,7 +42,7 @@ def test_a_balls_outline_is_its_ellipse(camera):
     bones, flesh = balls((0.03, -0.01, 0.5))
     found = outline(camera, bones, flesh)
     shape = shape_matrix(flesh.posed(bones).rotation, flesh.radii)
-    middle, spread = ellipse(dual_conic(camera.projection, bones.position, shape).value)
+    middle, spread = ellipse(dual_conic(camera.projection, bones.position, shape))
     off = found.pixel - middle[0]
     level = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread[0]), off)
     np.testing.assert_allclose(level, 1.0, atol=0.02)  # ± 0.25 px of 24

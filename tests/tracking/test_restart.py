@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.bench.starts.recovery import gap_run
+from handtrack.bench.starts.recovery import gap_runs
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -69,7 +69,8 @@ def known():
 
 
 def test_a_hand_that_moved_on_unseen_is_found_again():
-    without, jumps = (gap_run(0, on) for on in (False, True))
+    runs = gap_runs(0, (320, 240))
+    without, jumps = runs[False], runs[True]
     assert without.moved_mm > 100.0
     assert not without.is_back
     assert jumps.is_back

@@ -67,8 +67,8 @@ def test_a_disturbed_first_frame_is_put_right(rng):
 
 
 def test_the_same_input_gives_the_same_bytes(forward):
-    again = followed()
-    for one, two in zip(forward, again, strict=True):
+    again = followed(frames=range(6))
+    for one, two in zip(forward[:6], again, strict=True):
         for field in fields(one):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
 

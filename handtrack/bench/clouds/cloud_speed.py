@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from scipy.optimize import least_squares
 
 from handtrack.arrays import Floats
 from handtrack.bench.clouds.dense_rows_kernels import dense_rows
-from handtrack.bench.silhouettes.silhouette_speed import alternating_medians
+from handtrack.bench.measuring import alone, alternating_medians, mean_mm
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -28,7 +26,6 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_loss import UniformOutliers
 from handtrack.terms.loss import GemanMcClure, Loss, Quadratic
 
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 
 
@@ -74,13 +71,13 @@ def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> Cloud
 
 
 def cloud_iteration_vs_blas() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms and what the reference is; in a process of its own with one thread."""
-    return _alone("iteration")
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.clouds.cloud_speed", "iteration")
 
 
 def cloud_solve_vs_scipy() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms: time from the same start to the same cost; in a process of its own."""
-    return _alone("solve")
+    """Return ratio, ours_ms, reference_ms: time from the same start to the same cost."""
+    return alone("handtrack.bench.clouds.cloud_speed", "solve")
 
 
 def measure_iteration(rounds: int = 60) -> dict[str, Any]:
@@ -235,7 +232,7 @@ def _recovered(scene: CloudScene, stages: tuple[tuple[Loss, float, int, float], 
             Problem(scene.model, terms), params, SolverSettings(iterations=iterations)
         ).params
     found, true = (scene.model.keypoints21(scene.model.bones(p)) for p in (params, scene.truth))
-    return 1e3 * float(np.linalg.norm(found - true, axis=1).mean())
+    return mean_mm(found, true)
 
 
 class DenseCloud:
@@ -266,14 +263,6 @@ class DenseCloud:
 
 class _ReachedError(Exception):
     """The cost aimed at was reached."""
-
-
-def _alone(what: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "handtrack.bench.clouds.cloud_speed", what]
-    done = subprocess.run(
-        command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout.splitlines()[-1])
 
 
 if __name__ == "__main__":

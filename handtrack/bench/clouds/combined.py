@@ -5,21 +5,18 @@ The recordings are those of the contracts' test data (HANDTRACK_DATA). Keypoints
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
+from handtrack.bench.measuring import recording
 from handtrack.diagnostics.metrics import evaluate
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints, Observation
-from handtrack.session.formats.truth import Truth, read_truth
+from handtrack.session.formats.truth import Truth
 from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.tracking.sequence import track_frames
 
 RUNS = {
@@ -44,9 +41,9 @@ def combined(frames: int = FRAMES) -> dict[str, float | int | str]:
 
 def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
     """Yield what is looked at and the mean joint error [mm] of one of RUNS, all with one first pose and one hand size."""
-    folder = _data() / "sessions" / RUNS[name]
-    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
-    truth = read_truth(folder / "truth.npz")
+    run = TrackingRun.open(recording(RUNS[name]), {"model.fit_size": False})
+    truth = run.session.truth
+    assert truth is not None
     first, start = run.initial()
     rng = np.random.default_rng(0)
     seen = [_with_keypoints(run.session.observation(f), truth, rng) for f in range(frames)]
@@ -64,18 +61,6 @@ def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
                 joint_positions=None,
             )
             yield used, float(evaluate(run.result(found), part)["mpjpe_mm"] or np.nan)
-
-
-def _data() -> Path:
-    chosen = os.environ.get("HANDTRACK_DATA")
-    folder = (
-        Path(chosen) if chosen else Path(__file__).resolve().parents[3].parent / "shared" / "data"
-    )
-    if not folder.is_dir():
-        raise HandtrackError(
-            f"bench combined: there are no test recordings at {folder}; name their folder in HANDTRACK_DATA."
-        )
-    return folder
 
 
 def _with_keypoints(seen: Observation, truth: Truth, rng: np.random.Generator) -> Observation:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import joint_error_mm
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -93,7 +94,7 @@ def repair(seed: int, seen: str) -> Repair:
     alone = descended(start)
     near = FingerLandscape.at(terms, alone)
     found = with_fingers_found(terms, alone, Control(), 0, "the benchmark asks")
-    errors = (_error_mm(model, x, truth) for x in (start, alone, found))
+    errors = (joint_error_mm(model, x, truth) for x in (start, alone, found))
     poses = (alone, found, descended(truth))
     costs = (near.measured(Candidate(model, x)).cost for x in poses)
     return Repair(*errors, *costs)
@@ -133,8 +134,3 @@ def _seen(
     points, _ = sample_surface(MetaballSurface.of(model), model.bones(truth), _POINTS, rng)
     noisy = points + _NOISE_M * rng.normal(size=points.shape)
     return Observation(0, 0.0, cloud=PointCloud(noisy))
-
-
-def _error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:
-    found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
-    return 1e3 * float(np.linalg.norm(found - true, axis=1).mean())

@@ -12,14 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import FINE, NOISY, Sensor, depth_views
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 PERSON = {"index": 1.0, "middle": -0.1, "ring": 0.8, "little": 1.5}
 """the constants of the person who moves; not the usual ones"""
@@ -81,13 +79,10 @@ def person(free: str) -> ArticulatedModel:
 def error_mm(free: str, truth: Floats, seen: Sequence[Observation]) -> float:
     """Return the mean distance of joints and tips over the frames, tracked from the true first pose [mm]."""
     model, whole = person(free), load_model()
-    tracker = Tracker(model, TrackerSettings())
     start = model.clipped(model.transform.solver_params(truth[0]))
-    off = [
-        r.joint_positions - whole.joint_positions(whole.bones(truth[r.frame]))
-        for r in track_frames(tracker, lambda f, *_: seen[f], 0, start, range(len(seen)))
-    ]
-    return 1e3 * float(np.linalg.norm(np.stack(off), axis=2).mean())
+    found = np.stack([r.joint_positions for r in tracked(model, {}, seen, start)])
+    true = [whole.joint_positions(whole.bones(params)) for params in truth[: len(found)]]
+    return mean_mm(found, np.stack(true))
 
 
 def _wander(frames: int, count: int, rng: np.random.Generator) -> Floats:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import mean_mm, recording
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.scenes.depth_hand import data_folder
 
 SIZED, OTHERS = "webxr_open_close_3cam", ("webxr_fist_6cam",)
 CLOUDS = ("webxr_exact_depth_768", "webxr_depth_640", "webxr_stereo_768")
@@ -29,7 +29,7 @@ def hand_size() -> dict[str, Any]:
     """Return mean joint errors [mm] over all frames for four hands: a mean adult's, the fitted one, and two with
     lengths taken from the truth: by finger (all that a size can say), and bone by bone.
     """
-    sessions = {name: _session(name) for name in (SIZED, *OTHERS)}
+    sessions = {name: recording(name) for name in (SIZED, *OTHERS)}
     keypoints = _known(sessions[SIZED])
     fitted = _run(sessions[SIZED]).fit_size(None, sessions[SIZED].frame_range, FRAMES).scale
     figures: dict[str, Any] = {
@@ -57,7 +57,7 @@ def hand_size_clouds() -> dict[str, Any]:
     """Return mean joint errors [mm] of cloud recordings: size by the first frame's keypoints, and fitted to clouds."""
     figures: dict[str, Any] = {}
     for name in CLOUDS:
-        run = _run(_session(name), {"silhouettes.weight": 0.0})
+        run = _run(recording(name), {"silhouettes.weight": 0.0})
         figures[f"{name}_by_keypoints_mm"] = mean_error_mm(run)
         sized = run.fit_size(None, run.session.frame_range, FRAMES)
         figures[f"{name}_fitted_mm"] = mean_error_mm(sized)
@@ -70,8 +70,7 @@ def mean_error_mm(run: TrackingRun, frames: range | None = None) -> float:
     kept = frames or run.session.frame_range
     track = run.result(run.track(kept, *run.initial()))
     assert track.keypoints21 is not None
-    off = track.keypoints21 - _known(run.session)[kept.start : kept.stop]
-    return float(1e3 * np.linalg.norm(off, axis=2).mean())
+    return mean_mm(track.keypoints21, _known(run.session)[kept.start : kept.stop])
 
 
 def true_factors(model: ArticulatedModel, keypoints: Floats) -> dict[str, float]:
@@ -133,10 +132,6 @@ def lengthened(model: ArticulatedModel, factors: dict[str, float]) -> Articulate
         flesh=flesh,
         joint_point=model.joint_point * factor[model.joint_bone][:, None],
     )
-
-
-def _session(name: str) -> Session:
-    return Session.open(data_folder() / "sessions" / name)
 
 
 def _run(session: Session, values: dict[str, Any] | None = None) -> TrackingRun:

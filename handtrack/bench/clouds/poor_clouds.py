@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import tracked
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, Sensor, depth_views
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "hand26": ("hand26", {"model.fallback": "none"}),
@@ -76,8 +74,7 @@ def track(way: str, truth: Floats, seen: Sequence[Observation]) -> list[FrameRes
     name, values = WAYS[way]
     whole, model = load_model(), load_model(name)
     start = carried_over(whole, whole.transform.solver_params(truth[0]), model)
-    tracker = Tracker(model, TrackerSettings().with_values(values))
-    return list(track_frames(tracker, lambda f, *_: seen[f], 0, start, range(len(seen))))
+    return tracked(model, values, seen, start)
 
 
 def palm_mm(way: str, results: Sequence[FrameResult], truth: Floats) -> Floats:

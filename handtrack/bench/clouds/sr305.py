@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from handtrack.arrays import Array, Bytes, Floats
+from handtrack.bench.measuring import data_folder
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
@@ -28,7 +29,6 @@ from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.scenes.depth_hand import (
     CAMERA,
     as_image,
-    data_folder,
     hand_points,
     write_depth_session,
 )

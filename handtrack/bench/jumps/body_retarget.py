@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from handtrack.bench.measuring import data_folder
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.simulation.motion_files.asf_amc import read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_JOINTS, MotionClip
 from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
-from handtrack.simulation.scenes.depth_hand import data_folder
 
 _MM = 1e3
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Array, Floats
+from handtrack.bench.measuring import data_folder, mean_mm, tracked
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -20,13 +21,9 @@ from handtrack.observation.observation import ImageKeypoints, ImageView, Observa
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
-from handtrack.simulation.scenes.depth_hand import data_folder
 from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
 from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 FPS, FRAMES = 25.0, 100
 CLIP = "bandai_body_motion/dance-short_frames_0300-0899.bvh"
@@ -89,10 +86,7 @@ class DanceTrack:
 def dance(frames: int = FRAMES, size: tuple[int, int] = (640, 480), seed: int = 0) -> Dance:
     """Return the first frames of the dance at 25 a second, danced by a textured body34 of the dancer's size."""
     clip = read_bvh(data_folder() / CLIP, positions="replace").renamed(BANDAI_JOINTS)
-    at = np.arange(FRAMES) * clip.fps / FPS
-    before = at.astype(int)
-    share = (at - before)[:, None, None]
-    places = (1 - share) * clip.positions[before] + share * clip.positions[before + 1]
+    places = clip.resampled(FPS).positions[:FRAMES]
     model = fitted_model(lambda scale: load_model("body34", scale=scale), clip.names, places)
     params = retarget(model, clip.names, places[:frames])
     camera = front_camera(size)
@@ -121,19 +115,15 @@ def first_guess(what: Dance) -> Floats:
 
 def track(what: Dance, settings: Mapping[str, object]) -> DanceTrack:
     """Return the dance tracked from the first guess on."""
-    tracker = Tracker(what.model, TrackerSettings().with_values(settings))
-    frames = range(len(what.images))
-    results = tuple(
-        track_frames(tracker, lambda f, _: what.observation(f), 0, first_guess(what), frames)
-    )
+    seen = [what.observation(frame) for frame in range(len(what.images))]
+    results = tuple(tracked(what.model, settings, seen, first_guess(what)))
     overlap, error = [], []
     for result in results:
         bones = what.model.bones(what.model.transform.solver_params(result.parameters))
         overlap.append(overlap_with(what, result.frame, bones))
         found = what.model.joint_positions(bones) - bones.position[0]
         true = what.bones(result.frame)
-        off = found - what.model.joint_positions(true) + true.position[0]
-        error.append(1e3 * np.linalg.norm(off, axis=1).mean())
+        error.append(mean_mm(found, what.model.joint_positions(true) - true.position[0]))
     return DanceTrack(results, np.array(overlap), np.array(error))
 
 

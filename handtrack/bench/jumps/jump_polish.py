@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import time
 from typing import Any
 
@@ -14,25 +11,21 @@ from scipy.optimize import least_squares
 
 from handtrack.arrays import Floats
 from handtrack.bench.jumps.jump_polish_kernels import image_rows
+from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.keypoint_kernels import workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
 from handtrack.terms.priors import GaussianPrior
 
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
 STARTS, SUBSET, SCALE = 1024, 48, 4.0
 _SAME = 1e-4
 """costs closer than this are the same minimum"""
 
 
 def jump_polish_1024() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms and what the reference is; in a process of its own with one thread."""
-    command = [sys.executable, "-m", "handtrack.bench.jumps.jump_polish"]
-    done = subprocess.run(
-        command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout.splitlines()[-1])
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.jumps.jump_polish")
 
 
 def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.bench.silhouettes.silhouette_speed import alternating_medians
+from handtrack.bench.measuring import alternating_medians
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import Limits

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import Tails, covariance_scaled, projected, spherical
 from handtrack.sampling.hypotheses import MERGED_RAD, distinct
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
@@ -27,7 +26,6 @@ from handtrack.simulation.scenes.jump_scene import (
     jump_scene,
 )
 
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
 SAMPLES, POSES = 2000, 100
 SCALES: tuple[tuple[float, Tails], ...] = (
     (1.0, "gaussian"), (4.0, "gaussian"), (8.0, "gaussian"), (16.0, "gaussian"), (1.0, "cauchy"),
@@ -179,12 +177,8 @@ def share_of_leaves(limbs: Sequence[str], seeds: Sequence[int], **scene: Any) ->
 
 
 def jumps() -> dict[str, Any]:
-    """Return Table 1 and the shares over many poses; in a process of its own with one thread."""
-    command = [sys.executable, "-m", "handtrack.bench.jumps.minima", "--json"]
-    done = subprocess.run(
-        command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout.splitlines()[-1])
+    """Return Table 1 and the shares over many poses."""
+    return alone("handtrack.bench.jumps.minima", "--json")
 
 
 def measure(samples: int = SAMPLES, poses: int = POSES) -> dict[str, Any]:

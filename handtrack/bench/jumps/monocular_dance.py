@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import data_folder, mean_mm
 from handtrack.bench.pictures.plotting import pyplot
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -25,7 +26,6 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
-from handtrack.simulation.scenes.depth_hand import data_folder
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
@@ -72,7 +72,7 @@ class SeenDance:
         """Return the mean over the joints (J, 3) of their distance to the truth, both relative to the pelvis [mm]."""
         root = self.model.joint_names.index("pelvis")
         true = self.places[frame] - self.places[frame, root]
-        return 1e3 * float(np.linalg.norm(shape - shape[root] - true, axis=1).mean())
+        return mean_mm(shape - shape[root], true)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,7 @@ class DanceErrors:
 def _whole_dance() -> tuple[ArticulatedModel, Floats]:
     """Return the dancer and 20 s of motion (F, P) at 25 frames a second."""
     clip = read_bvh(data_folder() / CLIP, positions="replace").renamed(BANDAI_JOINTS)
-    count = int((len(clip.positions) - 1) / clip.fps * FPS)
-    at = np.arange(count) * clip.fps / FPS
-    before = at.astype(int)
-    share = (at - before)[:, None, None]
-    places = (1 - share) * clip.positions[before] + share * clip.positions[before + 1]
+    places = clip.resampled(FPS).positions
     model = fitted_model(lambda scale: load_model("body34", scale=scale), clip.names, places)
     return model, retarget(model, clip.names, places)
 

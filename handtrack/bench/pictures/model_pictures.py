@@ -56,9 +56,11 @@ def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: 
     return shade(front, normal, colors, np.broadcast_to(background, (height, width, 3)))
 
 
-def model_pictures(model: ArticulatedModel, params: Floats) -> dict[str, Bytes]:
-    """Return four pictures (480, 640, 3) RGB of a pose (P,), by title."""
-    beside, *_, seen_by = simulated_rig(3).cameras
+def model_pictures(
+    model: ArticulatedModel, params: Floats, size: tuple[int, int] = (640, 480)
+) -> dict[str, Bytes]:
+    """Return four pictures (H, W, 3) RGB of a pose (P,), by title."""
+    beside, *_, seen_by = simulated_rig(3, size).cameras
     bones = model.bones(params)
     balls, flesh = skeleton_balls(model, bones), model.flesh["fine"].posed(bones)
     field = field_picture(seen_by, flesh)

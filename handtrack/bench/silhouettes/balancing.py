@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import data_folder, mean_mm
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel
@@ -25,7 +26,6 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.retarget import fitted_model
-from handtrack.simulation.scenes.depth_hand import data_folder
 from handtrack.tracking.frame.result import Alternative, FrameResult
 
 DATA = "pose2sim_body_4cam"
@@ -183,7 +183,7 @@ def _compared(label: str, alone: Balancing, everything: Balancing) -> dict[str, 
     root = model.joint_names.index("pelvis")
 
     def error(shape: Floats, true: Floats) -> float:
-        return 1e3 * float(np.linalg.norm(shape - shape[root] - true + true[root], axis=1).mean())
+        return mean_mm(shape - shape[root], true - true[root])
 
     true = {r.frame: r.joint_positions for r in everything.results}
     own = np.array([error(r.joint_positions, true[r.frame]) for r in alone.results])

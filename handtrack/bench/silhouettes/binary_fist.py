@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
@@ -17,9 +18,6 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 FRAMES = 100
 FIST = range(40, 60)
@@ -99,14 +97,8 @@ def scene(
 
 def track(what: Scene, settings: dict[str, object]) -> FistTrack:
     """Return the whole scene tracked from the first frame's true pose."""
-    tracker = Tracker(what.model, TrackerSettings().with_values(settings))
     start = what.model.transform.solver_params(what.joint_params[0])
-    frames = range(len(what.observations))
-
-    def observe(frame: int, _: object) -> Observation:
-        return what.observations[frame]
-
-    results = tuple(track_frames(tracker, observe, 0, start, frames))
+    results = tuple(tracked(what.model, settings, what.observations, start))
     off = np.stack([r.joint_positions for r in results]) - what.joints
     stated = np.stack([r.joint_covariance for r in results])
     thick = stated + 1e-12 * np.eye(3)  # a micrometre: a flat ellipsoid has an inverse too
@@ -127,16 +119,15 @@ def binary_fist() -> dict[str, float | str]:
     for cameras in RIGS:
         what = scene(cameras)
         for mode, settings in MODES.items():
-            tracked = track(what, settings)
-            label = f"{mode}_{cameras}cam"
-            fist = slice(FIST.start, FIST.stop)
+            found = track(what, settings)
+            label, fist = f"{mode}_{cameras}cam", slice(FIST.start, FIST.stop)
             figures |= {
-                f"{label}_median_mm": float(np.median(tracked.error_mm)),
-                f"{label}_mean_mm": float(tracked.error_mm.mean()),
-                f"{label}_fist_mm": float(tracked.error_mm[fist].mean()),
-                f"{label}_last_mm": float(tracked.error_mm[-1]),
-                f"{label}_fist_stated_mm": float(tracked.stated_mm[fist].mean()),
-                f"{label}_fist_within90": float(tracked.within90[fist].mean()),
+                f"{label}_median_mm": float(np.median(found.error_mm)),
+                f"{label}_mean_mm": float(found.error_mm.mean()),
+                f"{label}_fist_mm": float(found.error_mm[fist].mean()),
+                f"{label}_last_mm": float(found.error_mm[-1]),
+                f"{label}_fist_stated_mm": float(found.stated_mm[fist].mean()),
+                f"{label}_fist_within90": float(found.within90[fist].mean()),
             }
     compared = ("coverage", "conic_field")
     medians = {mode: [float(figures[f"{mode}_6cam_median_mm"])] for mode in compared}

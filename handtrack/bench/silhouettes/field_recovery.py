@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import joint_error_mm
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -112,12 +113,6 @@ def _followed_mm(
     solver = model.transform.solver_params
     pairs = zip(follow(model, cameras, joint_params), joint_params, strict=True)
     return [joint_error_mm(model, solver(found), solver(true)) for found, true in pairs]
-
-
-def joint_error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:
-    """Return the mean distance of all joints and fingertips between two poses (P,) [mm]."""
-    found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
-    return 1e3 * float(np.linalg.norm(found - true, axis=1).mean())
 
 
 def _random_pose(model: ArticulatedModel, rng: np.random.Generator) -> Floats:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
@@ -21,11 +22,8 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints, Observation, Silhouette
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 ARMS: dict[str, tuple[float, float]] = {
     "none": (0.0, 1.0),
@@ -68,13 +66,9 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
 def _error(
     model: ArticulatedModel, seen: Sequence[Observation], given: Keypoints, truth: Floats
 ) -> float:
-    settings = TrackerSettings().with_values({"tracker.escape": False, "tracker.jumps": False})
-    start = fit_keypoints(model, given)
-    results = track_frames(
-        Tracker(model, settings), lambda f, _: seen[f], 0, start, range(len(seen))
-    )
-    places = np.array([result.keypoints21 for result in results])
-    return 1e3 * float(np.linalg.norm(places - truth, axis=-1).mean())
+    settings = {"tracker.escape": False, "tracker.jumps": False}
+    results = tracked(model, settings, seen, fit_keypoints(model, given))
+    return mean_mm(np.array([result.keypoints21 for result in results]), truth)
 
 
 def cameras(rig: str) -> list[Camera]:

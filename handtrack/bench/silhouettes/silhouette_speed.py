@@ -3,37 +3,36 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.simulation.scenes.silhouette_scene import silhouette_scene
+from handtrack.bench.measuring import alone, alternating_medians
+from handtrack.model.model_file import load_model
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
-
 
 def silhouette_iteration_vs_blas() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms and what the reference is; in a process of its own with one thread."""
-    command = [sys.executable, "-m", "handtrack.bench.silhouettes.silhouette_speed"]
-    done = subprocess.run(
-        command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout.splitlines()[-1])
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.silhouettes.silhouette_speed")
 
 
 def measure(rounds: int = 60) -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
-    model, silhouettes, params = silhouette_scene()
+    model = load_model()
+    truth = model.rest_params()
+    truth[1] -= 0.09  # the hand's middle to the world's origin, where the cameras look
+    silhouettes = mask_views(model, truth, simulated_rig(3, (640, 480), 0.4).cameras).silhouettes
+    off = np.random.default_rng(1).normal(size=len(truth))
+    off *= np.where(np.arange(len(off)) < 3, 0.005, np.deg2rad(5.0))  # [m], [rad]
+    params = model.clipped(truth + off)
     prepared = [prepare(s) for s in silhouettes]
     flesh, bones = model.flesh["fine"], model.bones(params)
     # the widest band of the schedule is the slowest: spans are longest and overlap most
@@ -62,22 +61,6 @@ def measure(rounds: int = 60) -> dict[str, Any]:
             f"{len(flesh)} ellipsoids, widest band"
         ),
     }
-
-
-def alternating_medians(
-    functions: list[Callable[[], Any]], rounds: int, repeat: int = 5
-) -> list[float]:
-    """Return each function's median time [ms]; the functions take turns, so that a slow moment meets them all."""
-    times: list[list[float]] = [[] for _ in functions]
-    for function in functions:
-        function()
-    for _ in range(rounds):
-        for function, kept in zip(functions, times, strict=True):
-            for _ in range(repeat):
-                start = time.perf_counter()
-                function()
-                kept.append(time.perf_counter() - start)
-    return [1e3 * float(np.median(kept)) for kept in times]
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handtrack.bench.measuring import mean_mm, recording
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.scenes.depth_hand import data_folder
 
 FRAMES: dict[str, Sequence[int]] = {
     "webxr_open_close_3cam": (0, 9, 18, 27, 45, 54, 63, 72, 81, 99),
@@ -40,25 +40,25 @@ class Start:
 
 def searched(session: Session, frames: Sequence[int]) -> list[Start]:
     """Return how the search went in frames of a session with truth; the hand's size is the adults' mean."""
-    assert session.truth is not None and session.truth.keypoints21 is not None
     run = TrackingRun.open(session, use_init=False)
-    rows = {int(frame): row for row, frame in enumerate(session.truth.frame)}
     find_first_poses(run, frames[0])  # compiles
-    starts = []
-    for frame in frames:
-        run.seen(frame)  # what is read and computed of a frame is kept
-        begin = time.process_time()
-        found = find_first_poses(run, frame)
-        seconds = time.process_time() - begin
-        if not found:
-            starts.append(Start(np.inf, seconds, 0.0))
-            continue
-        best = found[0]
-        points = best.model.keypoints21(best.model.bones(best.params))
-        off = points - session.truth.keypoints21[rows[frame]]
-        error = 1e3 * float(np.linalg.norm(off, axis=1).mean())
-        starts.append(Start(error, seconds, best.confidence))
-    return starts
+    return [search(run, frame) for frame in frames]
+
+
+def search(run: TrackingRun, frame: int) -> Start:
+    """Return how the search went in one frame."""
+    truth = run.session.truth
+    assert truth is not None and truth.keypoints21 is not None
+    run.seen(frame)  # what is read and computed of a frame is kept
+    begin = time.process_time()
+    found = find_first_poses(run, frame)
+    seconds = time.process_time() - begin
+    if not found:
+        return Start(np.inf, seconds, 0.0)
+    best = found[0]
+    points = best.model.keypoints21(best.model.bones(best.params))
+    row = int(np.flatnonzero(truth.frame == frame)[0])
+    return Start(mean_mm(points, truth.keypoints21[row]), seconds, best.confidence)
 
 
 def auto_start() -> dict[str, float | str]:
@@ -67,7 +67,7 @@ def auto_start() -> dict[str, float | str]:
         "bar": "≥ 18 of 20 frames of 3 and 6 cameras within 12 mm, ≤ 5 s each; same for stereo and depth"
     }
     for name, frames in FRAMES.items():
-        starts = searched(Session.open(data_folder() / "sessions" / name), frames)
+        starts = searched(recording(name), frames)
         errors = np.array([start.error_mm for start in starts])
         figures |= {
             f"{name}_found": f"{int((errors <= BASIN_MM).sum())} of {len(frames)}",

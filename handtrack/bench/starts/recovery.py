@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 SEEN_BEFORE, BLANK, SEEN_AFTER = 8, 10, 6
 CAMERAS, BACK_MM = 3, 15.0
@@ -39,8 +37,8 @@ class Gap:
         return bool(self.error_mm[-1] <= BACK_MM)
 
 
-def gap_run(seed: int, jumps: bool) -> Gap:
-    """Return how tracking went on after ten frames without any silhouette.
+def gap_runs(seed: int, size: tuple[int, int] = (640, 480)) -> dict[bool, Gap]:
+    """Return how tracking went on after ten frames without any silhouette, with jumps (True) and without.
 
     Three cameras; the hand goes through the poses of `gestures` and wanders; its size is not quite the model's.
     """
@@ -54,21 +52,21 @@ def gap_run(seed: int, jumps: bool) -> Gap:
     count = SEEN_BEFORE + BLANK + SEEN_AFTER
     first = int(rng.integers(_FRAMES - count + 1))
     poses = [filmed.transform.solver_params(x) for x in joint[first : first + count]]
-    rig = simulated_rig(CAMERAS, (640, 480))
+    rig = simulated_rig(CAMERAS, size)
     blank = range(SEEN_BEFORE, SEEN_BEFORE + BLANK)
 
-    def observe(frame: int, _: object) -> Observation:
-        if frame in blank:
-            return Observation(frame, frame / 25.0)
-        return mask_views(filmed, poses[frame], rig.cameras, frame)
-
-    settings = TrackerSettings().with_values({"tracker.jumps": jumps})
-    results = list(track_frames(Tracker(model, settings), observe, 0, poses[0], range(count)))
+    seen = [
+        Observation(i, i / 25.0) if i in blank else mask_views(filmed, pose, rig.cameras, i)
+        for i, pose in enumerate(poses)
+    ]
     truth = np.stack([filmed.joint_positions(filmed.bones(x)) for x in poses])
-    found = np.stack([r.joint_positions for r in results])
-    error = 1e3 * np.linalg.norm(found - truth, axis=2).mean(axis=1)
-    moved = 1e3 * np.linalg.norm(truth[blank.stop] - truth[blank.start - 1], axis=1).mean()
-    return Gap(float(moved), error[blank.stop :])
+    moved = mean_mm(truth[blank.stop], truth[blank.start - 1])
+    gaps = {}
+    for jumps in (True, False):
+        results = tracked(model, {"tracker.jumps": jumps}, seen, poses[0])
+        off = np.stack([r.joint_positions for r in results[blank.stop :]]) - truth[blank.stop :]
+        gaps[jumps] = Gap(moved, 1e3 * np.linalg.norm(off, axis=2).mean(axis=1))
+    return gaps
 
 
 def recovery(seeds: int = 50) -> dict[str, float | str]:
@@ -76,8 +74,9 @@ def recovery(seeds: int = 50) -> dict[str, float | str]:
     figures: dict[str, float | str] = {
         "bar": f"with jumps ≥ 90 % of {seeds} seeds back within {BACK_MM:g} mm"
     }
+    runs = [gap_runs(seed) for seed in range(seeds)]
     for name, jumps in (("jumps", True), ("without", False)):
-        gaps = [gap_run(seed, jumps) for seed in range(seeds)]
+        gaps = [run[jumps] for run in runs]
         last = np.array([gap.error_mm[-1] for gap in gaps])
         figures |= {
             f"{name}_back": float(np.mean([gap.is_back for gap in gaps])),

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from handtrack.bench.measuring import mean_mm
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.start_frames import KINDS, start_frame
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -43,8 +44,7 @@ def start_trial(number: int, seed: int = SEED) -> StartTrial:
     if not found:
         return StartTrial(frame.kind, 0.0, np.inf, seconds)
     best = found[0]
-    off = best.model.keypoints21(best.model.bones(best.params)) - frame.joints
-    error = 1e3 * float(np.linalg.norm(off, axis=1).mean())
+    error = mean_mm(best.model.keypoints21(best.model.bones(best.params)), frame.joints)
     return StartTrial(frame.kind, best.confidence, error, seconds)
 
 

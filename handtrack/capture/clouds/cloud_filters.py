@@ -113,70 +113,35 @@ class CloudFilters:
     ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
         """Return name, words and function of the filters that are on: the cheap ones first, so
         that the dear ones see few points."""
+        near, far, crop = self.near_m or 0.0, self.far_m or np.inf, self.crop_m
+        skin, part, front = self.skin, self.component, self.front_m
+        voxel, neighbours, most = self.voxel_m, self.outlier_neighbours, self.max_points
         steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
-
-        def add(on: object, name: str, text: str, keep: Callable[[PointCloud], Array]) -> None:
-            if on:
-                steps.append((name, text, keep))
-
-        near, far = self.near_m or 0.0, self.far_m or np.inf
-        ranged = eyes is not None and (self.near_m or self.far_m)
-        centres = eyes if eyes is not None else np.zeros((1, 3))
-        add(
-            ranged,
-            "range",
-            f"{near:g} to {far:g} m from a camera",
-            lambda c: within_range(c.points, centres, near, far),
-        )
-        crop, distance = self.crop_m, hand_distance
-        if crop is not None and distance is not None:
-            add(
-                True,
-                "crop",
-                f"within {crop * 1e3:g} mm of the previous hand",
-                lambda c: near_hand(c.points, distance, crop),
-            )
-        skin = self.skin
+        if eyes is not None and (self.near_m or self.far_m):
+            text = f"{near:g} to {far:g} m from a camera"
+            steps.append(("range", text, lambda c: within_range(c.points, eyes, near, far)))
+        if crop is not None and hand_distance is not None:
+            text = f"within {crop * 1e3:g} mm of the previous hand"
+            steps.append(("crop", text, lambda c: near_hand(c.points, hand_distance, crop)))
         if skin is not None:
-            add(
-                True,
-                "skin",
-                f"skin colour, ellipse of {skin.size:g} standard deviations",
-                lambda c: skin_coloured(c.colors, len(c), skin),
-            )
-        if self.component == "largest":
-            add(True, "component", "the largest part", lambda c: largest_part(c.points))
-        nearest, front = self.component == "nearest" and eyes is not None, self.front_m
-        reach = "" if front is None else f", {front * 1e3:g} mm deep"
-        add(
-            nearest,
-            "component",
-            f"the part nearest to a camera{reach}",
-            lambda c: nearest_part(c.points, centres, front),
-        )
-        voxel = self.voxel_m
+            text = f"skin colour, ellipse of {skin.size:g} standard deviations"
+            steps.append(("skin", text, lambda c: skin_coloured(c.colors, len(c), skin)))
+        if part == "largest":
+            steps.append(("component", "the largest part", lambda c: largest_part(c.points)))
+        if part == "nearest" and eyes is not None:
+            reach = "" if front is None else f", {front * 1e3:g} mm deep"
+            text = f"the part nearest to a camera{reach}"
+            steps.append(("component", text, lambda c: nearest_part(c.points, eyes, front)))
         if voxel is not None:
-            add(
-                True,
-                "voxel",
-                f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm",
-                lambda c: thinned(c.points, voxel, self.per_voxel),
-            )
-        neighbours = self.outlier_neighbours
+            text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
+            steps.append(("voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel)))
         if neighbours is not None:
-            add(
-                True,
-                "outliers",
-                f"mean distance to {neighbours} neighbours below {self.outlier_ratio:g} times the usual",
-                lambda c: inliers(c.points, neighbours, self.outlier_ratio),
-            )
-        most = self.max_points
+            ratio = self.outlier_ratio
+            text = f"mean distance to {neighbours} neighbours below {ratio:g} times the usual"
+            steps.append(("outliers", text, lambda c: inliers(c.points, neighbours, ratio)))
         if most is not None:
-            add(
-                True,
-                "most",
-                f"at most {most}, at random",
-                lambda c: random_part(len(c), most),
+            steps.append(
+                ("most", f"at most {most}, at random", lambda c: random_part(len(c), most))
             )
         return steps
 

@@ -5,7 +5,7 @@ r = R / (R + G + B), g = G / (R + G + B): brightness drops out. After the point 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,10 +42,6 @@ class SkinEllipse:
         off = rg - np.array(self.mean)
         distance = np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off))
         return np.where(bright, distance, np.inf)
-
-    def with_size(self, size: float) -> SkinEllipse:
-        """Return the ellipse with another threshold."""
-        return replace(self, size=size)
 
 
 def chromaticity(colors: Array) -> tuple[Floats, Array]:

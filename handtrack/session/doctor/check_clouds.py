@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.capture.images.frame_notes import listed
 from handtrack.session.doctor.check_views import spread
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, error, ok, warning
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
@@ -35,17 +35,16 @@ def check_clouds(session: Session) -> Iterator[Finding]:
         if len(cloud) < _LEAST_POINTS:
             poor.append(frame)
     if not measured:
-        yield Finding("error", "clouds: none of the frames looked at has a cloud.")
+        yield error("clouds: none of the frames looked at has a cloud.")
         return
     text = (
         f"clouds: {np.median(measured):.0f} points measured, {np.median(left):.0f} left by the "
         f"filters (median of {len(measured)} frames)"
     )
     if poor:
-        yield Finding(
-            "warning",
+        yield warning(
             f"{text}; fewer than {_LEAST_POINTS} are left in frames {listed(poor)}. Look at the "
-            "settings in [clouds]: near_m, far_m, component, outlier_neighbours.",
+            "settings in [clouds]: near_m, far_m, component, outlier_neighbours."
         )
     else:
-        yield Finding("ok", f"{text}.")
+        yield ok(f"{text}.")

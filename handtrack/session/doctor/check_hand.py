@@ -15,7 +15,7 @@ from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, error, note, ok, warning
 from handtrack.session.views import View
 from handtrack.tracking.search.initialize import fit_keypoints
 
@@ -39,9 +39,8 @@ def check_init(session: Session) -> Iterator[Finding]:
     """Yield findings about init.json."""
     pose = session.init
     if pose is None:
-        yield Finding(
-            "note",
-            "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench).",
+        yield note(
+            "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench)."
         )
         return
     if pose.pixels:
@@ -55,12 +54,12 @@ def check_init(session: Session) -> Iterator[Finding]:
     misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
     misses += _misses_cloud(session, pose.frame, points)
     for text in misses:
-        yield Finding("warning", f"init.json, frame {pose.frame}: {text}")
+        yield warning(f"init.json, frame {pose.frame}: {text}")
     if not misses:
         known = (
             f"{len(pose.parameters)} parameters" if pose.xyz is None else f"{len(points)} keypoints"
         )
-        yield Finding("ok", f"init.json: {known} at frame {pose.frame}; they fit the cameras.")
+        yield ok(f"init.json: {known} at frame {pose.frame}; they fit the cameras.")
 
 
 def _joints(session: Session, pose: FirstPose) -> Floats:
@@ -72,7 +71,7 @@ def _joints(session: Session, pose: FirstPose) -> Floats:
 def check_model(session: Session) -> Iterator[Finding]:
     """Yield what hand is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
     model = _model(session)
-    yield Finding("ok", f"the model is {model.name}, {model.side}.")
+    yield ok(f"the model is {model.name}, {model.side}.")
 
 
 def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:
@@ -105,29 +104,25 @@ def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
     strange = [name for name in pose.pixels if name not in session.camera_names]
     if strange:
         known = ", ".join(session.camera_names)
-        yield Finding(
-            "error", f"init.json: no camera '{strange[0]}' in this session; known: {known}."
-        )
+        yield error(f"init.json: no camera '{strange[0]}' in this session; known: {known}.")
         return
     views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
-    yield Finding("ok", f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
+    yield ok(f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
 
 
 def check_truth(session: Session) -> Iterator[Finding]:
     """Yield findings about truth.npz."""
     truth = session.truth
     if truth is None:
-        yield Finding("note", "no truth.npz: the tracking's error cannot be measured.")
+        yield note("no truth.npz: the tracking's error cannot be measured.")
         return
     outside = [int(frame) for frame in truth.frame if frame not in session.frame_range]
     if outside:
-        yield Finding("warning", f"truth.npz: the session has no frames {listed(sorted(outside))}.")
+        yield warning(f"truth.npz: the session has no frames {listed(sorted(outside))}.")
     yield from _check_truth_times(session)
     points = truth.keypoints21
     if points is None:
-        yield Finding(
-            "ok", f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames."
-        )
+        yield ok(f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames.")
         return
     yield from _check_palm("truth.npz", points[0])
     yield from _check_side("truth.npz", points[0], session)
@@ -140,15 +135,12 @@ def check_truth(session: Session) -> Iterator[Finding]:
         if (text := _misses(view, frame, points[row]))
     ]
     if wrong:
-        yield Finding(
-            "warning",
+        yield warning(
             f"truth.npz does not fit in {len(wrong)} of {len(rows) * len(session.views)} views "
-            f"looked at; {wrong[0]}",
+            f"looked at; {wrong[0]}"
         )
     else:
-        yield Finding(
-            "ok", f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras."
-        )
+        yield ok(f"truth.npz: keypoints in {len(truth.frame)} frames; they fit the cameras.")
 
 
 def _check_truth_times(session: Session) -> Iterator[Finding]:
@@ -159,22 +151,20 @@ def _check_truth_times(session: Session) -> Iterator[Finding]:
     off = truth.time_s - ours
     worst = int(np.argmax(np.abs(off - np.median(off))))
     if abs(off[worst] - np.median(off)) > 0.5 / session.fps:
-        yield Finding(
-            "warning",
+        yield warning(
             "truth.npz: its times run differently from the session's, by "
             f"{off[worst] - np.median(off):+.3g} s at frame {int(truth.frame[worst])}. Is fps = "
-            f"{session.fps:g} right?",
+            f"{session.fps:g} right?"
         )
 
 
 def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
     palm = float(np.linalg.norm(xyz[_MIDDLE_MCP] - xyz[_WRIST]))
     if np.isfinite(palm) and not _PALM_M[0] <= palm <= _PALM_M[1]:
-        yield Finding(
-            "warning",
+        yield warning(
             f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; "
             f"expected {_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
-            "right, and are the points in order?",
+            "right, and are the points in order?"
         )
 
 
@@ -184,13 +174,12 @@ def _check_side(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
     if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
         return
     other = "left" if given == "right" else "right"
-    off = {side: _off_m(xyz, side) for side in (given, other)}
-    if off[given] > _OTHER_OFF_M and off[other] < _OTHER_SHARE * off[given]:
-        yield Finding(
-            "warning",
-            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off[other]:.1f} mm, a {given} one to "
-            f'{1e3 * off[given]:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
-            "look at the order of cameras, and at the signs of axes.",
+    off = _off_m(xyz, given)
+    if off > _OTHER_OFF_M and (off_other := _off_m(xyz, other)) < _OTHER_SHARE * off:
+        yield warning(
+            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off_other:.1f} mm, a {given} one to "
+            f'{1e3 * off:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
+            "look at the order of cameras, and at the signs of axes."
         )
 
 

@@ -16,7 +16,7 @@ from handtrack.arrays import Bytes, Floats
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.session.doctor.check_views import spread
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, warning
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
@@ -42,11 +42,10 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
         ):
             off.append(f"'{a.name}' and '{b.name}' by {px:.0f} px")
     if off:
-        yield Finding(
-            "warning",
+        yield warning(
             f"silhouettes do not fit together by this calibration: those of cameras {'; '.join(off)} (median of the frames looked "
             "at; a hand's outlines touch the same planes through both cameras). Was a camera moved, does its matrix belong to "
-            "another image size, are cameras exchanged, or do frames of equal number show different moments?",
+            "another image size, are cameras exchanged, or do frames of equal number show different moments?"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.synchrony import Lag, Motion, agreement, lag_of
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, ok, warning
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
@@ -30,13 +30,12 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
     motions = [_motions(view, source, session.frame_count) for view, source in seen]
     late = late_cameras(motions)
     if late:
-        yield Finding(
-            "warning",
+        yield warning(
             f"Do frames of equal number show the same moment? From what moves, {'; '.join(late)}. Cut the recordings so that "
-            "they start together.",
+            "they start together."
         )
     else:
-        yield Finding("ok", "nothing that moves speaks against cameras that run together.")
+        yield ok("nothing that moves speaks against cameras that run together.")
 
 
 def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[str]:

@@ -11,7 +11,7 @@ from handtrack.arrays import Bytes
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.video import VideoFile
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, error, note, ok, warning
 from handtrack.session.views import View
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class _MaskLook(NamedTuple):
 def check_view(view: View, session: Session) -> Iterator[Finding]:
     """Yield findings about one camera: files present, missing, unreadable; rates; masks; depth."""
     if not view.sources:
-        yield Finding("note", f"camera '{view.name}': no images, masks or depth; it is only drawn.")
+        yield note(f"camera '{view.name}': no images, masks or depth; it is only drawn.")
         return
     for kind, source in _sources(view):
         yield from _check_source(view, kind, source, session)
@@ -49,9 +49,7 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
     if view.has_masks:
         yield from _check_masks(view)
     elif view.depth is None:
-        yield Finding(
-            "note", f"camera '{view.name}': images without masks; no silhouettes are observed."
-        )
+        yield note(f"camera '{view.name}': images without masks; no silhouettes are observed.")
 
 
 def check_lengths(session: Session) -> Iterator[Finding]:
@@ -67,9 +65,8 @@ def check_lengths(session: Session) -> Iterator[Finding]:
         counts["clouds"] = max(session.cloud_files) + 1
     if len(set(counts.values())) > 1:
         shown = ", ".join(f"{name} {count}" for name, count in counts.items())
-        yield Finding(
-            "warning",
-            f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?",
+        yield warning(
+            f"Lengths differ: {shown} frames. Is one recording cut, or started at another time?"
         )
 
 
@@ -82,9 +79,8 @@ def check_files(session: Session) -> Iterator[Finding]:
             continue
         other = owners.setdefault(images, view.name)
         if other != view.name:
-            yield Finding(
-                "warning",
-                f"cameras '{other}' and '{view.name}' are given the same images, \"{images}\".",
+            yield warning(
+                f"cameras '{other}' and '{view.name}' are given the same images, \"{images}\"."
             )
 
 
@@ -101,21 +97,20 @@ def _check_source(
     missing = [frame for frame in frames if not source.has(frame)]
     width, height = view.camera.size
     if source.size is None:
-        yield Finding("error", f"camera '{view.name}': none of its {kind} can be read.")
+        yield error(f"camera '{view.name}': none of its {kind} can be read.")
         return
     if not isinstance(source, VideoFile):
         for frame in spread(len(frames), _MOST_FILES):
             source.read(frame)  # finds unreadable files and wrong sizes
     text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"
     if missing:
-        yield Finding("warning", f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
+        yield warning(f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
     else:
-        yield Finding("ok", f"{text}.")
+        yield ok(f"{text}.")
     rate = source.nominal_fps if isinstance(source, VideoFile) else 0.0
     if rate > 0 and abs(rate / session.fps - 1) > _RATE_TOLERANCE:
-        yield Finding(
-            "warning",
-            f"camera '{view.name}': the video says {rate:g} fps, the session {session.fps:g}.",
+        yield warning(
+            f"camera '{view.name}': the video says {rate:g} fps, the session {session.fps:g}."
         )
 
 
@@ -124,17 +119,15 @@ def _check_depth(view: View) -> Iterator[Finding]:
     depths = [depth for frame in frames if (depth := view.depth_m(frame)) is not None]
     measured = np.concatenate([depth[depth > 0] for depth in depths] or [np.zeros(0)])
     if measured.size == 0:
-        yield Finding(
-            "error",
-            f"camera '{view.name}': no depth is measured in the frames looked at; all is 0.",
+        yield error(
+            f"camera '{view.name}': no depth is measured in the frames looked at; all is 0."
         )
         return
     middle = float(np.median(measured))
     if not _USUAL_DEPTH_M[0] < middle < _USUAL_DEPTH_M[1]:
-        yield Finding(
-            "warning",
+        yield warning(
             f"camera '{view.name}': the median depth is {middle:.3g} m, with depth_scale_m = "
-            f"{view.settings.depth_scale_m:g}. Is the scale right?",
+            f"{view.settings.depth_scale_m:g}. Is the scale right?"
         )
 
 
@@ -142,43 +135,37 @@ def _check_masks(view: View) -> Iterator[Finding]:
     who = f"camera '{view.name}'"
     looks = list(_looks(view))
     if not looks:
-        yield Finding("error", f"{who}: no mask could be read or computed.")
+        yield error(f"{who}: no mask could be read or computed.")
         return
     empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
     inverted = [look.frame for look in looks if look.share > _INVERTED_SHARE]
     touching = [look.frame for look in looks if look.touches and look.share <= _INVERTED_SHARE]
     if len(empty) == len(looks):
-        yield Finding("error", f"{who}: all masks looked at ({len(looks)}) are empty.")
+        yield error(f"{who}: all masks looked at ({len(looks)}) are empty.")
     elif empty:
-        yield Finding(
-            "warning",
+        yield warning(
             f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An "
-            "empty mask says that the hand is not there; delete the file if it was not seen.",
+            "empty mask says that the hand is not there; delete the file if it was not seen."
         )
     if inverted:
-        yield Finding(
-            "warning",
+        yield warning(
             f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is "
-            f"hand, frames {listed(inverted)}. Are they inverted? Expected 0 background, 255 hand.",
+            f"hand, frames {listed(inverted)}. Are they inverted? Expected 0 background, 255 hand."
         )
     if touching:
-        yield Finding(
-            "note",
+        yield note(
             f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's "
             f"border, frames {listed(touching)}: the arm is part of the mask, or the hand is cut "
-            "off.",
+            "off."
         )
     cut = [look.frame for look in looks if look.outside > _CUT_SHARE]
     if cut:
-        yield Finding(
-            "warning",
+        yield warning(
             f"{who}: in {len(cut)} of {len(looks)} masks most of the hand lies outside of roi = "
             f"{list(view.settings.roi or ())}, frames {listed(cut)}, and is not observed.",
         )
     if not (empty or inverted or touching or cut):
-        yield Finding(
-            "ok", f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off."
-        )
+        yield ok(f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
 
 
 def _looks(view: View) -> Iterator[_MaskLook]:

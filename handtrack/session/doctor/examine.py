@@ -12,7 +12,7 @@ from handtrack.session.doctor.check_hand import check_init, check_model, check_t
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.doctor.check_views import check_files, check_lengths, check_view
-from handtrack.session.doctor.finding import Finding
+from handtrack.session.doctor.finding import Finding, error, ok, warning
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
@@ -25,14 +25,12 @@ def examine(session: Session) -> list[Finding]:
     order."""
     if session.frame_count == 0:
         return [
-            Finding(
-                "error",
+            error(
                 f"{session.folder}: no frames at all; no camera has images, masks or depth.",
             )
         ]
     found = [
-        Finding(
-            "ok",
+        ok(
             f"{session.frame_count} frames, {session.frame_count / session.fps:.1f} s at "
             f"{session.fps:g} fps.",
         )
@@ -52,7 +50,7 @@ def examine(session: Session) -> list[Finding]:
     ):
         found += _all_of(check(session))
     # last, since looking at the files is what brings these to light
-    found += [Finding("warning", text) for text in session.warnings]
+    found += [warning(text) for text in session.warnings]
     return list(dict.fromkeys(found))  # two checks may meet the same damaged file
 
 
@@ -71,5 +69,5 @@ def _all_of(check: Iterator[Finding]) -> Iterator[Finding]:
     """Yield a check's findings; what it cannot read becomes one more."""
     try:
         yield from check
-    except HandtrackError as error:
-        yield Finding("error", str(error))
+    except HandtrackError as reason:
+        yield error(str(reason))

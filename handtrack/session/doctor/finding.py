@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 SEVERITIES = ("ok", "note", "warning", "error")
@@ -14,3 +15,6 @@ class Finding(NamedTuple):
     """ok: as it should be; note: worth knowing; warning: probably wrong; error: tracking cannot
     use it."""
     text: str
+
+
+ok, note, warning, error = (partial(Finding, severity) for severity in SEVERITIES)

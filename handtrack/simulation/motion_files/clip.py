@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from handtrack.arrays import Floats
 from handtrack.errors import unknown_name
 
@@ -27,6 +29,15 @@ class MotionClip:
                 raise unknown_name("joint", name, self.names, "the motion file")
         columns = [self.names.index(name) for name in names.values()]
         return MotionClip(tuple(names), self.positions[:, columns], self.fps)
+
+    def resampled(self, fps: float) -> MotionClip:
+        """Return the clip at another frame rate, places interpolated linearly."""
+        count = int((len(self.positions) - 1) / self.fps * fps)
+        at = np.arange(count) * self.fps / fps
+        before = at.astype(int)
+        share = (at - before)[:, None, None]
+        places = (1 - share) * self.positions[before] + share * self.positions[before + 1]
+        return MotionClip(self.names, places, fps)
 
 
 def _both_sides(pairs: Mapping[str, tuple[str, str]]) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,17 +59,6 @@ class HandPoints:
     """(N, 3) world [m], all pixels of it"""
     tips: Floats
     """(T, 3) its fingertips"""
-
-
-def data_folder() -> Path:
-    """Return the folder of the shared data: HANDTRACK_DATA, or ../shared/data beside the checkout."""
-    beside = Path(__file__).resolve().parents[4] / "shared" / "data"
-    folder = Path(os.environ.get("HANDTRACK_DATA") or beside)
-    if not folder.is_dir():
-        raise HandtrackError(
-            f"no shared test data at {folder}; set the environment variable HANDTRACK_DATA to its folder."
-        )
-    return folder
 
 
 def write_depth_session(folder: Path, images: Path) -> Path:

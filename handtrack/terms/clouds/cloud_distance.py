@@ -106,24 +106,10 @@ class CloudDistanceTerm(CompiledTerm):
         kind, scale = self._loss
         start, members = self.surface.links
         return cloud_system(
-            self.cloud.points,
-            self.cloud.count,
-            self.cloud.spheres,
-            self.surface.posed(bones),
-            self.surface.ellipsoids.bone,
-            start,
-            members,
-            self.surface.sharpness,
-            self.surface.turning_level,
-            self.sigma_m,
-            kind,
-            scale,
-            self.weight,
-            bones.reference,
-            want_system,
-            gradient,
-            hessian,
-        )
+            self.cloud.points, self.cloud.count, self.cloud.spheres, self.surface.posed(bones),
+            self.surface.ellipsoids.bone, start, members, self.surface.sharpness, self.surface.turning_level,
+            self.sigma_m, kind, scale, self.weight, bones.reference, want_system, gradient, hessian,
+        )  # fmt: skip
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

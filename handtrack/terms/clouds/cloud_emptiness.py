@@ -89,23 +89,10 @@ class CloudEmptinessTerm(CompiledTerm):
             return 0.0
         kind, scale = self._loss
         return emptiness_system(
-            self.distances.values,
-            self.distances.low,
-            self.distances.spacing,
-            bones.rotation,
-            bones.position,
-            bones.reference,
-            self.bone,
-            self.local,
-            self.slack_m,
-            self.sigma_m,
-            kind,
-            scale,
-            self.weight,
-            want_system,
-            gradient,
-            hessian,
-        )
+            self.distances.values, self.distances.low, self.distances.spacing, bones.rotation, bones.position,
+            bones.reference, self.bone, self.local, self.slack_m, self.sigma_m, kind, scale, self.weight,
+            want_system, gradient, hessian,
+        )  # fmt: skip
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

@@ -56,21 +56,10 @@ class CloudRaysTerm(CompiledTerm):
     ) -> float:
         rays, depth = self._rays
         return rays_system(
-            self.centre,
-            rays,
-            depth,
-            self.surface.posed(bones),
-            self.surface.ellipsoids.bone,
-            self.beside_m,
-            self.robust.scale,
-            self.along_m,
-            self.outliers.level,
-            self.weight,
-            bones.reference,
-            want_system,
-            gradient,
-            hessian,
-        )
+            self.centre, rays, depth, self.surface.posed(bones), self.surface.ellipsoids.bone, self.beside_m,
+            self.robust.scale, self.along_m, self.outliers.level, self.weight, bones.reference, want_system,
+            gradient, hessian,
+        )  # fmt: skip
 
     @cached_property
     def _rays(self) -> tuple[Floats, Floats]:

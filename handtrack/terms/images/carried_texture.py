@@ -125,25 +125,10 @@ class CarriedTextureTerm(CompiledTerm):
             matrix = camera.matrix.copy()
             matrix[:2, 2] -= image.corner
             cost += texture_system(
-                image.values,
-                texture.bone,
-                texture.local,
-                texture.color,
-                self.sigma,
-                kind,
-                scale,
-                scale**2 if self.from_unexplained else 0.0,
-                self.weight,
-                matrix,
-                camera.rotation,
-                camera.translation,
-                bones.rotation,
-                bones.position,
-                bones.reference,
-                want_system,
-                gradient,
-                hessian,
-            )
+                image.values, texture.bone, texture.local, texture.color, self.sigma, kind, scale,
+                scale**2 if self.from_unexplained else 0.0, self.weight, matrix, camera.rotation, camera.translation,
+                bones.rotation, bones.position, bones.reference, want_system, gradient, hessian,
+            )  # fmt: skip
         return cost
 
     @cached_property

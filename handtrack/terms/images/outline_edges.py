@@ -49,24 +49,9 @@ class OutlineEdgesTerm(CompiledTerm):
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
             cost += edges_system(
-                outline.bone,
-                outline.local,
-                outline.pixel,
-                outline.normal,
-                self.weight * outline.length_px / self.stretch_px,
-                seen.place,
-                seen.strength,
-                self.sigma_px,
-                self.clutter,
-                self.from_unexplained,
-                camera.matrix,
-                camera.rotation,
-                camera.translation,
-                bones.rotation,
-                bones.position,
-                bones.reference,
-                want_system,
-                gradient,
-                hessian,
-            )
+                outline.bone, outline.local, outline.pixel, outline.normal,
+                self.weight * outline.length_px / self.stretch_px, seen.place, seen.strength, self.sigma_px,
+                self.clutter, self.from_unexplained, camera.matrix, camera.rotation, camera.translation,
+                bones.rotation, bones.position, bones.reference, want_system, gradient, hessian,
+            )  # fmt: skip
         return cost

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from handtrack.model.flesh import Ellipsoids
-from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
-from handtrack.terms.silhouettes.silhouette_field import field_system, plain_field, prepared
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm, plain_field
 
 
-class ConicFieldTerm:
+class ConicFieldTerm(FieldTerm):
     """½ weight Σ (P − Z)² over all observed pixels; P the lowest conic field, Z = −mask or a given field image.
 
     It has no gradient where the hand is seen beside the model, and on masks its minimum is biased: CoverageTerm is
@@ -28,18 +26,5 @@ class ConicFieldTerm:
         normalised: bool = True,
         name: str = "conic_field",
     ) -> None:
-        self.name = name
-        self.weight = weight
-        self.ellipsoids = ellipsoids
-        self.silhouettes = prepared(silhouettes)
+        super().__init__(silhouettes, ellipsoids, weight, name)
         self.shape = plain_field(len(self.silhouettes), len(ellipsoids), not normalised)
-
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ (P − Z)²."""
-        return field_system(
-            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
-        )[0].cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]

@@ -1,6 +1,6 @@
 """Compiled geometry of one ellipsoid in one camera: its ellipse, the ellipse's twist derivative, and Aᵀ M A.
 
-The plain form is geometry/quadric.py. Pixels are counted from the ellipse's own origin (u0, v0), a whole pixel.
+The plain form is tests/terms/conic_field_reference.py. Pixels are counted from the ellipse's own origin (u0, v0), a whole pixel.
 """
 
 from __future__ import annotations
@@ -12,30 +12,6 @@ ORIGIN_U, ORIGIN_V, CENTRE_U, CENTRE_V, S11, S12, S22, GAMMA, SCALE = range(9)
 """Columns of `ellipses`: origin [px]; centre from there [px]; shape S: (x − m)ᵀ S⁻¹ (x − m) = 1 is the outline [px²];
 C*₃₃ [m²]; factor of the field. A scale of 0 says: not seen by this camera."""
 ELLIPSE = 9
-
-
-@numba.njit(cache=True, nogil=True)
-def pose(
-    rotation, position, bone, centre, turn, radii, centre_world, shape_world
-):  # pragma: no cover - compiled
-    """Fill centres (E, 3) and D = R diag(r²) Rᵀ (E, 3, 3), world, of ellipsoids carried by bones."""
-    axes = np.empty((3, 3))
-    for e in range(bone.shape[0]):
-        b = bone[e]
-        for i in range(3):
-            r0, r1, r2 = rotation[b, i, 0], rotation[b, i, 1], rotation[b, i, 2]
-            centre_world[e, i] = (
-                position[b, i] + r0 * centre[e, 0] + r1 * centre[e, 1] + r2 * centre[e, 2]
-            )
-            for j in range(3):
-                axes[i, j] = (r0 * turn[e, 0, j] + r1 * turn[e, 1, j] + r2 * turn[e, 2, j]) * radii[
-                    e, j
-                ]
-        for i in range(3):
-            for j in range(3):
-                shape_world[e, i, j] = (
-                    axes[i, 0] * axes[j, 0] + axes[i, 1] * axes[j, 1] + axes[i, 2] * axes[j, 2]
-                )
 
 
 @numba.njit(cache=True, nogil=True)

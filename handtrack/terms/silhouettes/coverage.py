@@ -11,19 +11,13 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
-from handtrack.terms.silhouettes.silhouette_field import (
-    FieldShape,
-    field_system,
-    per_camera,
-    prepared,
-)
+from handtrack.terms.silhouettes.silhouette_field import FieldShape, FieldTerm, per_camera
 
 _NARROWEST, _WIDEST = 1e-6, 100.0  # of a band, in minor radii
 
 
-class CoverageTerm:
+class CoverageTerm(FieldTerm):
     """½ weight Σ (P − Z)² over all observed pixels, P = clip((q − t_o)/(t_i + t_o), −1, 0), Z = −mask.
 
     The band reaches ± band_px around the outline (at the minor axis' ends), so mask that the model misses pulls it.
@@ -41,22 +35,9 @@ class CoverageTerm:
         weight: float | Sequence[float] = 1.0,
         name: str = "coverage",
     ) -> None:
-        self.name = name
-        self.weight = weight
-        self.ellipsoids = ellipsoids
-        self.silhouettes = prepared(silhouettes)
+        super().__init__(silhouettes, ellipsoids, weight, name)
         cameras = [s.camera for s in self.silhouettes]
         self.shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
-
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ (P − Z)²."""
-        return field_system(
-            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
-        )[0].cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
 
 
 def ramp(

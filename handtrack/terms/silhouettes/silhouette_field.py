@@ -68,27 +68,10 @@ def field_system(
     areas = np.empty((len(silhouettes), 2))
     for i, seen in enumerate(silhouettes):
         part, areas[i, 0], areas[i, 1] = camera_system(
-            bones.rotation,
-            bones.position,
-            bones.reference,
-            ellipsoids.bone,
-            ellipsoids.centre,
-            ellipsoids.rotation,
-            ellipsoids.radii,
-            seen.camera.projection,
-            seen.valid,
-            seen.sums,
-            seen.window,
-            seen.powers,
-            seen.heights,
-            shape.levels[i],
-            shape.limit,
-            shape.depth_scaled,
-            weights[i],
-            want_system,
-            system.gradient,
-            system.hessian,
-        )
+            bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
+            ellipsoids.radii, seen.camera.projection, seen.valid, seen.sums, seen.window, seen.powers, seen.heights,
+            shape.levels[i], shape.limit, shape.depth_scaled, weights[i], want_system, system.gradient, system.hessian,
+        )  # fmt: skip
         cost += max(part + 0.5 * weights[i] * seen.energy, 0.0)
     return BoneSystem(cost, system.gradient, system.hessian), areas
 
@@ -102,3 +85,31 @@ def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple
             f"silhouettes: {len(value)} numbers for {name}; expected one, or {cameras} (one a camera)."
         )
     return tuple(float(x) for x in value)
+
+
+class FieldTerm:
+    """½ weight Σ (P − Z)² over all observed pixels; what P is, a subclass says by its `shape`."""
+
+    shape: FieldShape
+
+    def __init__(
+        self,
+        silhouettes: Sequence[Silhouette | PreparedSilhouette],
+        ellipsoids: Ellipsoids,
+        weight: float | Sequence[float],
+        name: str,
+    ) -> None:
+        self.name = name
+        self.weight = weight
+        self.ellipsoids = ellipsoids
+        self.silhouettes = prepared(silhouettes)
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ weight Σ (P − Z)²."""
+        return field_system(
+            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
+        )[0].cost
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
+        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.row_kernels import (
     BLOCK,
     MOMENTS,
@@ -36,7 +37,6 @@ from handtrack.terms.silhouettes.conic_kernels import (
     SCALE,
     conic_by_twist,
     conic_of,
-    pose,
     project,
 )
 
@@ -58,7 +58,7 @@ def camera_system(
     """
     count, height, width = bone.shape[0], valid.shape[0], window[0]
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
-    pose(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
+    posed_shapes(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
     ellipses = np.zeros((count + 2, ELLIPSE))
     project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
     moments = np.zeros((count + 2, MOMENTS))

@@ -1,0 +1,89 @@
+"""What benchmarks share: recordings, one thread, functions timed in turns, tracking a sequence, joint errors."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.session.session import Session
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
+
+
+def data_folder() -> Path:
+    """Return the folder of the shared data: HANDTRACK_DATA, or ../shared/data beside the checkout."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    folder = Path(os.environ.get("HANDTRACK_DATA") or beside)
+    if not folder.is_dir():
+        raise HandtrackError(
+            f"no shared test data at {folder}; set the environment variable HANDTRACK_DATA to its folder."
+        )
+    return folder
+
+
+def recording(name: str) -> Session:
+    """Return a session of the shared data."""
+    return Session.open(data_folder() / "sessions" / name)
+
+
+def alone(module: str, *words: str) -> dict[str, Any]:
+    """Return the figures that a module prints as JSON, run in a process of its own with one thread."""
+    done = subprocess.run(
+        [sys.executable, "-m", module, *words],
+        env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def alternating_medians(
+    functions: list[Callable[[], Any]], rounds: int, repeat: int = 5
+) -> list[float]:
+    """Return each function's median time [ms]; the functions take turns, so that a slow moment meets them all."""
+    times: list[list[float]] = [[] for _ in functions]
+    for function in functions:
+        function()
+    for _ in range(rounds):
+        for function, kept in zip(functions, times, strict=True):
+            for _ in range(repeat):
+                start = time.perf_counter()
+                function()
+                kept.append(time.perf_counter() - start)
+    return [1e3 * float(np.median(kept)) for kept in times]
+
+
+def tracked(
+    model: ArticulatedModel,
+    settings: Mapping[str, object],
+    seen: Sequence[Observation],
+    start: Floats,
+) -> list[FrameResult]:
+    """Return frames 0, 1, … tracked from solver parameters (P,) on, with settings that differ from the defaults."""
+    tracker = Tracker(model, TrackerSettings().with_values(settings))
+    return list(track_frames(tracker, lambda frame, *_: seen[frame], 0, start, range(len(seen))))
+
+
+def mean_mm(found: Floats, true: Floats) -> float:
+    """Return the mean distance between points (..., 3) [m], in mm."""
+    return 1e3 * float(np.linalg.norm(found - true, axis=-1).mean())
+
+
+def joint_error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:
+    """Return the mean distance of all joints and fingertips between two poses (P,) [mm]."""
+    found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
+    return mean_mm(found, true)
