@@ -11,20 +11,20 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app import messages as m
-from handtrack_app.demo import Demo
-from handtrack_app.exporting import LOG_FILE
-from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
-from handtrack_app.mailbox import Mailbox
-from handtrack_app.opening import open_document
-from handtrack_app.own_copy import own_copy
-from handtrack_app.panels.page import Page
-from handtrack_app.player import Player
-from handtrack_app.recording import LiveRecorder
-from handtrack_app.scene.stage import Stage
-from handtrack_app.screen_layout import PageLayout
-from handtrack_app.state import UserState
-from handtrack_app.worker import Opener, Worker
+from handtrack_app.engine.mailbox import Mailbox
+from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.own_copy import own_copy
+from handtrack_app.engine.store.exporting import LOG_FILE
+from handtrack_app.engine.worker import Opener, Worker
+from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
+from handtrack_app.page.demo import Demo
+from handtrack_app.page.layout import PageLayout
+from handtrack_app.page.page import Page
+from handtrack_app.page.player import Player
+from handtrack_app.page.scene.stage import Stage
+from handtrack_app.page.state import UserState
+from handtrack_app.protocol import messages as m
+from handtrack_app.rerun.live import LiveRecorder
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on

@@ -20,7 +20,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.document import Document
+from handtrack_app.engine.document import Document
 
 FRAMES = 12
 

@@ -11,7 +11,7 @@ from handtrack.session.first_pose.first_pose_search import SURE, find_first_pose
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.commands.progress import Stop, say
+from handtrack_app.commands.terminal.progress import Stop, say
 
 
 def found_first_pose(

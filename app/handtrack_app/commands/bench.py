@@ -9,7 +9,7 @@ from typing import Any
 
 from handtrack.bench.registry import BENCHMARKS
 from handtrack.errors import unknown_name
-from handtrack_app.commands.progress import say
+from handtrack_app.commands.terminal.progress import say
 
 
 def run(args: argparse.Namespace) -> int:

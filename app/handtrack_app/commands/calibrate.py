@@ -34,8 +34,8 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.output_file import output_file
-from handtrack_app.commands.progress import progress_bar, say
+from handtrack_app.commands.terminal.output_file import output_file
+from handtrack_app.commands.terminal.progress import progress_bar, say
 
 _WILD = "*?["
 _LEAST_VIEWS = 3

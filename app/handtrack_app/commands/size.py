@@ -13,10 +13,10 @@ from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.commands.auto_init import found_first_pose
-from handtrack_app.commands.compiling import compiling_told
-from handtrack_app.commands.output_file import output_file
-from handtrack_app.commands.progress import say, stoppable
-from handtrack_app.commands.track_options import (
+from handtrack_app.commands.terminal.compiling import compiling_told
+from handtrack_app.commands.terminal.output_file import output_file
+from handtrack_app.commands.terminal.progress import say, stoppable
+from handtrack_app.commands.terminal.track_options import (
     check_seen,
     first_pose,
     parse_frames,

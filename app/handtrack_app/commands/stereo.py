@@ -16,8 +16,8 @@ from handtrack.session.clouds import StereoClouds, stereo_settings
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
-from handtrack_app.commands.progress import progress_bar, say, stoppable
-from handtrack_app.commands.track_options import parse_frames
+from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
+from handtrack_app.commands.terminal.track_options import parse_frames
 
 _FOLDER = "clouds"
 _MOST_APART_DEG = 40.0  # pairs chosen for the user; others may be asked for in session.toml

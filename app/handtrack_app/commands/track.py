@@ -21,9 +21,9 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.sequence import track_frames
 from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
-from handtrack_app.commands.compiling import compiling_told
-from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
-from handtrack_app.commands.track_options import (
+from handtrack_app.commands.terminal.compiling import compiling_told
+from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
     first_pose,
@@ -32,7 +32,7 @@ from handtrack_app.commands.track_options import (
     parse_sources,
     writable,
 )
-from handtrack_app.residual_recorder import ResidualRecorder
+from handtrack_app.rerun.recorder import ResidualRecorder
 
 _INTERRUPTED = 130
 

@@ -1,0 +1,73 @@
+"""Open a session for the workbench, with or without a first pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack_app.engine.aiming import nearest_to_axes
+from handtrack_app.engine.document import Document
+
+# the share of points that are nearest, and how far behind them a hand may reach
+_NEAR, _DEEP_M = (0.02, 0.15)
+
+
+def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
+    """Return the document of a session folder. Raises HandtrackError.
+
+    Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
+    """
+    session = Session.open(folder)
+    run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
+    wanted = session.settings.model.fit_size
+    run = run.with_values({"model.fit_size": wanted})
+    pending = wanted and session.hand_scale == "fit"
+    if run.first is None:
+        return Document(run, 0, placed_in_view(run), pending)
+    frame, params = run.initial()
+    return Document(run, frame, params, pending)
+
+
+def placed_in_view(run: TrackingRun) -> Floats:
+    """Return solver parameters (P,) of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
+    the first one.
+    """
+    cameras = list(run.session.rig.cameras)
+    centre = _middle_of_cloud(run.session)
+    if centre is None:
+        centre = nearest_to_axes(
+            np.array([c.centre for c in cameras]), np.array([c.rotation[2] for c in cameras])
+        )
+    first = cameras[0]
+    up, forward = -first.rotation[1], first.rotation[2]
+    # +y up, back of the hand to the camera
+    turn = np.stack([np.cross(up, -forward), up, -forward], axis=1)
+    joint = run.model.rest.copy()
+    joint[3:6] = rotation_vector(turn)
+    joint[:3] = centre - 0.09 * up  # the wrist, half a hand below
+    return run.model.clipped(run.model.transform.solver_params(joint))
+
+
+def _middle_of_cloud(session: Session) -> Floats | None:
+    """Return the middle (3,) [m] of what is nearest to the cameras in the first cloud; None without one."""
+    if not session.has_clouds:
+        return None
+    try:
+        cloud = session.cloud(session.frame_range.start)[0]
+    except HandtrackError:  # said when the cloud is shown; the hand stands elsewhere till then
+        return None
+    if cloud is None or not len(cloud):
+        return None
+    points, eyes = cloud.points, session.cloud_eyes
+    if eyes is not None and len(eyes):
+        away = np.linalg.norm(points[:, None] - eyes, axis=2).min(axis=1)
+        points = points[away <= np.quantile(away, _NEAR) + _DEEP_M]
+    return np.median(points, axis=0)

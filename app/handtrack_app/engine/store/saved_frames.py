@@ -1,0 +1,88 @@
+"""Frames as they are kept: tracked ones as rows of the journal, and all of them, with poses set by hand, as one track."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack_app.engine.document import Document
+
+
+def whole_track(document: Document) -> Any:
+    """Return all frames as one TrackResult; poses set by hand are keyframes."""
+    frames = dict(document.results)
+    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
+    if not frames:
+        raise HandtrackError(
+            "There is nothing to save yet: track some frames, or pose the hand, first."
+        )
+    return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
+
+
+def _keyframe(document: Document, frame: int) -> FrameResult:
+    model, values = document.model, document.by_hand[frame]
+    joints = len(model.joint_names)
+    return _complete(
+        document, frame, values, Status.KEYFRAME, float("nan"), 0,
+        np.full(len(values), np.inf), np.tile(np.eye(3), (joints, 1, 1)),
+    )  # fmt: skip
+
+
+def _complete(
+    document: Document,
+    frame: int,
+    values: Any,
+    status: Status,
+    energy: float,
+    iterations: int,
+    std: Any,
+    spread: Any,
+) -> FrameResult:
+    model = document.model
+    values = np.asarray(values, dtype=float)
+    bones = model.bones(model.transform.solver_params(values))
+    return FrameResult(
+        frame=frame,
+        time_s=float(document.run.session.time_s(frame)),
+        parameters=values,
+        status=status,
+        energy=energy,
+        iterations=iterations,
+        parameter_std=np.asarray(std, dtype=float),
+        joint_covariance=np.asarray(spread, dtype=float),
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+    )
+
+
+def journal_row(result: FrameResult) -> dict[str, Any]:
+    """Return a tracked frame as the journal keeps it."""
+    return {
+        "frame": result.frame,
+        "status": int(result.status),
+        "energy": float(result.energy),
+        "iterations": int(result.iterations),
+        "parameters": result.parameters,
+        "std": result.parameter_std,
+        "spread": np.round(result.joint_covariance, 12),
+        "energies": dict(result.energies),
+        "unknown": result.unknown,
+    }
+
+
+def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
+    """Return the frame that the journal kept. Raises ValueError for one of another model."""
+    values = np.asarray(row["parameters"], dtype=float)
+    if values.shape != (len(document.model.parameter_names),):
+        raise ValueError("another model's pose")
+    found = _complete(
+        document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
+        row["std"], row["spread"],
+    )  # fmt: skip
+    energies = {k: float(v) for k, v in row.get("energies", {}).items()}
+    return replace(found, energies=energies, unknown=bool(row.get("unknown", False)))

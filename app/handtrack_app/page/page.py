@@ -1,0 +1,99 @@
+"""What every panel is handed: the server, the user's state, and the way to the worker."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from handtrack_app.page.state import ChangeStep, PoseStep, UserState
+from handtrack_app.protocol.messages import Command, SetPose
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Page:
+    """The page as its panels see it."""
+
+    server: viser.ViserServer
+    state: UserState
+    send: Callable[[Command], None]
+    redraw: Callable[[], None]
+    """apply changed display options to the scene"""
+    go_to: Callable[[float], None]
+    """show a frame"""
+
+    def play(self, on: bool) -> None:
+        """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
+        if self.state.playing != on:
+            self.state.playing = on
+            self.redraw()
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        return self.server.gui
+
+    def change(self, words: str, back: tuple[Command, ...], forth: tuple[Command, ...]) -> None:
+        """Send a change of settings, limits or filters (`forth`), which undo takes back by `back`."""
+        if not self.state.tracking:  # while tracking runs, settings stay as they are
+            self.state.changes(ChangeStep(words, back, forth))
+        for command in forth:
+            self.send(command)
+
+    def travel(self, back: bool) -> None:
+        """Undo or redo the last pose, setting, limit or filter."""
+        if self.state.waits_for_settings(back):
+            self.tell("info", "Tracking runs", "Settings stay fixed until it is done or cancelled.")
+            return
+        step = self.state.travel(back)
+        if step is None:
+            end = "Nothing to undo" if back else "Nothing to redo"
+            self.tell("info", end, "The history of edits ends here.")
+        elif isinstance(step, PoseStep):
+            self.send(SetPose(step.frame, step.values, self.state.version))
+        else:
+            for command in step.back if back else step.forth:
+                self.send(command)
+            self.tell("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
+
+    def tell(
+        self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
+    ) -> None:
+        """Show a notification, on one client or on all."""
+        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(
+            level, "gray"
+        )
+        close = {"info": 8.0, "done": 8.0, "warning": 15.0}.get(level)
+        clients = [client] if client is not None else list(self.server.get_clients().values())
+        for target in clients:
+            target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
+
+    def from_user(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
+
+        @functools.wraps(action)
+        def callback(event: Any) -> None:
+            if event.client_id is None:
+                return
+            try:
+                action(event)
+            except Exception as error:
+                log.exception("callback failed")
+                self.tell(
+                    "error", "That did not work", f"{type(error).__name__}: {error}", event.client
+                )
+
+        return callback
+
+
+def number(value: object, low: float, high: float) -> float | None:
+    """Return a client's value as a number within [low, high]; None if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return None
+    return min(max(float(value), low), high)

@@ -1,0 +1,87 @@
+"""Nudges: move and turn the hand by small steps as the user sees it, by button or key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+
+from handtrack.arrays import Floats
+from handtrack_app.page.page import Page
+from handtrack_app.page.panels.keys import Keys
+from handtrack_app.page.placing import NUDGES, nudged
+from handtrack_app.protocol.messages import SetPose
+
+_STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0),
+          "50 mm, 10°": (5e-2, 10.0)}  # fmt: skip
+_ROWS: dict[str, dict[str, str]] = {
+    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
+    "Depth": {"nearer": "nearer", "farther": "farther"},
+    "Turn": {
+        "↺": "roll left", "↻": "roll right", "⤒": "tilt up", "⤓": "tilt down",
+        "⇤": "turn left", "⇥": "turn right",
+    },
+}  # fmt: skip
+_HINTS = {
+    "Move": "Across the view. Keys J L I K.",
+    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
+    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
+}
+_KEYS: tuple[tuple[Any, Any, str], ...] = (
+    ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
+    ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
+    ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
+)  # fmt: skip
+
+
+@dataclass
+class NudgePanel:
+    """Handles of the nudges."""
+
+    page: Page
+    pivot: Callable[[], Floats | None]
+    """the hand's middle (3,) world [m]"""
+    axes: Callable[[], Floats | None]
+    """the axes (3, 3) of the camera looked through, camera → world, if any"""
+    keys: Keys
+
+    def build(self) -> None:
+        """Add the buttons where the page builds now, and the keys."""
+        gui, page = self.page.gui, self.page
+        with gui.add_folder("Nudge as you see it", expand_by_default=True):
+            for label, words in _ROWS.items():
+                row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
+                row.on_click(
+                    page.from_user(
+                        lambda e, words=words: self.nudge(words.get(e.target.value), e.client)
+                    )
+                )
+            self.step = gui.add_dropdown(
+                "Step", tuple(_STEPS), initial_value="2 mm, 2°",
+                hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",
+            )  # fmt: skip
+        for key, modifier, name in _KEYS:
+            act = page.from_user(lambda e, name=name: self.nudge(name, e.client))
+            self.keys.add(f"Nudge: {name}", key, act, modifier)
+
+    def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
+        """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
+        state, pivot = self.page.state, self.pivot()
+        nudge = NUDGES.get(name or "")
+        view = self.axes()
+        if view is None and client is not None:
+            view = vtf.SO3(np.asarray(client.camera.wxyz)).as_matrix()
+        if nudge is None or view is None or pivot is None or len(state.values) < 6:
+            return
+        step_m, step_deg = _STEPS.get(str(self.step.value), (2e-3, 2.0))
+        root = np.array(state.values[:6])
+        edit = state.edit(
+            nudged(root, nudge, np.asarray(view), pivot, step_m, float(np.deg2rad(step_deg))),
+            f"nudge {name}",
+        )
+        if edit is not None:
+            self.page.send(SetPose(edit.frame, edit.values, state.version))

@@ -1,0 +1,148 @@
+"""Settings changed on the page are saved to session.toml: they alone, with the file before kept; or told why not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.files.versions import versions
+from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.store import session_toml
+from handtrack_app.engine.store.persistence import Keeper
+from handtrack_app.protocol import messages as m
+from handtrack_app.workbench import Workbench
+from tests.app.cloudy_session import cloudy_session
+from tests.app.fake_run import fake_document
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+pytestmark = pytest.mark.usefixtures("journals_closed")
+TEXT = "[session]\nformat = 1  # of the file\n"
+
+
+@pytest.fixture
+def keeper(tmp_path: Path) -> Keeper:
+    """Two settings are changed, one of them noted in the journal twice."""
+    (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
+    keeper = Keeper.open(fake_document(tmp_path))
+    for name, value in (("cloud.weight", 2.0), ("solver.iterations", 5), ("solver.iterations", 7)):
+        document = keeper.document
+        document.replace_run(document.run.with_values({name: value}))
+        keeper.note("setting", {"name": name, "value": value})
+    return keeper
+
+
+def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
+    panel, path = bench.layout.settings, bench.folder / "session.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    knob = panel.knobs["cloud.weight"][1]
+    with WireClient(bench.port) as client:
+        client.set_value(knob, 2.0)
+        eventually(lambda: bool(panel.save.visible), "it can be saved")
+        client.set_value(panel.save, True)
+        eventually(lambda: knob.label == "Cloud", "no longer marked")
+        eventually(lambda: not panel.save.visible and not panel.back.visible, "nothing to save")
+    assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
+    assert knob.value == 2.0
+    bench.send(m.SetSetting("cloud.weight", 1.0))
+    eventually(lambda: knob.label == "Cloud •", "now the usual value is a change")
+
+
+def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
+    path = bench.folder / "session.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    bench.send(m.SetSetting("cloud.weight", 2.0))
+    bench.send(m.Track(0, 12, 3))
+    bench.send(m.SaveSettings())
+    eventually(
+        lambda: any("fixed while tracking" in notice.text for notice in bench._unread), "told"
+    )
+    assert path.read_text(encoding="utf-8") == TEXT
+
+
+def test_the_file_before_is_kept_and_the_journal_gives_way(keeper: Keeper) -> None:
+    path = keeper.folder / "session.toml"
+    said = keeper.save_settings()
+    (kept,) = versions(path)
+    assert said == (
+        "[tracking] of session.toml: cloud.weight, solver.iterations. The file before is kept as "
+        f"versions/{kept.name}."
+    )
+    assert kept.read_text(encoding="utf-8") == TEXT
+    assert keeper.save_settings() == "session.toml has these settings already."
+    again = Keeper.open(fake_document(keeper.folder))
+    again.restore()  # what stands in session.toml may be edited there from now on
+    assert again.document.run.settings.solver.iterations == 30
+
+
+def test_settings_brought_back_to_the_file_are_left_to_it(keeper: Keeper) -> None:
+    document = keeper.document
+    for name in ("cloud.weight", "solver.iterations"):
+        value = document.own_settings[name]
+        document.replace_run(document.run.with_values({name: value}))
+        keeper.note_setting(name, value)
+    later = fake_document(keeper.folder)
+    later.replace_run(
+        later.run.with_values({"solver.iterations": 12})
+    )  # as session.toml has it now
+    Keeper.open(later).restore()
+    assert later.run.settings.solver.iterations == 12
+
+
+def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    text = (folder / "session.toml").read_text(encoding="utf-8")
+    keeper = Keeper.open(open_document(folder, {}))
+    document = keeper.document
+    document.replace_run(document.run.with_values({"silhouettes.bands_mm": (6.0, 2.0)}))
+    keeper.save_settings()
+    assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
+    again = open_document(folder, {})
+    assert again.run.settings.silhouettes.bands_mm == (6.0, 2.0)
+    assert again.own_settings == again.run.settings.flat()
+
+
+def test_a_file_that_cannot_be_written_loses_nothing(
+    keeper: Keeper, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locked(path: Path, text: str) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(session_toml, "replace_text", locked)
+    path = keeper.folder / "session.toml"
+    with pytest.raises(HandtrackError) as refused:
+        keeper.save_settings()
+    assert str(refused.value) == (
+        f"{path}: cannot be written (Permission denied). Is the folder read-only?"
+    )
+    _nothing_lost(keeper, TEXT)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[session\nformat = 1\n", "not valid TOML"),
+        ("[session]\ntracking = 3\n\n[tracking]\nsolver = { iterations = 3 }\n", "set by hand"),
+        (None, "no such file; expected a session's settings"),
+    ],
+)
+def test_a_file_that_is_odd_by_now_is_left_alone(
+    keeper: Keeper, text: str | None, words: str
+) -> None:
+    path = keeper.folder / "session.toml"
+    path.unlink()
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(HandtrackError, match=words):
+        keeper.save_settings()
+    _nothing_lost(keeper, text)
+
+
+def _nothing_lost(keeper: Keeper, text: str | None) -> None:
+    path = keeper.folder / "session.toml"
+    assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
+    again = Keeper.open(fake_document(keeper.folder))
+    assert again.restore() == "Brought back from last time: 2 changed settings."
+    assert again.document.run.settings.solver.iterations == 7
