@@ -34,7 +34,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.terminal.output_file import output_file
+from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import progress_bar, say
 
 _WILD = "*?["

@@ -12,10 +12,9 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack_app.commands.auto_init import found_first_pose
-from handtrack_app.commands.terminal.compiling import compiling_told
-from handtrack_app.commands.terminal.output_file import output_file
-from handtrack_app.commands.terminal.progress import say, stoppable
+from handtrack_app.commands.terminal.first_pose import found_first_pose
+from handtrack_app.commands.terminal.output import output_file
+from handtrack_app.commands.terminal.progress import say, saying_compiling, stoppable
 from handtrack_app.commands.terminal.track_options import (
     check_seen,
     first_pose,
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
             f"--count {args.count}: expected at least one frame to fit the size to."
         )
     out = _new_file(args.out or session.folder / _FILE)
-    with stoppable() as stop, compiling_told():
+    with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         say(f"tracking {len(frames)} frames, and fitting the hand's size to {args.count} of them …")

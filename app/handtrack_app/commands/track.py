@@ -20,9 +20,14 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.sequence import track_frames
-from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
-from handtrack_app.commands.terminal.compiling import compiling_told
-from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
+from handtrack_app.commands.terminal.progress import (
+    Stop,
+    progress_bar,
+    say,
+    saying_compiling,
+    stoppable,
+)
 from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
@@ -52,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size
-    with stoppable() as stop, compiling_told():
+    with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,24 +11,13 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.energy_parts import energy_parts
-from handtrack_app.engine.frame_facts import mean_error_mm, told
 from handtrack_app.engine.inverse_kinematics import reach, tip_names
-from handtrack_app.engine.other_models import Made, renamed
-from handtrack_app.protocol.messages import (
-    CameraCard,
-    PoseSnapshot,
-    SessionSnapshot,
-    StripSnapshot,
-)
-from handtrack_app.protocol.model_card import model_reach, model_words, part_cards
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
@@ -59,6 +48,30 @@ def params_of(model: ArticulatedModel, values: Floats) -> Floats:
     return model.clipped(params)
 
 
+@dataclass(frozen=True)
+class ModelWork:
+    """What was made with a model that is not the one in force."""
+
+    start: Floats
+    shown: Floats
+    by_hand: dict[int, Floats] = field(default_factory=dict)
+    results: dict[int, FrameResult] = field(default_factory=dict)
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def pose_at(self, frame: int) -> Floats:
+        if frame in self.by_hand:
+            return self.by_hand[frame]
+        return self.results[frame].parameters if frame in self.results else self.shown
+
+
+def renamed(
+    values: Floats, names: Sequence[str], new_names: Sequence[str], others: Floats
+) -> Floats:
+    """Return joint parameters of another model by name; those that are not known are `others` (S,)."""
+    known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
+    return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
+
+
 class Document:
     """A run and everything the user and the tracker made of it.
 
@@ -77,7 +90,7 @@ class Document:
         """poses that a search found, by frame: they stand in `by_hand`, and are called found until they are edited"""
         self.results: dict[int, FrameResult] = {}
         self.limits: dict[str, tuple[float, float]] = {}
-        self._aside: dict[tuple[str, ...], Made] = {}
+        self._aside: dict[tuple[str, ...], ModelWork] = {}
         """by the parameters of the model that it was made with"""
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
@@ -226,9 +239,11 @@ class Document:
         self.own_interval = run.model.limits.interval.copy()
         found = [frame for frame in self.by_hand if self.is_found(frame)]
         if new != old:
-            self._aside[old] = Made(self.start, self.shown, self.by_hand, self.results, self.limits)
+            self._aside[old] = ModelWork(
+                self.start, self.shown, self.by_hand, self.results, self.limits
+            )
             none = np.zeros(len(new))
-            back = self._aside.pop(new, Made(none, none))
+            back = self._aside.pop(new, ModelWork(none, none))
             self.start = renamed(self.start, old, new, back.start)
             self.shown = renamed(self.shown, old, new, back.shown)
             self.by_hand = {
@@ -292,105 +307,3 @@ class Document:
         """Names of the settings of [clouds] that differ from session.toml."""
         now, saved = (clouds_values(c or CloudSettings()) for c in (self.clouds, self.saved_clouds))
         return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))
-
-    # ---- what the page sees
-
-    def session_snapshot(self) -> SessionSnapshot:
-        """Return everything the page is built from."""
-        session, model = self.run.session, self.model
-        driving = {model.parameter_names[s] for s in drivers(model)}
-        flesh = model.flesh["fine"]
-        return SessionSnapshot(
-            name=session.name,
-            folder=str(session.folder),
-            fps=float(session.fps),
-            start=self.frames.start,
-            stop=self.frames.stop,
-            first_frame=self.first_frame,
-            cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
-            parameter_names=model.parameter_names,
-            driven=tuple(n for n in model.parameter_names if n not in driving),
-            interval=model.limits.interval.copy(),
-            own_interval=self.own_interval.copy(),
-            bone_names=model.skeleton.bone_names,
-            bone_length=model.skeleton.length,
-            ellipsoid_bone=flesh.bone,
-            radii=flesh.radii,
-            settings=dict(self.run.settings.flat()),
-            own_settings=self.own_settings,
-            has_truth=session.truth is not None,
-            tip_names=self.tip_names,
-            pose_names=self.pose_names,
-            model=model_words(model),
-            kind=model.kind,
-            parts=part_cards(model),
-            reach_m=model_reach(model),
-        )
-
-    def pose_snapshot(self) -> PoseSnapshot:
-        """Return the hand as it is shown."""
-        model, frame = self.model, self.frame
-        bones = model.bones(params_of(model, self.shown))
-        posed = model.flesh["fine"].posed(bones)
-        result = self.results.get(frame)
-        by_hand = frame in self.by_hand
-        return PoseSnapshot(
-            frame=frame,
-            version=self.version,
-            values=self.shown.copy(),
-            bone_position=bones.position,
-            bone_rotation=bones.rotation,
-            centre=posed.centre,
-            rotation=posed.rotation,
-            tips=model.joint_positions(bones)[[model.joint_names.index(n) for n in self.tip_names]],
-            origin=self._origin(frame),
-            status=3 if by_hand else int(result.status) if result is not None else -1,
-            energy=float(result.energy) if result is not None and not by_hand else float("nan"),
-            std=result.parameter_std if result is not None and not by_hand else None,
-            truth=self.truth_at(frame),
-            error_mm=self._error_mm(frame, bones),
-            note=told(result) if result is not None and not by_hand else "",
-        )
-
-    def _origin(self, frame: int) -> str:
-        if frame in self.by_hand:
-            return "found" if self.is_found(frame) else "set"
-        return "tracked" if frame in self.results else "carried"
-
-    def strip_snapshot(self) -> StripSnapshot:
-        """Return status, energy and error of every frame."""
-        count = len(self.frames)
-        status = np.full(count, -1, dtype=np.int64)
-        energy, error = np.full(count, np.nan), np.full(count, np.nan)
-        for frame, result in self.results.items():
-            i = frame - self.frames.start
-            if 0 <= i < count:
-                status[i], energy[i] = int(result.status), result.energy
-                found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-                error[i] = mean_error_mm(found, self.truth_at(frame))
-        for frame, values in self.by_hand.items():
-            error[frame - self.frames.start] = self._error_mm(
-                frame, self.model.bones(params_of(self.model, values))
-            )
-        hand = tuple(sorted(self.by_hand))
-        found = tuple(frame for frame in hand if self.is_found(frame))
-        parts = energy_parts(self.results, self.frames)
-        return StripSnapshot(self.frames.start, status, energy, error, hand, parts, found)
-
-    def _error_mm(self, frame: int, bones: BonePoses) -> float:
-        truth, model = self.truth_at(frame), self.model
-        if truth is None:
-            return float("nan")
-        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-        return mean_error_mm(found, truth)
-
-    def truth_at(self, frame: int) -> Floats | None:
-        """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
-        truth = self.run.session.truth
-        points = None if truth is None else truth.keypoints21
-        if truth is not None and points is None and truth.joint_names == self.model.joint_names:
-            points = truth.joint_positions
-        if truth is None or points is None:
-            return None
-        row = np.flatnonzero(truth.frame == frame)
-        return points[row[0]] if len(row) else None

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack_app.engine.document import Document
-from handtrack_app.protocol.guess_messages import Guess, GuessesSnapshot
+from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 
 _MOST = 8  # of a list
 

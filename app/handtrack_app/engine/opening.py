@@ -1,7 +1,8 @@
-"""Open a session for the workbench, with or without a first pose."""
+"""Opening a session for the workbench: the copy to work in, where the model first stands, what is missing to track."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
+from handtrack.session import bundled
+from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack_app.engine.aiming import nearest_to_axes
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import looked_at
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)
@@ -43,9 +46,7 @@ def placed_in_view(run: TrackingRun) -> Floats:
     cameras = list(run.session.rig.cameras)
     centre = _middle_of_cloud(run.session)
     if centre is None:
-        centre = nearest_to_axes(
-            np.array([c.centre for c in cameras]), np.array([c.rotation[2] for c in cameras])
-        )
+        centre = looked_at(cameras)
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
     # +y up, back of the hand to the camera
@@ -71,3 +72,37 @@ def _middle_of_cloud(session: Session) -> Floats | None:
         away = np.linalg.norm(points[:, None] - eyes, axis=2).min(axis=1)
         points = points[away <= np.quantile(away, _NEAR) + _DEEP_M]
     return np.median(points, axis=0)
+
+
+def own_copy(folder: Path) -> Path:
+    """Return the folder to work in: a copy in the user's data folder for a recording that lies in a checkout.
+
+    The copy's name carries a stamp of the recording, so that a changed recording gets a new one. An installed
+    program's bundled session is such a copy already; any other folder is returned as it is.
+    """
+    source = Path(folder).resolve()
+    if source.parent != bundled.checkout_shelf():
+        return Path(folder)
+    stamp = hashlib.sha256()
+    for name in (SESSION_FILE, INIT_FILE, TRUTH_FILE):
+        if (source / name).is_file():
+            stamp.update((source / name).read_bytes())
+    return bundled.working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")
+
+
+_NOTHING = (
+    "Nothing tells where the {kind} is yet: this session has neither masks nor clouds. In the tab Cloud, match a pair of "
+    "cameras ('Clouds from this pair'); or give the cameras masks in session.toml, a folder of files or a method such as "
+    "'skin_ycrcb', and open it again. Edges of the images, with a first pose, do without both (tab Settings, Weights)."
+)
+
+
+def nothing_seen(run: Any) -> str:
+    """Return what to do about a session in which nothing is observed; empty where something is."""
+    session, settings = run.session, run.settings
+    if getattr(session, "has_clouds", True) or settings.looks_at_images:
+        return ""
+    cameras = [view.settings for view in session.views]
+    if any(camera.masks is not None or camera.keypoints is not None for camera in cameras):
+        return ""
+    return _NOTHING.format(kind=run.model.kind)

@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
+from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, params_of
-from handtrack_app.engine.jobs.compile_watch import CompileWatch
-from handtrack_app.engine.jobs.job import Ended, Found, Report, Sized, Tracked, Watch
-from handtrack_app.engine.jobs.job_control import Conductor
-from handtrack_app.engine.mailbox import Mailbox
-from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.pictures.camera_pictures import PictureMaker
+from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot, strip_snapshot
+from handtrack_app.engine.job_control import Conductor
+from handtrack_app.engine.jobs import Ended, Found, Report, Sized, Tracked, Watch
+from handtrack_app.engine.opening import nothing_seen, open_document
+from handtrack_app.engine.pictures.camera_pictures import PictureMaker, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudDesk
 from handtrack_app.engine.pictures.render_thread import Aside
-from handtrack_app.engine.store import exporting
 from handtrack_app.engine.store.persistence import Keeper
-from handtrack_app.engine.visibility import nothing_seen
-from handtrack_app.protocol import messages as m
+from handtrack_app.engine.store.tracks import export
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.mailbox import Mailbox
 
 log = logging.getLogger(__name__)
 _PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
@@ -40,20 +40,20 @@ _NO_POSE = {
 
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 
-Request = m.Command | Report
-Publish = Callable[[m.Snapshot], None]
+Request = commands.Command | Report
+Publish = Callable[[snapshots.Snapshot], None]
 Opener = Callable[[Path, dict[str, Any]], Document]
 
 
 def _kind(request: Request) -> Hashable | None:
     latest_wins = (
-        m.SetPose, m.PullTip, m.ShowFrame, m.WantPictures, m.WantCloud, m.WantSurface, m.SampleSkin,
+        commands.SetPose, commands.PullTip, commands.ShowFrame, commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.SampleSkin,
     )  # fmt: skip
-    if isinstance(request, m.SetClouds):
+    if isinstance(request, commands.SetClouds):
         return ("clouds", *(name for name, _ in request.values))
-    if isinstance(request, m.SetSetting):
+    if isinstance(request, commands.SetSetting):
         return ("setting", request.name)
-    if isinstance(request, m.SetLimits):
+    if isinstance(request, commands.SetLimits):
         return ("limits", request.name)
     return type(request) if isinstance(request, latest_wins) else None
 
@@ -79,11 +79,11 @@ class Worker:
         self._document: Document | None = None
         self._keeper: Keeper | None = None
         self._pictures: PictureMaker | None = None
-        self._wanted = m.WantPictures(True, None, "plain")
+        self._wanted = commands.WantPictures(True, None, "plain")
         self._conductor: Conductor | None = None
         self._aside = Aside(publish)
         self._desk: CloudDesk | None = None
-        self._wishes: dict[type, m.WantCloud | m.WantSurface] = {}
+        self._wishes: dict[type, commands.WantCloud | commands.WantSurface] = {}
         self._compiles = CompileWatch(self._compiling)
         self._stale_pictures, self._painted = False, 0.0
         self._unsaved: int | None = None
@@ -100,18 +100,24 @@ class Worker:
         self._opened.wait(timeout)
         return self._failure
 
-    def send(self, command: m.Command) -> None:
+    def send(self, command: commands.Command) -> None:
         """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
         conductor = self._conductor
         if conductor is not None:
             match command:
-                case m.Cancel():
+                case commands.Cancel():
                     conductor.cancel()
-                case m.Pause():
+                case commands.Pause():
                     conductor.pause(command.on)
-                case m.Follow():
+                case commands.Follow():
                     conductor.follow = command.on
-                case m.SetPose() | m.TakePose() | m.PullTip() | m.ShowFrame() | m.TakeGuess():
+                case (
+                    commands.SetPose()
+                    | commands.TakePose()
+                    | commands.PullTip()
+                    | commands.ShowFrame()
+                    | commands.TakeGuess()
+                ):
                     conductor.follow = False  # the user looks elsewhere: tracking goes on behind
         self._mail.put(command)
 
@@ -153,23 +159,23 @@ class Worker:
         try:
             action()
         except HandtrackError as error:
-            self._publish(m.Notice("error", "That did not work", str(error)))
+            self._publish(snapshots.Notice("error", "That did not work", str(error)))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("internal error")
-            self._publish(m.Notice("error", "Internal error", exporting.internal_error_text(error)))
+            self._publish(snapshots.Notice.of_mistake(error))
 
     def _compiling(self, words: str) -> None:
         if self._conductor is None:  # later on, the conductor tells it with its progress
-            self._publish(m.ProgressSnapshot("opening", words))
+            self._publish(snapshots.ProgressSnapshot("opening", words))
 
     def _open(self) -> None:
-        self._publish(m.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
+        self._publish(snapshots.ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
         try:
             self._document = self._opener(self.folder, {})
         except Exception as error:
             self._failure = error
             self._opened.set()
-            self._publish(m.ProgressSnapshot("failed", "The session could not be opened."))
+            self._publish(snapshots.ProgressSnapshot("failed", "The session could not be opened."))
             raise
         document = self._document
         self._keeper = Keeper.open(document)
@@ -179,100 +185,106 @@ class Worker:
             document, self._keeper, self._announce, self._mail.put, self._watch, self._compiles
         )
         self._desk = CloudDesk(document, self._aside)
-        self._publish(document.session_snapshot())
+        self._publish(session_snapshot(document))
         self._publish(self._desk.card())
         document.show(document.first_frame)
         for wish in self._wishes.values():
             self._desk.want(wish)
         self._show_all()
         if restored:
-            self._publish(m.Notice("info", "Welcome back", restored))
+            self._publish(snapshots.Notice("info", "Welcome back", restored))
         blind = nothing_seen(document.run)
         if blind:
-            self._publish(m.Notice("warning", "Nothing to track by yet", blind))
+            self._publish(snapshots.Notice("warning", "Nothing to track by yet", blind))
         elif document.run.first is None:
-            self._publish(m.Notice("info", "No first pose yet", _NO_POSE[document.model.kind]))
+            self._publish(
+                snapshots.Notice("info", "No first pose yet", _NO_POSE[document.model.kind])
+            )
         for warning in filter(None, (self._keeper.warning, *document.run.session.warnings)):
-            self._publish(m.Notice("warning", "About this session", str(warning)))
+            self._publish(snapshots.Notice("warning", "About this session", str(warning)))
         self._conductor.show_progress()
         self._opened.set()
 
     def _serve(self, request: Request) -> None:
         document, conductor, desk = self._document, self._conductor, self._desk
-        if isinstance(request, m.WantCloud | m.WantSurface):
+        if isinstance(request, commands.WantCloud | commands.WantSurface):
             self._wishes[type(request)] = request
         if document is None or conductor is None or desk is None:
             if not isinstance(
-                request, (m.WantPictures, m.WantCloud, m.WantSurface, m.ShowFrame, m.Cancel)
+                request, (commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.ShowFrame, commands.Cancel)
             ):  # fmt: skip
                 raise HandtrackError("No session is open yet.")
             return
         match request:
-            case m.SetPose():
+            case commands.SetPose():
                 if request.version >= document.version:
                     document.version = request.version
                     document.set_pose(request.frame, request.values)
                     self._edit(document)
-            case m.ShowFrame():
+            case commands.ShowFrame():
                 self._accept_edit()
                 document.show(request.frame)
                 self._show_pose()
-            case m.TakePose():
+            case commands.TakePose():
                 document.version = max(document.version, request.version)
                 document.take_pose(request.frame, request.source)
                 self._edit(document)
-            case m.PullTip():
+            case commands.PullTip():
                 document.version = max(document.version, request.version)
                 document.pull_tip(request.frame, request.tip, request.target)
                 self._edit(document)
-            case m.ForgetPose():
+            case commands.ForgetPose():
                 document.version = max(document.version, request.version)
                 document.forget_pose(request.frame)
                 self._note("forget", {"frame": request.frame})
                 self._show_all()
-            case m.WantPictures():
+            case commands.WantPictures():
                 self._wanted, self._stale_pictures = request, True
-            case m.Track():
+            case commands.Track():
                 self._accept_edit()
                 document.version = max(document.version, request.version)
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm(document)
                 conductor.track(request)
-            case m.FitSize():
+            case commands.FitSize():
                 conductor.fit_size()
-            case m.Pause():
+            case commands.Pause():
                 conductor.show_progress()
-            case m.Cancel():
+            case commands.Cancel():
                 conductor.leave()  # acted on in `send` already; most jobs report their end themselves
-            case m.Follow():
+            case commands.Follow():
                 pass  # acted on in `send`
-            case m.SetSetting() | m.SetLimits():
+            case commands.SetSetting() | commands.SetLimits():
                 self._change(document, request)
-            case m.SaveSettings():
+            case commands.SaveSettings():
                 self._save_settings(document)
-            case m.WantCloud() | m.WantSurface():
+            case commands.WantCloud() | commands.WantSurface():
                 desk.want(request)
             case (
-                m.SetClouds() | m.UseClouds() | m.SampleSkin() | m.RestoreClouds() | m.SaveClouds()
+                commands.SetClouds()
+                | commands.UseClouds()
+                | commands.SampleSkin()
+                | commands.RestoreClouds()
+                | commands.SaveClouds()
             ):
                 self._change_clouds(desk, request)
-            case m.SavePose():
+            case commands.SavePose():
                 self._see_arm(document)
                 text = self._kept().save_first_pose()
-                self._publish(m.Notice("done", "First-frame pose saved", text))
-            case m.SaveTrack():
-                self._publish(m.Notice("done", "Track saved", self._kept().save_track()))
-            case m.Export():
-                name, data = exporting.export(document, request.kind)
-                self._publish(m.Download(name, data, request.client_id))
-            case m.FindHand():
+                self._publish(snapshots.Notice("done", "First-frame pose saved", text))
+            case commands.SaveTrack():
+                self._publish(snapshots.Notice("done", "Track saved", self._kept().save_track()))
+            case commands.Export():
+                name, data = export(document, request.kind)
+                self._publish(snapshots.Download(name, data, request.client_id))
+            case commands.FindHand():
                 self._accept_edit()
                 conductor.find(request.frame)
-            case m.TakeGuess():
+            case commands.TakeGuess():
                 document.version = max(document.version, request.version)
                 if conductor.guesses.take(request.frame, request.index):
                     self._kept().note_scale()
-                    self._publish(document.session_snapshot())
+                    self._publish(session_snapshot(document))
                 self._edit(document)
             case Tracked() | Sized() | Found() | Ended():
                 conductor.take(request)
@@ -293,13 +305,13 @@ class Worker:
 
     def _see_arm(self, document: Document) -> None:
         if document.see_arm():
-            self._publish(document.session_snapshot())
+            self._publish(session_snapshot(document))
             self._show_all()
 
-    def _announce(self, snapshot: m.Snapshot) -> None:
+    def _announce(self, snapshot: snapshots.Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
-        if isinstance(snapshot, m.PoseSnapshot):
+        if isinstance(snapshot, snapshots.PoseSnapshot):
             self._stale_pictures = True
             guesses = None if self._conductor is None else self._conductor.guesses.snapshot()
             if guesses is not None:
@@ -310,11 +322,11 @@ class Worker:
 
     def _show_pose(self) -> None:
         if self._document is not None:
-            self._announce(self._document.pose_snapshot())
+            self._announce(pose_snapshot(self._document))
 
     def _show_strip(self) -> None:
         if self._document is not None:
-            self._publish(self._document.strip_snapshot())
+            self._publish(strip_snapshot(self._document))
 
     def _show_all(self) -> None:
         self._show_pose()
@@ -336,7 +348,7 @@ class Worker:
             seen = session.observation(frame, cloud=False).silhouettes if residual else ()
             mask = next((s.mask for s in seen if s.camera.name == screen), None)
             large = maker.screen(screen, frame, wanted.paint, flesh, mask)
-            self._publish(m.PictureSnapshot(frame, {}, screen, large))
+            self._publish(snapshots.PictureSnapshot(frame, screen=screen, screen_image=large))
         small = {}
         for name in names if wanted.thumbnails else ():
             if len(self._mail):
@@ -344,52 +356,60 @@ class Worker:
                 return
             small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
         if small:
-            self._publish(m.PictureSnapshot(frame, small, screen, large))
+            self._publish(
+                snapshots.PictureSnapshot(frame, small, contact_sheet(small), screen, large)
+            )
 
     def _change_clouds(
         self,
         desk: CloudDesk,
-        change: m.SetClouds | m.UseClouds | m.SampleSkin | m.RestoreClouds | m.SaveClouds,
+        change: commands.SetClouds
+        | commands.UseClouds
+        | commands.SampleSkin
+        | commands.RestoreClouds
+        | commands.SaveClouds,
     ) -> None:
         keeper = self._kept()
         try:
             if self._conductor is not None and self._conductor.busy:
                 raise HandtrackError(_FIXED)
             match change:
-                case m.SetClouds():
+                case commands.SetClouds():
                     desk.change(dict(change.values))
-                case m.UseClouds():
+                case commands.UseClouds():
                     desk.use(change.settings)
-                case m.SampleSkin():
+                case commands.SampleSkin():
                     text = desk.sample_skin(change)
-                    self._publish(m.Notice("done", "The skin's colour is taken", text))
-                case m.RestoreClouds():
+                    self._publish(snapshots.Notice("done", "The skin's colour is taken", text))
+                case commands.RestoreClouds():
                     desk.restore()
-                case m.SaveClouds():
-                    self._publish(m.Notice("done", "Clouds' settings saved", keeper.save_clouds()))
+                case commands.SaveClouds():
+                    self._publish(
+                        snapshots.Notice("done", "Clouds' settings saved", keeper.save_clouds())
+                    )
         finally:
             self._publish(desk.card())  # the page shows what holds
-        if not isinstance(change, m.SaveClouds):
+        if not isinstance(change, commands.SaveClouds):
             keeper.note_clouds()
 
     def _save_settings(self, document: Document) -> None:
         if self._conductor is not None and self._conductor.busy:
             raise HandtrackError(_FIXED)
-        self._publish(m.Notice("done", "Settings saved", self._kept().save_settings()))
-        self._publish(document.session_snapshot())
+        self._publish(snapshots.Notice("done", "Settings saved", self._kept().save_settings()))
+        self._publish(session_snapshot(document))
 
-    def _change(self, document: Document, change: m.SetSetting | m.SetLimits) -> None:
+    def _change(self, document: Document, change: commands.SetSetting | commands.SetLimits) -> None:
         if self._conductor is not None and self._conductor.busy:
-            self._publish(document.session_snapshot())  # the page goes back to what holds
+            self._publish(session_snapshot(document))  # the page goes back to what holds
             raise HandtrackError(_FIXED)
         try:
-            if isinstance(change, m.SetLimits):
+            if isinstance(change, commands.SetLimits):
                 document.set_limits(change.name, change.interval)
             else:
                 document.replace_run(document.run.with_values({change.name: change.value}))
                 self._kept().note_setting(change.name, change.value)
         finally:
-            self._publish(document.session_snapshot())
-        if isinstance(change, m.SetLimits):
+            self._publish(session_snapshot(document))
+        if isinstance(change, commands.SetLimits):
             self._note("limits", {"name": change.name, "interval": change.interval})
         self._show_all()

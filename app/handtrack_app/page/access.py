@@ -86,18 +86,6 @@ def choose_port(host: str, asked: int | None = None) -> int:
     )
 
 
-def free_ports(count: int) -> list[int]:
-    """Return different free ports of loopback."""
-    probes = [socket.socket() for _ in range(count)]
-    try:
-        for probe in probes:
-            probe.bind((LOOPBACK, 0))
-        return [probe.getsockname()[1] for probe in probes]
-    finally:
-        for probe in probes:
-            probe.close()
-
-
 def _bind(host: str, port: int) -> OSError | None:
     """Return why a server could not listen on a port, None when it could."""
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:

@@ -1,4 +1,4 @@
-"""Playback: advances the frame at the recording's pace while the user wants it to."""
+"""Playback at the recording's pace, and the demo: the session tracks itself, then plays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import threading
 import time
 from collections.abc import Callable
 
+from handtrack_app.page.page import Page
 from handtrack_app.page.state import UserState
+from handtrack_app.protocol.commands import Track
+from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, StripSnapshot
 
 
 class Player:
@@ -43,3 +46,29 @@ class Player:
                     last_asked = due
                     self._go_to(due)
                 time.sleep(0.4 / max(pace, 1.0))
+
+
+class Demo:
+    """Watches what the page shows, and presses the buttons that a new user would."""
+
+    def __init__(self) -> None:
+        self._begun = self._tracking = False
+
+    def begin(self, strip: StripSnapshot, page: Page, session: SessionSnapshot | None) -> None:
+        """Track all frames once the session is shown; play what was tracked the last time."""
+        if self._begun or session is None:
+            return
+        self._begun = True
+        if (strip.status >= 0).any():
+            page.state.playing = True
+            return
+        page.state.follow = True
+        page.send(Track(session.start, session.stop, session.first_frame, anew=True))
+
+    def follow(self, progress: ProgressSnapshot, page: Page) -> None:
+        """Play when tracking is done, unless the user looks at something else by then."""
+        if progress.state == "tracking":
+            self._tracking = True
+        elif self._tracking and progress.state == "idle":
+            self._tracking = False
+            page.state.playing = page.state.follow

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from handtrack_app.protocol.messages import Command
+from handtrack_app.protocol.commands import Command
 
 MODES = ("Flesh", "Surface", "Skeleton", "Field", "All")
 CLOUD_COLOURS = ("residual", "own", "plain")

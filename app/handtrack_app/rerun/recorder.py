@@ -9,10 +9,10 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from handtrack.tracking.frame.appearance_terms import Before
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.tracker import Tracker, Watch
+from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
 
 log = logging.getLogger(__name__)
@@ -236,3 +237,36 @@ def _within(spans: Array, width: int) -> Array:
 
 def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
     return dict(zip(model.parameter_names, values.tolist(), strict=True))
+
+
+class LiveRecorder:
+    """One recording, in a viewer of its own, for each state of hand and settings."""
+
+    def __init__(self, tell: Callable[[Notice | RerunPage], None]) -> None:
+        self._tell = tell
+        self._run: Any = None
+        self._recorder: Any = None
+        self._told_problem = False
+
+    def show(self, run: Any, result: FrameResult) -> None:
+        """Show one tracked frame. Called on the tracking thread; returns at once."""
+        if run is not self._run:
+            self._begin(run)
+        self._recorder.show(result)
+        if self._recorder.problem and not self._told_problem:
+            self._told_problem = True
+            self._tell(Notice("warning", "Nothing goes to rerun", self._recorder.problem))
+
+    def _begin(self, run: Any) -> None:
+        before = self._recorder
+        if before is not None:  # it may still have pictures to paint: not on this thread
+            threading.Thread(target=before.close, name="rerun-close", daemon=True).start()
+        self._run, self._told_problem = run, False
+        self._recorder = ResidualRecorder(run, live=True)
+        self._tell(RerunPage(self._recorder.url))
+
+    def close(self) -> None:
+        """End the recording and its viewer."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = self._run = None

@@ -10,8 +10,7 @@ import time
 from pathlib import Path
 from urllib.parse import quote
 
-from handtrack_app.page.access import LOOPBACK, free_ports
-
+LOOPBACK = "127.0.0.1"
 _STARTING_S = 30.0
 _MEMORY = "500MB"
 
@@ -20,7 +19,7 @@ class RerunViewer:
     """A viewer in a process of its own, because rerun cannot serve on loopback from inside this one."""
 
     def __init__(self) -> None:
-        self._data_port, self._page_port = free_ports(2)
+        self._data_port, self._page_port = _free_ports(2)
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -78,3 +77,15 @@ def _listens(port: int) -> bool:
     with socket.socket() as probe:
         probe.settimeout(0.5)
         return probe.connect_ex((LOOPBACK, port)) == 0
+
+
+def _free_ports(count: int) -> list[int]:
+    """Return different free ports of loopback."""
+    probes = [socket.socket() for _ in range(count)]
+    try:
+        for probe in probes:
+            probe.bind((LOOPBACK, 0))
+        return [probe.getsockname()[1] for probe in probes]
+    finally:
+        for probe in probes:
+            probe.close()

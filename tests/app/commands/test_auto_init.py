@@ -12,7 +12,7 @@ import pytest
 
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack_app.commands.auto_init import told
+from handtrack_app.commands.terminal.first_pose import told
 from tests.app.command_line import CommandLine
 
 

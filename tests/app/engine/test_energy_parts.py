@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import handtrack
-from handtrack_app.engine.energy_parts import TERM_WORDS, energy_parts
+from handtrack_app.engine.document_snapshots import TERM_WORDS, energy_parts
 from handtrack_app.protocol.palette import TERMS
 from tests.app.fake_run import fake_document
 

@@ -16,12 +16,12 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.jobs import job as background_job
 from handtrack_app.engine.store.persistence import Keeper
 from handtrack_app.page.scene.ghosts import update_ghosts
-from handtrack_app.protocol import messages as m
-from handtrack_app.protocol.guess_messages import Guess, GuessesSnapshot
+from handtrack_app.protocol import commands
+from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
@@ -53,7 +53,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
                 return []
         return [] if frame == 9 else candidates(run, 5 if frame is None else frame)
 
-    monkeypatch.setattr(background_job, "find_first_poses", find)
+    monkeypatch.setattr(jobs, "find_first_poses", find)
     yield go
     go.set()
 
@@ -112,9 +112,9 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
         eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
         eventually(lambda: ">found<" in card.content, "as it was found")
-    bench.send(m.SetSetting("model.name", "ball6"))
+    bench.send(commands.SetSetting("model.name", "ball6"))
     eventually(lambda: len(bench.state.values) == 6, "a simpler model")
-    bench.send(m.SetSetting("model.name", ""))
+    bench.send(commands.SetSetting("model.name", ""))
     eventually(lambda: len(bench.state.values) == 26 and ">found<" in card.content, "still found")
 
 
@@ -146,12 +146,12 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(
     bench: Workbench, search: threading.Event
 ) -> None:
     panel = bench.layout.guesses
-    bench.send(m.FindHand(9))
+    bench.send(commands.FindHand(9))
     eventually(lambda: bool(panel.cancel.visible), "it runs")
-    bench.send(m.Cancel())
+    bench.send(commands.Cancel())
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
-    bench.send(m.FindHand(9))
+    bench.send(commands.FindHand(9))
     eventually(lambda: any(n.title == "No hand found" for n in bench._unread), "told")
     assert panel.guesses is None
 

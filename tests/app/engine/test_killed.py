@@ -13,14 +13,13 @@ import numpy as np
 
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import snapshots
 from tests.app.fake_run import FRAMES, fake_document
 from tests.conftest import REPOSITORY
 
 WORK = """
 import sys, time
 from pathlib import Path
-from handtrack_app.protocol import messages as m
 from handtrack_app.engine.worker import Worker
 from tests.app.fake_run import fake_document
 
@@ -30,10 +29,10 @@ assert worker.wait_opened(60.0) is None
 names = worker._document.model.parameter_names
 values = list(worker._document.start)
 values[names.index("index_pip_flex")] = 0.75
-worker.send(m.SetPose(9, tuple(values), 1))
-worker.send(m.SetSetting("silhouettes.weight", 2.0))
+worker.send(commands.SetPose(9, tuple(values), 1))
+worker.send(commands.SetSetting("silhouettes.weight", 2.0))
 time.sleep(1.0)
-worker.send(m.Track(3, 12, 3))
+worker.send(commands.Track(3, 12, 3))
 while len(worker._document.results) < 5:
     time.sleep(0.01)
 print("tracking", flush=True)
@@ -56,7 +55,7 @@ def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> 
         program.wait(10)
         program.stdout.close()
 
-    seen: list[m.Snapshot] = []
+    seen: list[snapshots.Snapshot] = []
     worker = Worker(tmp_path, seen.append, fake_document)
     worker.start()
     assert worker.wait_opened(60.0) is None
@@ -69,5 +68,5 @@ def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> 
     tracked = sorted(document.results)
     assert tracked[0] == 3 and len(tracked) >= 3, "all but the last second of tracking"
     assert tracked == list(range(3, 3 + len(tracked))) and tracked[-1] < FRAMES
-    told = [s.text for s in seen if isinstance(s, m.Notice) and s.title == "Welcome back"]
+    told = [s.text for s in seen if isinstance(s, snapshots.Notice) and s.title == "Welcome back"]
     assert len(told) == 1 and "tracked frames" in told[0]

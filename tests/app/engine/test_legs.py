@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.engine.jobs.legs import legs
+from handtrack_app.engine.jobs import legs
 from handtrack_app.page.panels.tracking import keyframe_words, odd_frames
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 from tests.app.engine.test_worker import _desk, _pose
 from tests.app.fake_run import FRAMES
 
@@ -48,10 +48,10 @@ def test_every_other_frame_is_tracked_once(first, held) -> None:
 def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         values = _pose(listener, ring_pip_flex=1.0)
-        worker.send(m.SetPose(8, values, 1))
-        listener.wait(m.PoseSnapshot, lambda p: p.frame == 8)
-        worker.send(m.Track(0, FRAMES, 3, anew=True))
-        done = listener.wait(m.Notice, lambda n: n.title == "Tracking finished")
+        worker.send(commands.SetPose(8, values, 1))
+        listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8)
+        worker.send(commands.Track(0, FRAMES, 3, anew=True))
+        done = listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
         assert done.text.endswith("One, set by hand or found, stayed as it is.")
         document = worker._document
@@ -66,9 +66,9 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> 
 def test_tracking_from_a_corrected_frame_leaves_it(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         values = _pose(listener, ring_pip_flex=1.0)
-        worker.send(m.SetPose(8, values, 1))
-        worker.send(m.Track(8, FRAMES, 8))
-        listener.wait(m.Notice, lambda n: n.title == "Tracking finished")
+        worker.send(commands.SetPose(8, values, 1))
+        worker.send(commands.Track(8, FRAMES, 8))
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         document = worker._document
         assert document is not None
         assert sorted(document.results) == list(range(9, FRAMES))
@@ -77,9 +77,9 @@ def test_tracking_from_a_corrected_frame_leaves_it(tmp_path: Path) -> None:
 
 def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
-        worker.send(m.SetPose(8, _pose(listener, ring_pip_flex=1.0), 1))
-        worker.send(m.Track(8, 9, 8))
-        listener.wait(m.Notice, lambda n: n.title == "Frame 8 is fitted")
+        worker.send(commands.SetPose(8, _pose(listener, ring_pip_flex=1.0), 1))
+        worker.send(commands.Track(8, 9, 8))
+        listener.wait(snapshots.Notice, lambda n: n.title == "Frame 8 is fitted")
         document = worker._document
         assert document is not None and not document.by_hand and 8 in document.results
 
@@ -87,16 +87,18 @@ def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path: Path) -> None
 def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         for frame in (4, 5):
-            worker.send(m.SetPose(frame, _pose(listener, ring_pip_flex=1.0), frame))
-            listener.wait(m.PoseSnapshot, lambda p, frame=frame: p.version == frame)
-        worker.send(m.Track(4, 6, 4))
-        assert "nothing to track" in listener.wait(m.Notice, lambda n: n.level == "error").text
+            worker.send(commands.SetPose(frame, _pose(listener, ring_pip_flex=1.0), frame))
+            listener.wait(snapshots.PoseSnapshot, lambda p, frame=frame: p.version == frame)
+        worker.send(commands.Track(4, 6, 4))
+        assert (
+            "nothing to track" in listener.wait(snapshots.Notice, lambda n: n.level == "error").text
+        )
 
 
 def test_the_page_names_keyframes_and_leads_to_doubtful_frames() -> None:
     status = np.array([0, 1, 0, 2, 1, -1])
     none = np.full(6, np.nan)
-    strip = m.StripSnapshot(10, status, none, none, (14,))
+    strip = snapshots.StripSnapshot(10, status, none, none, (14,))
     assert odd_frames(strip) == [11, 13]
     assert "Frame 14 set by hand. Tracking leaves it, and starts again from it." in keyframe_words(
         strip.by_hand

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack_app.engine.document import Document
-from handtrack_app.engine.other_models import renamed
+from handtrack_app.engine.document import Document, renamed
 from tests.app.fake_run import FRAMES, fake_document
 
 

@@ -13,8 +13,8 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.files.versions import versions
 from handtrack.session.formats.tables import read_npz
-from handtrack_app.engine.store.exporting import export
 from handtrack_app.engine.store.persistence import WORK_FILE, Keeper
+from handtrack_app.engine.store.tracks import export
 from tests.app.fake_run import FRAMES, fake_document
 
 pytestmark = pytest.mark.usefixtures("journals_closed")

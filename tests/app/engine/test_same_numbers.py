@@ -14,7 +14,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 
 FRAMES = range(6)
 
@@ -33,11 +33,15 @@ def folder(request: pytest.FixtureRequest, data_dir: Path, tmp_path: Path) -> Pa
     return target
 
 
-def tracked_by(worker: Worker, seen: list[m.Snapshot], order: m.Track) -> dict[int, FrameResult]:
+def tracked_by(
+    worker: Worker, seen: list[snapshots.Snapshot], order: commands.Track
+) -> dict[int, FrameResult]:
     said = len(seen)
     worker.send(order)
     until = time.monotonic() + 90
-    while not any(isinstance(s, m.Notice) and s.title == "Tracking finished" for s in seen[said:]):
+    while not any(
+        isinstance(s, snapshots.Notice) and s.title == "Tracking finished" for s in seen[said:]
+    ):
         assert time.monotonic() < until, "tracking did not finish"
         time.sleep(0.02)
     assert worker._document is not None
@@ -51,11 +55,11 @@ def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None
     first, params = run.initial()
     expected = {result.frame: result for result in run.track(FRAMES, first, params)}
 
-    seen: list[m.Snapshot] = []
+    seen: list[snapshots.Snapshot] = []
     worker = Worker(folder, seen.append)
     worker.start()
     assert worker.wait_opened(60.0) is None
-    everything = m.Track(0, FRAMES.stop, first, anew=True)
+    everything = commands.Track(0, FRAMES.stop, first, anew=True)
     try:
         once = tracked_by(worker, seen, everything)
         again = tracked_by(worker, seen, everything)  # not from what was tracked before
@@ -73,16 +77,16 @@ def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None
 
 def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder: Path) -> None:
     run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
-    seen: list[m.Snapshot] = []
+    seen: list[snapshots.Snapshot] = []
     worker = Worker(folder, seen.append)
     worker.start()
     assert worker.wait_opened(60.0) is None
     posed = run.model.joint_params(run.initial()[1])
     posed[run.model.parameter_names.index("index_mcp_flex")] += 0.0123456789
-    worker.send(m.SetPose(0, tuple(posed), 1))
-    worker.send(m.SavePose())
+    worker.send(commands.SetPose(0, tuple(posed), 1))
+    worker.send(commands.SavePose())
     until = time.monotonic() + 20
-    while not any(isinstance(s, m.Notice) and "saved" in s.title for s in seen):
+    while not any(isinstance(s, snapshots.Notice) and "saved" in s.title for s in seen):
         assert time.monotonic() < until, "not saved"
         time.sleep(0.02)
     assert worker._document is not None

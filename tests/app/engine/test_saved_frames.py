@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.jobs.job_control import one_frame
-from handtrack_app.engine.store.saved_frames import journal_row, result_of_row
+from handtrack_app.engine.job_control import one_frame
+from handtrack_app.engine.store.tracks import journal_row, result_of_row
 from tests.app.fake_run import fake_document
 
 

@@ -11,7 +11,7 @@ from handtrack.files.versions import versions
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store import session_toml
 from handtrack_app.engine.store.persistence import Keeper
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
@@ -46,16 +46,16 @@ def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
         eventually(lambda: not panel.save.visible and not panel.back.visible, "nothing to save")
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert knob.value == 2.0
-    bench.send(m.SetSetting("cloud.weight", 1.0))
+    bench.send(commands.SetSetting("cloud.weight", 1.0))
     eventually(lambda: knob.label == "Cloud •", "now the usual value is a change")
 
 
 def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
     path = bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
-    bench.send(m.SetSetting("cloud.weight", 2.0))
-    bench.send(m.Track(0, 12, 3))
-    bench.send(m.SaveSettings())
+    bench.send(commands.SetSetting("cloud.weight", 2.0))
+    bench.send(commands.Track(0, 12, 3))
+    bench.send(commands.SaveSettings())
     eventually(
         lambda: any("fixed while tracking" in notice.text for notice in bench._unread), "told"
     )

@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.visibility import nothing_seen
+from handtrack_app.engine.opening import nothing_seen, open_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 from tests.app.cloudy_session import cloudy_session
 from tests.app.engine.test_worker import Listener
 
@@ -25,12 +24,12 @@ def test_images_alone_are_told_and_neither_searched_nor_tracked(tmp_path: Path) 
     listener = Listener()
     worker = Worker(_images_only(tmp_path), listener.publish, open_document)
     worker.start()
-    told = listener.wait(m.Notice, lambda n: n.title == "Nothing to track by yet", 30.0)
+    told = listener.wait(snapshots.Notice, lambda n: n.title == "Nothing to track by yet", 30.0)
     assert "neither masks nor clouds" in told.text
-    for command in (m.FindHand(0), m.Track(0, 2, 0)):
+    for command in (commands.FindHand(0), commands.Track(0, 2, 0)):
         listener.seen.clear()
         worker.send(command)
-        refused = listener.wait(m.Notice, lambda n: n.level == "error")
+        refused = listener.wait(snapshots.Notice, lambda n: n.level == "error")
         assert refused.text == told.text
     worker.stop()
 

@@ -11,9 +11,9 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.engine.document_snapshots import part_cards, pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, tip_names
 from handtrack_app.page.panels.pose import group_of, label_of
-from handtrack_app.protocol.model_card import part_cards
 from handtrack_app.protocol.palette import colour_of, limb_of
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
@@ -84,13 +84,13 @@ def test_a_slider_moves_the_limb(opened):
 
 def test_the_error_against_true_joints_is_told(opened):
     document = opened.worker._document
-    assert document.truth_at(0).shape == (len(BODY.joint_names), 3)
+    assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
     document.set_pose(0, tuple(document.start))
-    assert document.pose_snapshot().error_mm < 1.0  # it started from the exact pose
+    assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose
     moved = document.start.copy()
     moved[0] += 0.05
     document.set_pose(0, tuple(moved))
-    assert document.pose_snapshot().error_mm == pytest.approx(50.0, abs=1.0)
+    assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
     document.forget_pose(0)
 
 

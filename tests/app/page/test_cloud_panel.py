@@ -9,7 +9,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store.persistence import Keeper
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
@@ -24,10 +24,10 @@ def test_pictures_are_offered_where_there_are_some(page: Workbench) -> None:
     picture = panel.widgets["picture"]
     assert picture.options == ("cameras and points", "stereo match", "none")
     document.saved_clouds = None
-    page.send(m.RestoreClouds())
+    page.send(commands.RestoreClouds())
     eventually(lambda: picture.options == ("stereo match", "none"), "no points to show")
     eventually(lambda: picture.value == "none", "nothing is shown")
-    page.send(m.SetClouds((("stereo", (("cam0", "cam1"),)),)))
+    page.send(commands.SetClouds((("stereo", (("cam0", "cam1"),)),)))
     eventually(lambda: picture.value == "cameras and points", "as it was")
 
 
@@ -70,7 +70,7 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(page: Workbench)
         eventually(
             lambda: not wide.value and not page.state.display.cloud_wide, "no picture either"
         )
-        page.send(m.ShowFrame(1))
+        page.send(commands.ShowFrame(1))
         eventually(lambda: page.state.frame == 1, "another frame")
         assert shown() == {False}
         page.stage.look(None, None)

@@ -23,13 +23,13 @@ from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_maker import CloudMaker, nothing_left
 from handtrack_app.engine.pictures.cloud_service import CloudDesk, changed_clouds
 from handtrack_app.engine.pictures.render_thread import Aside
-from handtrack_app.engine.store.exporting import summary
+from handtrack_app.engine.store.tracks import summary
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
-from handtrack_app.page.scene.box_marking import pixel_box
-from handtrack_app.protocol import messages as m
-from handtrack_app.protocol.cloud_messages import FilterCount
+from handtrack_app.page.scene.camera_view import pixel_box
+from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.palette import residual_colours
+from handtrack_app.protocol.snapshots import FilterCount
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start
 from tests.app.engine.test_worker import Listener
@@ -46,29 +46,29 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     listener = Listener()
     worker = Worker(cloudy_session(tmp_path), listener.publish, open_document)
     worker.start()
-    listener.wait(m.ProgressSnapshot, lambda p: p.state in ("idle", "failed"), 30.0)
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"), 30.0)
     yield worker, listener, tmp_path
     worker.stop()
 
 
-def count(cloud: m.CloudSnapshot, name: str) -> FilterCount:
+def count(cloud: snapshots.CloudSnapshot, name: str) -> FilterCount:
     return next(c for c in cloud.counts if c.name == name)
 
 
 def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.ShowFrame(1))
-    listener.wait(m.PoseSnapshot, lambda p: p.frame == 1)
-    worker.send(m.WantSurface(True))
-    listener.wait(m.SurfaceSnapshot)
+    worker.send(commands.ShowFrame(1))
+    listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1)
+    worker.send(commands.WantSurface(True))
+    listener.wait(snapshots.SurfaceSnapshot)
     kinds = {type(s) for s in listener.seen}
-    assert not kinds & {m.CloudSnapshot, m.CloudPicture}
+    assert not kinds & {snapshots.CloudSnapshot, snapshots.CloudPicture}
 
 
 def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.WantCloud(points=True, dropped=True))
-    cloud = listener.wait(m.CloudSnapshot)
+    worker.send(commands.WantCloud(points=True, dropped=True))
+    cloud = listener.wait(snapshots.CloudSnapshot)
     document = worker._document
     assert document is not None
     bones = document.model.bones(document.model.transform.solver_params(document.shown))
@@ -85,26 +85,28 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: De
 
 def test_the_distance_follows_the_pose(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.WantCloud(points=True))
-    listener.wait(m.CloudSnapshot)
-    pose = listener.wait(m.PoseSnapshot)
+    worker.send(commands.WantCloud(points=True))
+    listener.wait(snapshots.CloudSnapshot)
+    pose = listener.wait(snapshots.PoseSnapshot)
     values = pose.values.copy()
     values[2] += 0.004
-    worker.send(m.SetPose(0, tuple(values.tolist()), 1))
-    moved = listener.wait(m.CloudSnapshot, lambda c: np.abs(c.residual_mm).max() > 3.0)
+    worker.send(commands.SetPose(0, tuple(values.tolist()), 1))
+    moved = listener.wait(snapshots.CloudSnapshot, lambda c: np.abs(c.residual_mm).max() > 3.0)
     assert 3.5 < np.quantile(np.abs(moved.residual_mm), 0.95) < 4.5
 
 
 def test_filters_are_live_with_counts(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.WantCloud(points=True))
-    first = listener.wait(m.CloudSnapshot)
-    worker.send(m.SetClouds((("crop_m", False), ("voxel_m", 0.008))))
-    second = listener.wait(m.CloudSnapshot, lambda c: count(c, "voxel").text.endswith("8 mm"))
+    worker.send(commands.WantCloud(points=True))
+    first = listener.wait(snapshots.CloudSnapshot)
+    worker.send(commands.SetClouds((("crop_m", False), ("voxel_m", 0.008))))
+    second = listener.wait(
+        snapshots.CloudSnapshot, lambda c: count(c, "voxel").text.endswith("8 mm")
+    )
     assert all(c.name != "crop" for c in second.counts)
     assert count(second, "voxel").before == HAND + WALL
     assert second.left < first.left
-    card = listener.wait(m.CloudCard, lambda c: c.values["crop_m"] is None)
+    card = listener.wait(snapshots.CloudCard, lambda c: c.values["crop_m"] is None)
     assert set(card.unsaved) == {"crop_m", "voxel_m"}
 
 
@@ -127,61 +129,63 @@ def test_a_setting_that_cannot_be_changes_nothing(values: dict[str, Any], words:
 
 def test_settings_come_back_and_are_saved_with_the_file_kept(desk: Desk) -> None:
     worker, listener, folder = desk
-    worker.send(m.SetClouds((("crop_m", 0.05), ("outlier_neighbours", False))))
-    listener.wait(m.CloudCard, lambda c: c.unsaved)
+    worker.send(commands.SetClouds((("crop_m", 0.05), ("outlier_neighbours", False))))
+    listener.wait(snapshots.CloudCard, lambda c: c.unsaved)
     worker.stop()
     assert (folder / "session.toml").read_text() == SETTINGS
 
     again = Listener()
     worker = Worker(folder, again.publish, open_document)
     worker.start()
-    card = again.wait(m.CloudCard)
+    card = again.wait(snapshots.CloudCard)
     assert (card.values["crop_m"], card.values["outlier_neighbours"]) == (0.05, None)
-    worker.send(m.SaveClouds())
-    said = again.wait(m.Notice, lambda n: n.title == "Clouds' settings saved")
+    worker.send(commands.SaveClouds())
+    said = again.wait(snapshots.Notice, lambda n: n.title == "Clouds' settings saved")
     assert "crop_m, outlier_neighbours" in said.text
     text = (folder / "session.toml").read_text()
     assert text == SETTINGS + "crop_m = 0.05\noutlier_neighbours = false\n"
     assert tomllib.loads(text)["clouds"]["voxel_m"] == 0.003
     (kept,) = (folder / "versions").iterdir()
     assert kept.read_text() == SETTINGS
-    worker.send(m.SetClouds((("crop_m", 0.2),)))
-    again.wait(m.CloudCard, lambda c: c.unsaved == ("crop_m",))
-    worker.send(m.RestoreClouds())
-    again.wait(m.CloudCard, lambda c: not c.unsaved and c.values["crop_m"] == 0.05)
+    worker.send(commands.SetClouds((("crop_m", 0.2),)))
+    again.wait(snapshots.CloudCard, lambda c: c.unsaved == ("crop_m",))
+    worker.send(commands.RestoreClouds())
+    again.wait(snapshots.CloudCard, lambda c: not c.unsaved and c.values["crop_m"] == 0.05)
     worker.stop()
     assert not open_document(folder, {}).unsaved_clouds
 
 
 def test_the_skins_colour_is_taken_from_a_box(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.SetClouds((("crop_m", False),)))
-    worker.send(m.WantCloud(points=True))
-    worker.send(m.SampleSkin(0, "cam0", BOX, 3.0))
-    cloud = listener.wait(m.CloudSnapshot, lambda c: any(f.name == "skin" for f in c.counts))
+    worker.send(commands.SetClouds((("crop_m", False),)))
+    worker.send(commands.WantCloud(points=True))
+    worker.send(commands.SampleSkin(0, "cam0", BOX, 3.0))
+    cloud = listener.wait(
+        snapshots.CloudSnapshot, lambda c: any(f.name == "skin" for f in c.counts)
+    )
     assert count(cloud, "skin").after == HAND  # the wall is of another colour
-    worker.send(m.SampleSkin(0, "cam0", (0, 0, 2, 2), 3.0))
-    notice = listener.wait(m.Notice, lambda n: n.level == "error")
+    worker.send(commands.SampleSkin(0, "cam0", (0, 0, 2, 2), 3.0))
+    notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert "at least 20 sampled pixels" in notice.text
 
 
 def test_pictures_of_cameras_and_of_a_pair(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.WantCloud(picture="images"))
-    plain = listener.wait(m.CloudPicture)
+    worker.send(commands.WantCloud(picture="images"))
+    plain = listener.wait(snapshots.CloudPicture)
     assert plain.image.shape[1:] == (620, 3)
     assert (plain.image == np.uint8([240, 228, 66])).all(axis=2).sum() > 300  # points that stay
-    worker.send(m.WantCloud(picture="stereo", wide=True))
-    large = listener.wait(m.CloudPicture, lambda p: p.wide)
+    worker.send(commands.WantCloud(picture="stereo", wide=True))
+    large = listener.wait(snapshots.CloudPicture, lambda p: p.wide)
     assert large.image.shape[1:] == (1240, 3)
     assert "pixels matched" in large.words
-    assert not [s for s in listener.seen if isinstance(s, m.CloudSnapshot)]
+    assert not [s for s in listener.seen if isinstance(s, snapshots.CloudSnapshot)]
 
 
 def test_the_surface_is_the_solvers(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.WantSurface(True))
-    mesh = listener.wait(m.SurfaceSnapshot)
+    worker.send(commands.WantSurface(True))
+    mesh = listener.wait(snapshots.SurfaceSnapshot)
     model = load_model("hand26")
     off = MetaballSurface.of(model).distance(model.bones(start()), mesh.vertices.astype(float))
     assert np.quantile(np.abs(off), 0.99) < 2e-5
@@ -190,9 +194,9 @@ def test_the_surface_is_the_solvers(desk: Desk) -> None:
 
 def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None:
     worker, listener, folder = desk
-    worker.send(m.Track(0, 2, 0))
-    listener.wait(m.Notice, lambda n: n.title == "Tracking finished", 60.0)
-    strip = [s for s in listener.seen if isinstance(s, m.StripSnapshot)][-1]
+    worker.send(commands.Track(0, 2, 0))
+    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
+    strip = [s for s in listener.seen if isinstance(s, snapshots.StripSnapshot)][-1]
     assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
     total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
@@ -200,15 +204,15 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
     again = Listener()
     second = Worker(folder, again.publish, open_document)
     second.start()
-    back = again.wait(m.StripSnapshot, lambda s: bool(s.terms))
+    back = again.wait(snapshots.StripSnapshot, lambda s: bool(s.terms))
     np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
     second.stop()
 
 
 def test_a_simpler_hand_is_said(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(m.Track(0, 2, 0))
-    listener.wait(m.Notice, lambda n: n.title == "Tracking finished", 60.0)
+    worker.send(commands.Track(0, 2, 0))
+    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
     document = worker._document
     assert document is not None
     whole = document.results[1]
@@ -216,8 +220,8 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     std[6:] = np.inf
     note = "poor cloud: 40 % of the hand in view was measured"
     document.results[1] = replace(whole, status=Status.DOUBTFUL, parameter_std=std, note=note)
-    worker.send(m.ShowFrame(1))
-    pose = listener.wait(m.PoseSnapshot, lambda p: p.frame == 1 and p.note)
+    worker.send(commands.ShowFrame(1))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1 and p.note)
     assert pose.note == f"Fingers held. {note.capitalize()}."
     assert "1 with the fingers held" in summary([*document.results.values()], 2, 0, 1.0)
 
@@ -254,10 +258,10 @@ def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
     document, view = page.worker._document, page.stage.cloud
     assert document is not None
     document.saved_clouds = None
-    page.send(m.RestoreClouds())
+    page.send(commands.RestoreClouds())
     scene = page.layout.cloud.scene
     eventually(lambda: not view.points.visible and not scene.visible, "hidden")
-    page.send(m.SetClouds((("stereo", (("cam0", "cam1"),)),)))
+    page.send(commands.SetClouds((("stereo", (("cam0", "cam1"),)),)))
     eventually(lambda: bool(scene.visible), "clouds of the pair")
     assert page.layout.cloud.card is not None
     assert page.layout.cloud.card.source == "stereo"
@@ -284,7 +288,7 @@ def test_sliders_stay_quick_with_cloud_and_surface(page: Workbench) -> None:
 
 def test_another_model_takes_the_hands_place(page: Workbench) -> None:
     for place, (name, tips) in enumerate((("glove9", 2), ("ball6", 0), ("hand26", 5))):
-        page.send(m.SetSetting("model.name", name))
+        page.send(commands.SetSetting("model.name", name))
         eventually(
             lambda tips=tips: page.stage.tips is not None and len(page.stage.tips.controls) == tips,
             f"{name} has its fingertips",
@@ -302,7 +306,7 @@ def test_another_model_takes_the_hands_place(page: Workbench) -> None:
 def test_a_dragged_box_is_found_in_the_image() -> None:
     size, matrix = (96, 72), np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
     turn = rotation_matrix(np.array([0.3, -0.2, 0.1]))
-    card = m.CameraCard("cam0", size, matrix, turn, np.zeros(3))
+    card = snapshots.CameraCard("cam0", size, matrix, turn, np.zeros(3))
     up = 0.5 * size[1] / 150.0 * 1.25  # the window sees more than the image, and looks the same way
 
     class View:

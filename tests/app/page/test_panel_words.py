@@ -8,22 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.engine.store.exporting import summary
+from handtrack_app.engine.document_snapshots import session_snapshot, strip_snapshot
+from handtrack_app.engine.store.tracks import summary
 from handtrack_app.page.panels.session import head
 from handtrack_app.page.panels.timeline import strip_picture
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 
-IDLE = m.ProgressSnapshot("idle", "Ready")
+IDLE = snapshots.ProgressSnapshot("idle", "Ready")
 
 
-def _strip(**changed: object) -> m.StripSnapshot:
+def _strip(**changed: object) -> snapshots.StripSnapshot:
     none = np.full(4, np.nan)
-    return replace(m.StripSnapshot(10, np.full(4, -1), none, none, ()), **changed)
+    return replace(snapshots.StripSnapshot(10, np.full(4, -1), none, none, ()), **changed)
 
 
 def test_one_camera_is_no_cameras(tmp_path: Path) -> None:
-    session = fake_document(tmp_path).session_snapshot()
+    session = session_snapshot(fake_document(tmp_path))
     assert "12 frames, 2 cameras," in head(session, IDLE)
     assert "12 frames, 1 camera," in head(replace(session, cameras=session.cameras[:1]), IDLE)
 
@@ -53,7 +54,7 @@ def test_a_poor_clouds_lines_of_sight_have_their_lane() -> None:
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     document.set_pose(5, tuple(document.start + np.eye(26)[0] * 0.01))
-    error = document.strip_snapshot().error_mm
+    error = strip_snapshot(document).error_mm
     assert error[5] == pytest.approx(10.0)
     assert np.isnan(error[6])
 

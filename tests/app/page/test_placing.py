@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack_app.page.placing import NUDGES, ROOT, nudged
+from handtrack_app.page.panels.nudging import NUDGES, ROOT, nudged
 
 VIEW = rotation_matrix(np.array([0.4, -1.1, 0.7]))
 STEP_M, STEP_RAD = 0.003, 0.05

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from handtrack_app.page.panels.keys import Keys
+from handtrack_app.page.page import Keys
 from handtrack_app.page.state import ChangeStep, PoseStep, UndoStack, UserState
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
@@ -19,7 +19,9 @@ from tests.app.wire import WireClient
 
 def _change(value: float, before: float = 0.0) -> ChangeStep:
     return ChangeStep(
-        "Cloud", (m.SetSetting("cloud.weight", before),), (m.SetSetting("cloud.weight", value),)
+        "Cloud",
+        (commands.SetSetting("cloud.weight", before),),
+        (commands.SetSetting("cloud.weight", value),),
     )
 
 

@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.page.scene.stage import looked_at
-from handtrack_app.protocol.messages import SessionSnapshot
+from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.page.scene import viewpoint as vp
+from handtrack_app.page.scene.stage import looked_at
+from handtrack_app.protocol.snapshots import SessionSnapshot
 from tests.app.fake_run import fake_document
 
 
 @pytest.fixture
 def session(tmp_path: Path) -> SessionSnapshot:
-    return fake_document(tmp_path).session_snapshot()
+    return session_snapshot(fake_document(tmp_path))
 
 
 def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 from handtrack_app.workbench import Workbench, log_to, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -97,7 +97,7 @@ def test_frames_and_ranges_from_clients_are_checked(bench: Workbench) -> None:
         client.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
         client.set_value(timeline.slider, 2)
         eventually(lambda: bench.state.frame == 2, "the page lives on")
-    assert tracking.order("range") == m.Track(0, FRAMES, 2)
+    assert tracking.order("range") == commands.Track(0, FRAMES, 2)
 
 
 def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
@@ -177,7 +177,7 @@ def test_the_hand_follows_a_slider_within_a_tenth_of_a_second(bench: Workbench) 
 def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.5)).start()
     assert bench.wait_ready(60.0)
-    bench.send(m.Track(0, FRAMES, 0))
+    bench.send(commands.Track(0, FRAMES, 0))
     wait = slowest_usual(bench)
     busy = bench.layout.tracking.progress.state
     bench.stop()
@@ -212,7 +212,7 @@ def test_a_request_that_is_no_browsers_prints_nothing(
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
-    bench._snapshots.put(m.Notice("info", "Welcome back", "Brought back: 3 poses."))
+    bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
     time.sleep(0.1)
     with WireClient(bench.port) as client:
         eventually(

@@ -1,4 +1,4 @@
-"""Progress with ETA on stderr, and a Ctrl-C that stops cleanly."""
+"""Progress with ETA on stderr, what is compiled, and a Ctrl-C that stops cleanly."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 
 from tqdm import tqdm
+
+from handtrack_app.engine.compile_watch import CompileWatch
 
 
 def progress_bar(total: int, what: str) -> tqdm:
@@ -52,3 +54,10 @@ def stoppable() -> Iterator[Stop]:
         yield stop
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def saying_compiling() -> AbstractContextManager[object]:
+    """Within the block, say once that kernels are compiled, if any are: that takes a while, the first time."""
+    words = "compiling kernels for this machine; only the first time, about half a minute …"
+    watch = CompileWatch(lambda _: say(words) if watch.count == 1 else None)
+    return closing(watch)

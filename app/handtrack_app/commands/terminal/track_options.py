@@ -15,7 +15,7 @@ from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.commands.terminal.output_file import output_file
+from handtrack_app.commands.terminal.output import output_file
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for

@@ -34,8 +34,8 @@ from handtrack_app.engine.pictures.cloud_pictures import (
     stereo_pictures,
     stereo_words,
 )
-from handtrack_app.protocol import messages as m
-from handtrack_app.protocol.cloud_messages import FilterCount
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.snapshots import FilterCount
 
 _SHOWN, _DROPPED_SHOWN = 20_000, 8_000  # points sent to the page at most
 _SPACING_M = 0.0035  # between vertices of the surface shown
@@ -56,7 +56,7 @@ class Moment:
     previous: BonePoses | None
     """the hand that the cloud is cropped to; None before the hand has a place"""
     filters: CloudFilters
-    wanted: m.WantCloud
+    wanted: commands.WantCloud
 
 
 class CloudMaker:
@@ -68,17 +68,17 @@ class CloudMaker:
         self._painted: tuple[object, ...] = ()
         """what the last picture was made from"""
 
-    def surface(self, moment: Moment) -> m.SurfaceSnapshot:
+    def surface(self, moment: Moment) -> snapshots.SurfaceSnapshot:
         spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
         mesh = surface_mesh(MetaballSurface.of(moment.model), moment.bones, spacing)
-        return m.SurfaceSnapshot(
+        return snapshots.SurfaceSnapshot(
             moment.frame,
             moment.version,
             mesh.vertices.astype(np.float32),
             mesh.faces.astype(np.uint32),
         )
 
-    def cloud(self, moment: Moment) -> m.CloudSnapshot:
+    def cloud(self, moment: Moment) -> snapshots.CloudSnapshot:
         measured, fate, reports = self._filtered(moment)
         if measured is None:
             return _nothing(moment.frame)
@@ -96,7 +96,7 @@ class CloudMaker:
             words = "The hand has no place yet: nothing is cropped to it."
         elif len(shown) < len(kept):
             words = f"{len(shown)} of {len(kept)} points are drawn."
-        return m.CloudSnapshot(
+        return snapshots.CloudSnapshot(
             moment.frame,
             points.astype(np.float32),
             None if measured.colors is None else measured.colors[shown],
@@ -108,7 +108,7 @@ class CloudMaker:
             words,
         )
 
-    def images(self, moment: Moment) -> m.CloudPicture | None:
+    def images(self, moment: Moment) -> snapshots.CloudPicture | None:
         """Return the cameras' pictures with the points; None where they would be those of the last time."""
         measured, fate, reports = self._filtered(moment)
         if self._is_painted(moment.frame, moment.wanted, fate):
@@ -131,7 +131,7 @@ class CloudMaker:
             return None
         return _picture(moment, contact_sheet(cells, width, columns), "")
 
-    def stereo(self, moment: Moment, pair: tuple[str, str]) -> m.CloudPicture | None:
+    def stereo(self, moment: Moment, pair: tuple[str, str]) -> snapshots.CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.session, moment.frame
         settings = stereo_settings(session.file.clouds or CloudSettings())
@@ -185,9 +185,9 @@ class CloudMaker:
         return self._known[1:]
 
 
-def _picture(moment: Moment, sheet: Bytes, words: str) -> m.CloudPicture:
+def _picture(moment: Moment, sheet: Bytes, words: str) -> snapshots.CloudPicture:
     wide = moment.wanted.wide
-    return m.CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
+    return snapshots.CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
 
 
 def nothing_left(reports: tuple[FilterReport, ...]) -> str:
@@ -208,9 +208,9 @@ def _places(reports: tuple[FilterReport, ...], thinned: bool) -> list[int]:
     return [i for i, report in enumerate(reports) if (report.name in _THINNED) == thinned]
 
 
-def _nothing(frame: int) -> m.CloudSnapshot:
+def _nothing(frame: int) -> snapshots.CloudSnapshot:
     none = np.zeros((0, 3), np.float32)
-    return m.CloudSnapshot(
+    return snapshots.CloudSnapshot(
         frame, none, None, np.zeros(0, np.float32), none, 0, 0, (), "This frame has no cloud."
     )
 

@@ -18,7 +18,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.pictures.cloud_maker import CloudMaker, Moment
 from handtrack_app.engine.pictures.render_thread import Aside
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 
 _HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
@@ -30,16 +30,16 @@ class CloudDesk:
 
     def __init__(self, document: Document, aside: Aside) -> None:
         self._document, self._aside = document, aside
-        self._wanted = m.WantCloud()
+        self._wanted = commands.WantCloud()
         self._surface = False
         self._shown_at = 0.0
         self._maker = CloudMaker()
 
     # ---- showing
 
-    def want(self, wish: m.WantCloud | m.WantSurface) -> None:
+    def want(self, wish: commands.WantCloud | commands.WantSurface) -> None:
         """Show something else from now on."""
-        if isinstance(wish, m.WantSurface):
+        if isinstance(wish, commands.WantSurface):
             self._surface = wish.on
         else:
             self._wanted = wish
@@ -104,7 +104,7 @@ class CloudDesk:
         """Go back to the settings of session.toml."""
         self.use(self._document.saved_clouds)
 
-    def sample_skin(self, order: m.SampleSkin) -> str:
+    def sample_skin(self, order: commands.SampleSkin) -> str:
         """Take the skin's colour from a box of a frame's image; return a sentence about it."""
         session, frame = self._document.run.session, order.frame
         if order.camera not in session.rig.names:
@@ -121,7 +121,7 @@ class CloudDesk:
         red, green = skin.mean
         return f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
 
-    def card(self) -> m.CloudCard:
+    def card(self) -> snapshots.CloudCard:
         """Return where clouds come from and the settings in force."""
         document, settings = self._document, self.settings
         session = document.run.session
@@ -135,7 +135,7 @@ class CloudDesk:
             pair = settings.stereo[0] if settings.stereo else None
         if pair is None and pairs:
             pair = pairs[0]
-        return m.CloudCard(
+        return snapshots.CloudCard(
             source,
             shown_values(settings),
             with_images,

@@ -8,12 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from handtrack.errors import HandtrackError
-from handtrack_app.engine.mailbox import Mailbox
-from handtrack_app.engine.store import exporting
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.mailbox import Mailbox
 
 log = logging.getLogger(__name__)
-Make = Callable[[], m.Snapshot | None]
+Make = Callable[[], snapshots.Snapshot | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +24,11 @@ class _Order:
 class Aside:
     """Makes snapshots one after the other; of each kind only the newest order counts."""
 
-    def __init__(self, publish: Callable[[m.Snapshot], None]) -> None:
+    def __init__(self, publish: Callable[[snapshots.Snapshot], None]) -> None:
         self._publish = publish
         self._mail: Mailbox[_Order] = Mailbox(lambda order: order.kind)
         self._stopping = threading.Event()
-        self._told = ""
+        self._said: snapshots.Notice | None = None
         self._thread = threading.Thread(target=self._work, name="aside", daemon=True)
 
     def start(self) -> None:
@@ -55,15 +54,15 @@ class Aside:
         try:
             snapshot = order.make()
         except HandtrackError as error:
-            self._tell("That cannot be shown", str(error))
+            self._say(snapshots.Notice("error", "That cannot be shown", str(error)))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("could not make %s", order.kind)
-            self._tell("Internal error", exporting.internal_error_text(error))
+            self._say(snapshots.Notice.of_mistake(error))
         else:
             if snapshot is not None:
                 self._publish(snapshot)
 
-    def _tell(self, title: str, text: str) -> None:
-        if text != self._told:  # the next frame would say the same
-            self._told = text
-            self._publish(m.Notice("error", title, text))
+    def _say(self, notice: snapshots.Notice) -> None:
+        if notice != self._said:  # the next frame would say the same
+            self._said = notice
+            self._publish(notice)

@@ -24,8 +24,8 @@ from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS
 from handtrack.session.tracking_table import with_tracking
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.saved_frames import journal_row, result_of_row, whole_track
 from handtrack_app.engine.store.session_toml import change_session_toml
+from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_track
 
 log = logging.getLogger(__name__)
 WORK_FILE = f"{TRACKS_FOLDER}/workbench.npz"

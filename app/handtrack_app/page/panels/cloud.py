@@ -13,11 +13,7 @@ import viser
 from handtrack_app.page.page import Page, number
 from handtrack_app.page.panels.cloud_filters import FilterKnobs, StereoKnobs
 from handtrack_app.page.panels.skin import SkinKnobs
-from handtrack_app.protocol.cloud_messages import (
-    CloudCard,
-    CloudPicture,
-    CloudSnapshot,
-    FilterCount,
+from handtrack_app.protocol.commands import (
     RestoreClouds,
     SampleSkin,
     SaveClouds,
@@ -25,6 +21,7 @@ from handtrack_app.protocol.cloud_messages import (
     UseClouds,
 )
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
+from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
 
 _COLOURS = {"distance to the model": "residual", "its own": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}

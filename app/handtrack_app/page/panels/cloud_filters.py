@@ -9,7 +9,7 @@ from typing import Any
 import viser
 
 from handtrack_app.page.page import Page, number
-from handtrack_app.protocol.messages import CloudCard
+from handtrack_app.protocol.snapshots import CloudCard
 
 Set = Callable[..., None]
 """set(name=value, ...): change settings of [clouds]"""

@@ -13,13 +13,8 @@ import viser
 from handtrack_app.page.page import Page, number
 from handtrack_app.page.panels.knobs import KNOBS, OPEN, Knob
 from handtrack_app.page.panels.pose import GROUPS, group_of, label_of, unit_of
-from handtrack_app.protocol.messages import (
-    FitSize,
-    SaveSettings,
-    SessionSnapshot,
-    SetLimits,
-    SetSetting,
-)
+from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
+from handtrack_app.protocol.snapshots import SessionSnapshot
 
 
 @dataclass

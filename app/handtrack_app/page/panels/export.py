@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.page.page import Page
-from handtrack_app.protocol.messages import Download, Export
+from handtrack_app.protocol.commands import Export
+from handtrack_app.protocol.snapshots import Download
 
 _KINDS = {
     "Joint angles and positions (CSV)": ("csv", "One row a frame; opens in any spreadsheet."),

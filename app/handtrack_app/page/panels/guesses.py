@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.page.page import Page
-from handtrack_app.protocol.guess_messages import FindHand, GuessesSnapshot, TakeGuess
-from handtrack_app.protocol.messages import Cancel, ProgressSnapshot, SessionSnapshot
+from handtrack_app.protocol.commands import Cancel, FindHand, TakeGuess
 from handtrack_app.protocol.palette import GHOSTS
+from handtrack_app.protocol.snapshots import GuessesSnapshot, ProgressSnapshot, SessionSnapshot
 
 _HERE, _ANYWHERE = "this frame", "any frame"
 _TITLES = {"found": "Poses found", "carried": "Poses carried along"}

@@ -13,16 +13,9 @@ import viser
 from handtrack_app.page.page import Page, number
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.protocol.messages import (
-    ForgetPose,
-    PoseSnapshot,
-    SavePose,
-    SessionSnapshot,
-    SetPose,
-    TakePose,
-    Track,
-)
+from handtrack_app.protocol.commands import ForgetPose, SavePose, SetPose, TakePose, Track
 from handtrack_app.protocol.palette import FINGER_COLOURS, FOUND, LIMB_COLOURS, STATUS, limb_of
+from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
 _LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
 GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS)

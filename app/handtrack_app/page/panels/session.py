@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack_app.engine.pictures.camera_pictures import contact_sheet
-from handtrack_app.page.page import Page, number
-from handtrack_app.page.panels.keys import Keys
+from handtrack_app.page.page import Keys, Page, number
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.state import MODES, PAINTS
-from handtrack_app.protocol.messages import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
 FREE = "free view"
 _MODE_WORDS = {
@@ -122,8 +120,8 @@ class SessionPanel:
         if not self.built:
             return
         wanted = self.page.state.display.images
-        if wanted and pictures.thumbnails:
-            self.sheet.image = contact_sheet(pictures.thumbnails)
+        if wanted and pictures.sheet is not None:
+            self.sheet.image = pictures.sheet
         if self.sheet.visible != wanted:
             self.sheet.visible = wanted
 

@@ -12,7 +12,8 @@ import viser
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack_app.page.page import Page, number
 from handtrack_app.page.panels.constraints import clean_interval
-from handtrack_app.protocol.messages import CloudCard, SampleSkin
+from handtrack_app.protocol.commands import SampleSkin
+from handtrack_app.protocol.snapshots import CloudCard
 
 Box = tuple[int, int, int, int]
 _SIZE = (0.5, 10.0, 0.1)

@@ -10,8 +10,8 @@ import viser
 
 from handtrack.arrays import Floats, Ints
 from handtrack_app.page.page import Page
-from handtrack_app.protocol.messages import SessionSnapshot, StripSnapshot
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
+from handtrack_app.protocol.snapshots import SessionSnapshot, StripSnapshot
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up

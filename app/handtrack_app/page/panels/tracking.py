@@ -10,17 +10,9 @@ import viser
 
 from handtrack_app.page.page import Page
 from handtrack_app.page.panels.constraints import clean_interval
-from handtrack_app.protocol.messages import (
-    Cancel,
-    Follow,
-    Pause,
-    ProgressSnapshot,
-    SaveTrack,
-    SessionSnapshot,
-    StripSnapshot,
-    Track,
-)
+from handtrack_app.protocol.commands import Cancel, Follow, Pause, SaveTrack, Track
 from handtrack_app.protocol.palette import FOUND, STATUS
+from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, StripSnapshot
 
 _NAMED = 12  # frames that are named one by one
 

@@ -9,8 +9,8 @@ import viser
 
 from handtrack.arrays import Bytes
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.messages import CloudSnapshot
 from handtrack_app.protocol.palette import residual_colours
+from handtrack_app.protocol.snapshots import CloudSnapshot
 
 _PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
 _LATE = 3  # frames that a cloud may stay behind the hand in playback; older ones would deceive

@@ -11,8 +11,8 @@ import trimesh
 import viser
 
 from handtrack.geometry.rotation import quaternion_wxyz
-from handtrack_app.protocol.guess_messages import GuessesSnapshot
 from handtrack_app.protocol.palette import GHOSTS, linear
+from handtrack_app.protocol.snapshots import GuessesSnapshot
 
 _THICK, _OPACITY = 0.06, 0.4  # of a bone's length, at most; and how opaque
 _MOST_M = 0.0026

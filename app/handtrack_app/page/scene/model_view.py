@@ -1,4 +1,4 @@
-"""The hand: ellipsoids as one batched mesh, bones as cylinders, joints as spheres; and the truth."""
+"""The model: ellipsoids as one batched mesh, bones, joints, the merged surface; and the truth."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ import viser
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.messages import PoseSnapshot, SessionSnapshot
-from handtrack_app.protocol.model_card import HAND_REACH_M
-from handtrack_app.protocol.palette import TRUTH, colour_of, colours_of
+from handtrack_app.protocol.palette import SURFACE, TRUTH, colour_of, colours_of
+from handtrack_app.protocol.snapshots import (
+    HAND_REACH_M,
+    PoseSnapshot,
+    SessionSnapshot,
+    SurfaceSnapshot,
+)
 
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
@@ -198,3 +202,18 @@ def remove_hand(view: HandView) -> None:
     own = (view.flesh, view.bones, view.joints, view.truth_lines, view.truth_points)
     for node in (*own, *view.parts):
         node.remove()
+
+
+def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
+    """Add the mesh, hidden until the first one comes."""
+    corner = np.zeros((3, 3), np.float32)
+    return server.scene.add_mesh_simple(
+        name, corner, np.array([[0, 1, 2]], np.uint32), color=SURFACE,
+        visible=False,
+    )  # fmt: skip
+
+
+def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
+    """Take the surface of another pose."""
+    mesh.vertices = surface.vertices
+    mesh.faces = surface.faces.astype(np.uint32)

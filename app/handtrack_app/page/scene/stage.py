@@ -8,13 +8,13 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack_app.engine.aiming import nearest_to_axes
 from handtrack_app.page.page import Page
-from handtrack_app.page.scene.box_marking import bare, pixel_box
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
+    bare,
     look_through,
+    pixel_box,
     place_screen,
     show_cameras,
     size_cameras,
@@ -32,13 +32,14 @@ from handtrack_app.page.scene.handles import (
 from handtrack_app.page.scene.model_view import (
     HandView,
     add_hand,
+    add_surface,
     flesh_opacity,
     remove_hand,
     show_hand,
     update_hand,
+    update_surface,
     update_truth,
 )
-from handtrack_app.page.scene.surface_view import add_surface, update_surface
 from handtrack_app.page.scene.surroundings import Surroundings, add_surroundings
 from handtrack_app.page.scene.viewpoint import (
     Viewpoint,
@@ -49,20 +50,16 @@ from handtrack_app.page.scene.viewpoint import (
     upward,
 )
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.messages import (
+from handtrack_app.protocol.commands import PullTip, SetPose, WantCloud, WantPictures, WantSurface
+from handtrack_app.protocol.snapshots import (
+    HAND_REACH_M,
     CloudSnapshot,
     GuessesSnapshot,
     PictureSnapshot,
     PoseSnapshot,
-    PullTip,
     SessionSnapshot,
-    SetPose,
     SurfaceSnapshot,
-    WantCloud,
-    WantPictures,
-    WantSurface,
 )
-from handtrack_app.protocol.model_card import HAND_REACH_M
 
 
 class Stage:
@@ -95,7 +92,7 @@ class Stage:
         before = self.session
         self.session = session
         if self.cameras is None:
-            self.cameras = add_cameras(self.page.server, "/cameras", session, looked_at(session))
+            self.cameras = add_cameras(self.page.server, "/cameras", session, session.looked_at)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
@@ -361,16 +358,6 @@ class Stage:
             box = pixel_box(event.client.camera, card, (event.screen_min, event.screen_max))
             if box is not None:
                 marked(box)
-
-
-def looked_at(session: SessionSnapshot) -> Floats:
-    """Return where the cameras look (3,) [m]."""
-    if not session.cameras:
-        return np.zeros(3)
-    return nearest_to_axes(
-        np.array([card.centre for card in session.cameras]),
-        np.array([card.rotation[:, 2] for card in session.cameras]),
-    )
 
 
 def middle_of(pose: PoseSnapshot) -> Floats:

@@ -9,7 +9,7 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import Floats
-from handtrack_app.protocol.model_card import HAND_REACH_M
+from handtrack_app.protocol.snapshots import HAND_REACH_M
 
 _BELOW = 0.16  # [m] the ground lies this far below the hand's middle
 _LINE, _SECTION = (44, 48, 54), (62, 68, 76)

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack_app.protocol.messages import CameraCard, SessionSnapshot
+from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
 _LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
 # free part of the picture, in half heights; the timeline is below

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.tracking.fallback import is_simplified
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot, strip_snapshot
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.jobs.compile_watch import CompileWatch
-from handtrack_app.engine.jobs.job import (
+from handtrack_app.engine.jobs import (
     BackgroundJob,
     Ended,
     FindingJob,
@@ -21,12 +25,11 @@ from handtrack_app.engine.jobs.job import (
     Tracked,
     TrackingJob,
     Watch,
+    legs,
 )
-from handtrack_app.engine.jobs.legs import legs
-from handtrack_app.engine.store import exporting
+from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store.persistence import Keeper
-from handtrack_app.engine.visibility import nothing_seen
-from handtrack_app.protocol import messages as m
+from handtrack_app.protocol import commands, snapshots
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
@@ -45,20 +48,20 @@ _NOT_FOUND = (
 )
 
 
-def one_frame(result: FrameResult) -> m.Notice:
+def one_frame(result: FrameResult) -> snapshots.Notice:
     """Return how fitting one frame went."""
     if result.status == Status.TRACKED:
-        return m.Notice(
+        return snapshots.Notice(
             "done", f"Frame {result.frame} is fitted", "What was seen is explained well."
         )
     if result.unknown:
-        return m.Notice(
+        return snapshots.Notice(
             "warning",
             f"Frame {result.frame} fits, as far as it is seen",
             f"In doubt: {result.note}.",
         )
     text = result.note or "What was seen is not explained well."
-    return m.Notice(
+    return snapshots.Notice(
         "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
     )
 
@@ -70,7 +73,7 @@ class Conductor:
         self,
         document: Document,
         keeper: Keeper,
-        publish: Callable[[m.Snapshot], None],
+        publish: Callable[[snapshots.Snapshot], None],
         post: Callable[[Report], None],
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
@@ -80,7 +83,7 @@ class Conductor:
         self._document, self._keeper = document, keeper
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._then: m.Track | None = None
+        self._then: commands.Track | None = None
         self._tracked_now: list[FrameResult] = []
         self._first = document.first_frame
         self._count = 0
@@ -123,7 +126,7 @@ class Conductor:
 
     # ---- starting
 
-    def track(self, order: m.Track) -> None:
+    def track(self, order: commands.Track) -> None:
         """Begin to track; a hand's size that is still to be fitted comes first."""
         document = self._document
         self._refuse()
@@ -152,7 +155,7 @@ class Conductor:
             )
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
-    def fit_size(self, then: m.Track | None = None) -> None:
+    def fit_size(self, then: commands.Track | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
         self._refuse()
         if self._document.run.first is None:
@@ -199,8 +202,8 @@ class Conductor:
             case Sized():
                 self._document.set_scale(report.scale)
                 self._keeper.note_scale()
-                self._publish(self._document.session_snapshot())
-                self._publish(self._document.pose_snapshot())
+                self._publish(session_snapshot(self._document))
+                self._publish(pose_snapshot(self._document))
             case Found():
                 self._found(report)
             case Ended():
@@ -214,36 +217,36 @@ class Conductor:
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             document.show(done.result.frame)
-            self._publish(document.pose_snapshot())
+            self._publish(pose_snapshot(document))
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
-            self._publish(document.strip_snapshot())
+            self._publish(strip_snapshot(document))
         self.show_progress()
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
-            self._publish(m.Notice("warning", "No hand found", _NOT_FOUND))
+            self._publish(snapshots.Notice("warning", "No hand found", _NOT_FOUND))
             return
         self.guesses.keep(found.candidates)
         best = found.candidates[0]
         self._document.show(best.frame)
         snapshot = self.guesses.snapshot(is_new=True)
-        self._publish(self._document.pose_snapshot())
+        self._publish(pose_snapshot(self._document))
         if snapshot is not None:
             self._publish(snapshot)
         more = len(found.candidates) - 1
         text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
         if more:
             text += f" {more} other poses are below and in the scene; a click takes one."
-        self._publish(m.Notice("done", "The hand is found", text))
+        self._publish(snapshots.Notice("done", "The hand is found", text))
 
     def _ended(self, job: BackgroundJob, end: Ended) -> None:
         self._job = None
         then, self._then = self._then, None
         document = self._document
         document.show(document.frame)
-        self._publish(document.pose_snapshot())
-        self._publish(document.strip_snapshot())
+        self._publish(pose_snapshot(document))
+        self._publish(strip_snapshot(document))
         if job.done:
             self._keeper.settle()
         self._tell(job, end)
@@ -255,18 +258,17 @@ class Conductor:
 
     def _tell(self, job: BackgroundJob, end: Ended) -> None:
         if end.internal:
-            text = exporting.internal_error_text(end.error)
-            self._publish(m.Notice("error", "Internal error while tracking", text))
+            self._publish(snapshots.Notice.of_mistake(end.error, "Internal error while tracking"))
         elif end.error:
-            self._publish(m.Notice("error", "Tracking stopped", end.error))
+            self._publish(snapshots.Notice("error", "Tracking stopped", end.error))
         elif job.kind == "finding":
             if end.cancelled:
-                self._publish(m.Notice("done", "Cancelled", ""))
+                self._publish(snapshots.Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
             size = self._document.model.scale.overall
             text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
             title = "Cancelled" if end.cancelled else "Hand size fitted"
-            self._publish(m.Notice("done", title, text))
+            self._publish(snapshots.Notice("done", title, text))
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
@@ -274,10 +276,8 @@ class Conductor:
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))
                 return
-            text = exporting.summary(
-                self._tracked_now, job.total, len(job.frames) - job.total, took
-            )
-            self._publish(m.Notice("done", title, text))
+            text = summary(self._tracked_now, job.total, len(job.frames) - job.total, took)
+            self._publish(snapshots.Notice("done", title, text))
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
@@ -293,7 +293,7 @@ class Conductor:
         """Say what is going on."""
         job = self._job
         if job is None:
-            self._publish(m.ProgressSnapshot("idle", "Ready"))
+            self._publish(snapshots.ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
         quiet = job.kind in ("sizing", "finding") and not job.paused
@@ -303,4 +303,26 @@ class Conductor:
         if quiet and isinstance(job, FindingJob | SizingJob) and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
-        self._publish(m.ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+        self._publish(snapshots.ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+
+
+def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
+    """Return how a run of tracking went, in one sentence or two.
+
+    total: frames that were to be tracked. by_hand: frames that stayed as they were given.
+    """
+    counts = np.bincount([int(result.status) for result in results], minlength=5)
+    done = len(results)
+    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
+    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
+    poor = sum(result.poor_cloud for result in results)
+    if poor:
+        odd.append(f"{poor} in a poor cloud")
+    held = sum(is_simplified(result) for result in results)
+    if held:
+        odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
+    quality = ", ".join(odd) if odd else "none doubtful"
+    hand = f" {by_hand} set by hand or found stayed as they are." if by_hand > 1 else ""
+    if by_hand == 1:
+        hand = " One, set by hand or found, stayed as it is."
+    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"

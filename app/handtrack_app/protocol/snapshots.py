@@ -1,175 +1,30 @@
-"""What the page and the worker say to each other: frozen, picklable, no viser in it.
-
-Commands go to the worker, snapshots come back. The worker is a thread today; because nothing here is shared,
-it can become a process without a change to page or worker.
-"""
+"""What the engine tells the page: snapshots, frozen and picklable, with no viser in them."""
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from handtrack.arrays import Bytes, Floats, Ints
 from handtrack.geometry.camera import Camera
-from handtrack_app.protocol.cloud_messages import (
-    CloudCard,
-    CloudPicture,
-    CloudSnapshot,
-    RestoreClouds,
-    SampleSkin,
-    SaveClouds,
-    SetClouds,
-    SurfaceSnapshot,
-    UseClouds,
-    WantCloud,
-    WantSurface,
-)
-from handtrack_app.protocol.guess_messages import FindHand, GuessesSnapshot, TakeGuess
-from handtrack_app.protocol.model_card import HAND_REACH_M, PartCard
+from handtrack.session.clouds_settings import CloudSettings
 
-# ---- commands: page → worker ----------------------------------------------------------------------
+LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
+HAND_REACH_M = 0.11
+"""how far a hand extends around its middle"""
 
 
 @dataclass(frozen=True)
-class ShowFrame:
-    """Show another frame. A newer one replaces an older one that still waits."""
+class PartCard:
+    """A part of a body as the scene draws it: a closed mesh, fixed to a bone."""
 
-    frame: int
-
-
-@dataclass(frozen=True)
-class SetPose:
-    """Set the whole pose of a frame by hand. A newer one replaces an older one that still waits."""
-
-    frame: int
-    values: tuple[float, ...]
-    """(S,) joint parameters [m, rad]"""
-    version: int
-    """counts the user's edits; the answering snapshot carries it back"""
-
-
-@dataclass(frozen=True)
-class TakePose:
-    """Replace a frame's pose by another one."""
-
-    frame: int
-    source: str
-    """`start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the fingers"""
-    version: int
-
-
-@dataclass(frozen=True)
-class PullTip:
-    """Bend a finger so that its tip comes to a point. A newer one replaces an older one that still waits."""
-
-    frame: int
-    tip: str
-    target: tuple[float, float, float]
-    """world [m]"""
-    version: int
-
-
-@dataclass(frozen=True)
-class ForgetPose:
-    """Drop what was set by hand at a frame; the tracked pose shows again."""
-
-    frame: int
-    version: int
-
-
-@dataclass(frozen=True)
-class SavePose:
-    """Write the pose shown to init.json."""
-
-
-@dataclass(frozen=True)
-class Track:
-    """Track frames [start, stop) from the pose at `first` (shown there, set or tracked)."""
-
-    start: int
-    stop: int
-    first: int
-    anew: bool = False
-    """start from the first-frame pose as saved, even if its frame was tracked before"""
-    version: int = 0
-    """of the user's edits, when fitting one frame is one"""
-
-
-@dataclass(frozen=True)
-class FitSize:
-    """Fit the hand's size to the frames near the first pose."""
-
-
-@dataclass(frozen=True)
-class Follow:
-    """Whether each frame is shown as it is tracked."""
-
-    on: bool
-
-
-@dataclass(frozen=True)
-class Pause:
-    """Hold tracking before its next frame, or go on."""
-
-    on: bool
-
-
-@dataclass(frozen=True)
-class Cancel:
-    """Stop tracking now; frames tracked so far stay."""
-
-
-@dataclass(frozen=True)
-class SetSetting:
-    """Change a setting by its dotted name."""
-
-    name: str
-    value: object
-
-
-@dataclass(frozen=True)
-class SaveSettings:
-    """Write the settings that session.toml does not have into it."""
-
-
-@dataclass(frozen=True)
-class SetLimits:
-    """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
-
-    name: str
-    interval: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class WantPictures:
-    """Which pictures the page shows."""
-
-    thumbnails: bool
-    screen: str | None
-    """the camera whose picture is on the large screen, if any"""
-    paint: str
-    """`plain`, `outline`, `residual` or `field`"""
-
-
-@dataclass(frozen=True)
-class Export:
-    """Send a file to one client: `csv`, `npz` or `init`."""
-
-    kind: str
-    client_id: int
-
-
-@dataclass(frozen=True)
-class SaveTrack:
-    """Write tracks/poses.npz."""
-
-
-Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
-    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack | FindHand | TakeGuess
-)  # fmt: skip
-
-# ---- snapshots: worker → page ---------------------------------------------------------------------
+    bone: int
+    vertices: Floats
+    """(V, 3) in that bone's frame [m]"""
+    faces: Ints
 
 
 @dataclass(frozen=True)
@@ -202,6 +57,8 @@ class SessionSnapshot:
     stop: int
     first_frame: int
     cameras: tuple[CameraCard, ...]
+    looked_at: Floats
+    """(3,) where the cameras look, world [m]"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
@@ -267,6 +124,8 @@ class PictureSnapshot:
 
     frame: int
     thumbnails: dict[str, Bytes] = field(default_factory=dict)
+    sheet: Bytes | None = None
+    """the thumbnails side by side"""
     screen: str | None = None
     screen_image: Bytes | None = None
 
@@ -312,6 +171,13 @@ class Notice:
     title: str
     text: str
 
+    @classmethod
+    def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:
+        """Return what the user is told of a mistake of ours."""
+        what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
+        text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."
+        return cls("error", title, text)
+
 
 @dataclass(frozen=True)
 class Download:
@@ -327,6 +193,108 @@ class RerunPage:
     """Where rerun's viewer shows the residuals."""
 
     url: str
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One pose of the list."""
+
+    share: float
+    """0 to 1: how probable it is held to be"""
+    words: str
+
+
+@dataclass(frozen=True)
+class GuessesSnapshot:
+    """Poses that explain a frame, the surest first, and their bones to be drawn."""
+
+    frame: int
+    kind: str
+    """`found` without a first pose, `carried` by the tracker, or empty: there are none"""
+    guesses: tuple[Guess, ...] = ()
+    owner: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(N,) the guess that each bone belongs to"""
+    position: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """(N, 3) where bones begin, world [m]"""
+    rotation: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """(N, 3, 3) bone → world; bones lie along y"""
+    length: Floats = field(default_factory=lambda: np.zeros(0))
+    """(N,) [m]"""
+    is_new: bool = False
+    """just found: the surest is to be taken"""
+
+
+@dataclass(frozen=True)
+class SurfaceSnapshot:
+    """The solver's surface at one pose."""
+
+    frame: int
+    version: int
+    vertices: Floats
+    """(V, 3) world [m]"""
+    faces: Ints
+
+
+@dataclass(frozen=True)
+class FilterCount:
+    """What one filter did to a cloud."""
+
+    name: str
+    text: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class CloudSnapshot:
+    """The cloud of one frame, as the tracker gets it, against the hand shown."""
+
+    frame: int
+    points: Floats
+    """(N, 3) world [m]; of very many, a random part"""
+    colors: Bytes | None
+    """(N, 3) RGB"""
+    residual_mm: Floats
+    """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
+    dropped: Floats
+    """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
+    measured: int
+    left: int
+    counts: tuple[FilterCount, ...] = ()
+    words: str = ""
+    """what is to be said of it"""
+
+
+@dataclass(frozen=True)
+class CloudPicture:
+    """The picture of the cloud panel."""
+
+    frame: int
+    image: Bytes
+    """(H, W, 3) RGB"""
+    wide: bool
+    words: str
+
+
+@dataclass(frozen=True)
+class CloudCard:
+    """Where clouds come from and the settings in force."""
+
+    source: str
+    """`stereo`, `depth`, `files`, or empty: this session has no clouds"""
+    values: dict[str, object]
+    """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
+    image_cameras: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    """pairs of cameras that can be matched"""
+    pair: tuple[str, str] | None
+    """the first pair in use"""
+    sizes: dict[str, tuple[int, int]]
+    """width and height of the cameras' images [px]"""
+    unsaved: tuple[str, ...]
+    """settings that differ from session.toml"""
+    settings: CloudSettings | None = None
+    """the settings in force as they are"""
 
 
 Snapshot = (

@@ -1,13 +1,17 @@
-"""Frames as they are kept: tracked ones as rows of the journal, and all of them, with poses set by hand, as one track."""
+"""Tracks as they are stored: rows of the journal, all frames with poses set by hand as one track, files for the browser."""
 
 from __future__ import annotations
 
+import json
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import EXPORTS
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.document import Document
 
@@ -86,3 +90,23 @@ def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
     )  # fmt: skip
     energies = {k: float(v) for k, v in row.get("energies", {}).items()}
     return replace(found, energies=energies, unknown=bool(row.get("unknown", False)))
+
+
+def export(document: Document, kind: str) -> tuple[str, bytes]:
+    """Return name and content of a file: a kind of `handtrack export --to`, or `init`. Raises HandtrackError."""
+    stem = (
+        "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_")
+        or "session"
+    )
+    if kind == "init":
+        values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
+        text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
+        return f"{stem}_frame{document.frame}_init.json", text.encode()
+    if kind not in EXPORTS:
+        raise HandtrackError(f"no export '{kind}'; known: {', '.join(EXPORTS)}, init")
+    write, ending = EXPORTS[kind]
+    track = whole_track(document)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{stem}{ending}"
+        write(path, track)
+        return path.name, path.read_bytes()

@@ -1,19 +1,20 @@
-"""Long work on its own thread: posing and drawing never wait for a solver step."""
+"""Long work on its own thread: tracking, fitting the size, finding the hand. Posing never waits for a solver step."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
+from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.jobs.legs import Leg
 
 log = logging.getLogger(__name__)
 _TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes into the size itself
@@ -195,3 +196,40 @@ class FindingJob(BackgroundJob):
 
     def _progress(self, share: float, words: str) -> None:
         self.share, self.words = share, words
+
+
+# ---- keyframes: poses set by hand stay as they are, and tracking starts again from each
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Frames to be tracked on from one pose: forward from `first`, and backward where there are earlier ones."""
+
+    frames: range
+    first: int
+    params: Floats
+    """(P,) to start with at `first`"""
+
+
+def legs(frames: range, first: int, params: Floats, held: Mapping[int, Floats]) -> tuple[Leg, ...]:
+    """Return in which legs frames are tracked from a pose (P,) at `first`: away from it, up to the next keyframe, and on
+    from that.
+
+    held: poses (P,) set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
+    `first` is among them, tracking begins beside it.
+    """
+    later = [k for k in sorted(held) if first < k < frames.stop]
+    earlier = [k for k in sorted(held, reverse=True) if frames.start <= k < first]
+    low = earlier[0] + 1 if earlier else frames.start
+    high = later[0] if later else frames.stop
+    found = []
+    if first in held:
+        found.append(Leg(range(first + 1, high), first + 1, held[first]))
+        found.append(Leg(range(low, first), first - 1, held[first]))
+    else:
+        found.append(Leg(range(low, high), first, params))
+    for mark, following in pairwise([*later, frames.stop]):
+        found.append(Leg(range(mark + 1, following), mark + 1, held[mark]))
+    for mark, following in pairwise([*earlier, frames.start - 1]):
+        found.append(Leg(range(following + 1, mark), mark - 1, held[mark]))
+    return tuple(leg for leg in found if leg.frames)
