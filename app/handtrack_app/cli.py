@@ -10,10 +10,11 @@ import sys
 import tempfile
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 from handtrack.errors import HandtrackError
 
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 
@@ -112,13 +113,13 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _command(commands: Any, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
+def _command(commands: Commands, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
     command = commands.add_parser(name, help=help_text, description=help_text, allow_abbrev=False)
     command.set_defaults(module=module)
     return command
 
 
-def _add_workbench(commands: Any) -> None:
+def _add_workbench(commands: Commands) -> None:
     for name, text in (
         ("open", "Open the workbench in the browser, on a session folder or on the bundled one."),
         ("demo", "Open the workbench on the bundled session and track it."),
@@ -138,7 +139,7 @@ def _add_workbench(commands: Any) -> None:
         )
 
 
-def _add_new(commands: Any) -> None:
+def _add_new(commands: Commands) -> None:
     new = _command(commands, "new", "new", "Make a session folder from videos and a calibration.")
     new.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
     new.add_argument(
@@ -169,7 +170,7 @@ def _add_new(commands: Any) -> None:
     )
 
 
-def _add_track(commands: Any) -> None:
+def _add_track(commands: Commands) -> None:
     track = _command(
         commands,
         "track",
@@ -212,7 +213,7 @@ def _add_track(commands: Any) -> None:
     )
 
 
-def _add_size(commands: Any) -> None:
+def _add_size(commands: Commands) -> None:
     size = _command(
         commands, "size", "size", "Fit a person's hand size to a recording and save it for others."
     )
@@ -235,7 +236,7 @@ def _add_size(commands: Any) -> None:
     )
 
 
-def _add_results(commands: Any) -> None:
+def _add_results(commands: Commands) -> None:
     export = _command(commands, "export", "export", "Convert a tracked sequence.")
     export.add_argument("poses", type=Path, metavar="POSES.npz")
     export.add_argument(
@@ -257,7 +258,7 @@ def _add_results(commands: Any) -> None:
     spread.add_argument("poses", type=Path, metavar="POSES.npz")
 
 
-def _add_simulate(commands: Any) -> None:
+def _add_simulate(commands: Commands) -> None:
     simulate = _command(commands, "simulate", "simulate", "Make a simulated recording with truth.")
     simulate.add_argument(
         "--out", type=Path, required=True, metavar="SESSION", help="folder to make"
@@ -291,7 +292,7 @@ def _add_simulate(commands: Any) -> None:
     simulate.add_argument("--seed", type=int, default=0, help="of motion and noise")
 
 
-def _add_calibrate(commands: Any) -> None:
+def _add_calibrate(commands: Commands) -> None:
     calibrate = _command(
         commands,
         "calibrate",
@@ -363,7 +364,7 @@ def _add_calibrate(commands: Any) -> None:
     printed.add_argument("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact")
 
 
-def _add_stereo(commands: Any) -> None:
+def _add_stereo(commands: Commands) -> None:
     stereo = _command(
         commands, "stereo", "stereo", "Match calibrated pairs of images and write point clouds."
     )
@@ -374,7 +375,7 @@ def _add_stereo(commands: Any) -> None:
     )
 
 
-def _add_checks(commands: Any) -> None:
+def _add_checks(commands: Commands) -> None:
     doctor = _command(commands, "doctor", "doctor", "Check a session folder and say what is odd.")
     doctor.add_argument("session", type=Path, help="session folder")
     bench = _command(

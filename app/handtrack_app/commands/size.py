@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
@@ -30,7 +29,7 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Track the frames asked for, fit one size of hand to some of them, and save it; return the exit code."""
     session = Session.open(args.session)
-    overrides: dict[str, Any] = dict(parse_settings(args.set))
+    overrides: dict[str, object] = dict(parse_settings(args.set))
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
     settings = settings.with_values(overrides)

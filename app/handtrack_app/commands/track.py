@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from handtrack.capture.images.frame_notes import listed
 from handtrack.errors import HandtrackError
@@ -45,7 +44,7 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
-    overrides: dict[str, Any] = dict(parse_settings(args.set))
+    overrides: dict[str, object] = dict(parse_settings(args.set))
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
@@ -85,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _opened(
     session: Session,
-    overrides: Mapping[str, Any],
+    overrides: Mapping[str, object],
     first: FirstPose | None,
     fits: bool,
     stop: Stop,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.inverse_kinematics import reach, tip_names
+from handtrack_app.engine.run import Run
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
@@ -79,7 +79,7 @@ class Document:
     """
 
     def __init__(
-        self, run: Any, first_frame: int, first_params: Floats, size_pending: bool = False
+        self, run: Run, first_frame: int, first_params: Floats, size_pending: bool = False
     ) -> None:
         self.run = run
         self.frames: range = run.session.frame_range
@@ -231,7 +231,7 @@ class Document:
 
     # ---- settings
 
-    def replace_run(self, run: Any) -> None:
+    def replace_run(self, run: Run) -> None:
         """Change to a run with another model or other settings; poses stay, by their names. What was made with a model
         is put aside while another one is looked at, and comes back with it.
         """
@@ -295,8 +295,7 @@ class Document:
     @property
     def clouds(self) -> CloudSettings | None:
         """The settings of [clouds] in force."""
-        file = getattr(self.run.session, "file", None)
-        return None if file is None else file.clouds
+        return self.run.session.file.clouds
 
     def use_clouds(self, settings: CloudSettings | None) -> None:
         """Take other settings of [clouds] from now on. Raises HandtrackError, and changes nothing."""

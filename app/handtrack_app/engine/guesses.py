@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack_app.engine.document import Document
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 
@@ -27,11 +27,11 @@ class Guesses:
     """What was found, by frame; what is carried stands in the tracker's results. On the worker's thread only."""
 
     document: Document
-    found: dict[int, list[Any]] = field(default_factory=dict)
-    """FirstPoseCandidate by frame, the surest first"""
+    found: dict[int, list[FirstPoseCandidate]] = field(default_factory=dict)
+    """by frame, the surest first"""
     _told: tuple[int, str, int] = (-1, "", 0)
 
-    def keep(self, candidates: list[Any]) -> None:
+    def keep(self, candidates: list[FirstPoseCandidate]) -> None:
         """Keep what a search found."""
         if candidates:
             self.found[candidates[0].frame] = candidates

@@ -8,13 +8,16 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import cast
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
 _TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes into the size itself
@@ -51,11 +54,11 @@ class Found:
     """Poses that explain a frame, the surest first."""
 
     job: int
-    candidates: list[Any]
+    candidates: list[FirstPoseCandidate]
 
 
 Report = Tracked | Sized | Found | Ended
-Watch = Callable[[Any, FrameResult], None]
+Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
 
@@ -72,7 +75,7 @@ class BackgroundJob:
         self._first_done = self.began
         self._post = post
         self._stop, self._hold = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name=self.kind, daemon=True)
+        self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
 
     @property
     def paused(self) -> bool:
@@ -111,7 +114,7 @@ class BackgroundJob:
             self.waited += time.monotonic() - held
         return self._stop.is_set()
 
-    def _run(self) -> None:
+    def _work_guarded(self) -> None:
         error, internal = "", False
         try:
             self.work()
@@ -131,18 +134,18 @@ class TrackingJob(BackgroundJob):
     def __init__(
         self,
         number: int,
-        run: Any,
+        run: Run,
         frames: range,
         path: Sequence[Leg],
         post: Callable[[Report], None],
         watch: Watch | None = None,
     ) -> None:
         super().__init__(number, frames, post)
-        self._tracker, self._path, self._watch = run, path, watch
+        self._run, self._path, self._watch = run, path, watch
         self.total = sum(len(leg.frames) for leg in path)
 
     def work(self) -> None:
-        run = self._tracker
+        run = self._run
         for leg in self._path:
             for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
                 self.done += 1
@@ -162,13 +165,13 @@ class SizingJob(BackgroundJob):
 
     kind = "sizing"
 
-    def __init__(self, number: int, run: Any, post: Callable[[Report], None]) -> None:
+    def __init__(self, number: int, run: Run, post: Callable[[Report], None]) -> None:
         super().__init__(number, range(0), post)
-        self._tracker = run
+        self._run = run
         self.share, self.words = 0.0, ""
 
     def work(self) -> None:
-        scale = self._tracker.fit_size(self.should_stop, tell=self._progress).scale
+        scale = self._run.fit_size(self.should_stop, tell=self._progress).scale
         if not self.should_stop():
             self._post(Sized(self.number, scale))
 
@@ -183,14 +186,15 @@ class FindingJob(BackgroundJob):
     kind = "finding"
 
     def __init__(
-        self, number: int, run: Any, frame: int | None, post: Callable[[Report], None]
+        self, number: int, run: Run, frame: int | None, post: Callable[[Report], None]
     ) -> None:
         super().__init__(number, range(0), post)
-        self._tracker, self._frame = run, frame
+        self._run, self._frame = run, frame
         self.share, self.words = 0.0, ""
 
     def work(self) -> None:
-        found = find_first_poses(self._tracker, self._frame, self.should_stop, self._progress)
+        run = cast(TrackingRun, self._run)  # only a session of files can be searched
+        found = find_first_poses(run, self._frame, self.should_stop, self._progress)
         if not self.should_stop():
             self._post(Found(self.number, found))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,12 +17,13 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import looked_at
+from handtrack_app.engine.run import Run
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)
 
 
-def open_document(folder: Path, overrides: Mapping[str, Any]) -> Document:
+def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     """Return the document of a session folder. Raises HandtrackError.
 
     Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
@@ -97,10 +97,10 @@ _NOTHING = (
 )
 
 
-def nothing_seen(run: Any) -> str:
+def nothing_seen(run: Run) -> str:
     """Return what to do about a session in which nothing is observed; empty where something is."""
     session, settings = run.session, run.settings
-    if getattr(session, "has_clouds", True) or settings.looks_at_images:
+    if session.has_clouds or settings.looks_at_images:
         return ""
     cameras = [view.settings for view in session.views]
     if any(camera.masks is not None or camera.keypoints is not None for camera in cameras):

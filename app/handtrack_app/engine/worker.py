@@ -5,9 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
@@ -42,7 +41,7 @@ _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Can
 
 Request = commands.Command | Report
 Publish = Callable[[snapshots.Snapshot], None]
-Opener = Callable[[Path, dict[str, Any]], Document]
+Opener = Callable[[Path, Mapping[str, object]], Document]
 
 
 def _kind(request: Request) -> Hashable | None:
@@ -152,7 +151,7 @@ class Worker:
         assert self._keeper is not None, "no session is open"
         return self._keeper
 
-    def _note(self, kind: str, data: dict[str, Any]) -> None:
+    def _note(self, kind: str, data: dict[str, object]) -> None:
         self._kept().note(kind, data)
 
     def _guarded(self, action: Callable[[], None]) -> None:

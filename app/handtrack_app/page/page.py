@@ -8,14 +8,30 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import viser
 
 from handtrack_app.page.state import ChangeStep, PoseStep, UserState
 from handtrack_app.protocol.commands import Command, SetPose
 
+if TYPE_CHECKING:
+    from viser._messages import HotkeyKey, KeyModifier
+
 log = logging.getLogger(__name__)
+
+
+class UserEvent(Protocol):
+    """What viser tells of a widget that was used, or of a command."""
+
+    client: viser.ClientHandle | None
+    client_id: int | None
+
+    @property
+    def target(self) -> Any: ...
+
+
+Action = Callable[[UserEvent], None]
 
 
 @dataclass(frozen=True)
@@ -75,11 +91,11 @@ class Page:
         for target in clients:
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
 
-    def from_user(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
+    def from_user(self, action: Action) -> Action:
         """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
 
         @functools.wraps(action)
-        def callback(event: Any) -> None:
+        def callback(event: UserEvent) -> None:
             if event.client_id is None:
                 return
             try:
@@ -112,10 +128,10 @@ class Keys:
     """key and what it does, in words"""
 
     def add(
-        self, words: str, key: Any, action: Callable[[Any], None], modifier: Any = None
+        self, words: str, key: HotkeyKey, action: Action, modifier: KeyModifier | None = None
     ) -> None:
         """Let a key do something; `action` gets viser's event."""
-        command: Any = self.gui.add_command(words, hotkey=key, modifier=modifier)
+        command = self.gui.add_command(words, hotkey=key, modifier=modifier)
         command.on_trigger(action)
         self.known.append((f"{_MODIFIERS.get(modifier, '')} {key}".strip(), words))
 

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from handtrack.arrays import Array, Floats
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.session.run import TrackingRun
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.tracking.frame.appearance_terms import Before
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.tracker import Tracker, Watch
+from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
 
@@ -84,7 +84,7 @@ class ResidualRecorder:
 
     def __init__(
         self,
-        run: TrackingRun,
+        run: Run,
         live: bool = False,
         path: Path | None = None,
         closely: int | None = None,
@@ -202,7 +202,7 @@ class ResidualRecorder:
 class _Painter:
     """Pictures of one frame at different poses: the observation and bands as the solver's last stage has them."""
 
-    def __init__(self, run: TrackingRun, frame: int, params: Floats) -> None:
+    def __init__(self, run: Run, frame: int, params: Floats) -> None:
         """params: (P,) the frame's pose, which fixes the bands and where the forearm is cut off."""
         self.params = params
         self._model = run.model
@@ -244,26 +244,28 @@ class LiveRecorder:
 
     def __init__(self, tell: Callable[[Notice | RerunPage], None]) -> None:
         self._tell = tell
-        self._run: Any = None
-        self._recorder: Any = None
+        self._run: Run | None = None
+        self._recorder: ResidualRecorder | None = None
         self._told_problem = False
 
-    def show(self, run: Any, result: FrameResult) -> None:
+    def show(self, run: Run, result: FrameResult) -> None:
         """Show one tracked frame. Called on the tracking thread; returns at once."""
-        if run is not self._run:
-            self._begin(run)
-        self._recorder.show(result)
-        if self._recorder.problem and not self._told_problem:
+        recorder = self._recorder
+        if recorder is None or run is not self._run:
+            recorder = self._begin(run)
+        recorder.show(result)
+        if recorder.problem and not self._told_problem:
             self._told_problem = True
-            self._tell(Notice("warning", "Nothing goes to rerun", self._recorder.problem))
+            self._tell(Notice("warning", "Nothing goes to rerun", recorder.problem))
 
-    def _begin(self, run: Any) -> None:
+    def _begin(self, run: Run) -> ResidualRecorder:
         before = self._recorder
         if before is not None:  # it may still have pictures to paint: not on this thread
             threading.Thread(target=before.close, name="rerun-close", daemon=True).start()
         self._run, self._told_problem = run, False
-        self._recorder = ResidualRecorder(run, live=True)
-        self._tell(RerunPage(self._recorder.url))
+        self._recorder = recorder = ResidualRecorder(run, live=True)
+        self._tell(RerunPage(recorder.url))
+        return recorder
 
     def close(self) -> None:
         """End the recording and its viewer."""

@@ -14,13 +14,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.errors import HandtrackError
 from handtrack_app.rerun.viewer import RerunViewer
+
+if TYPE_CHECKING:
+    from rerun import FileSink, GrpcSink, RecordingStream
+    from rerun.blueprint import Blueprint, Spatial2DView
 
 log = logging.getLogger(__name__)
 
@@ -151,10 +155,10 @@ class RerunStream:
                 self.problem = f"recording for rerun stopped: {error}"
                 self._waiting.clear()
 
-    def _begin(self) -> Any:
+    def _begin(self) -> RecordingStream:
         import rerun as rr
 
-        sinks: list[Any] = []
+        sinks: list[FileSink | GrpcSink] = []
         if self._path is not None:
             sinks.append(rr.FileSink(str(self._path)))
         if self._viewer is not None:
@@ -177,7 +181,7 @@ class RerunStream:
 # ---- entries → entities ----------------------------------------------------------------------------
 
 
-def _log_frame(recording: Any, entry: FrameEntry) -> None:
+def _log_frame(recording: RecordingStream, entry: FrameEntry) -> None:
     import rerun as rr
 
     recording.set_time("frame", sequence=entry.frame)
@@ -190,7 +194,7 @@ def _log_frame(recording: Any, entry: FrameEntry) -> None:
         recording.log("log", rr.TextLog(f"frame {entry.frame}: {entry.note}", level="WARN"))
 
 
-def _log_iteration(recording: Any, entry: IterationEntry) -> None:
+def _log_iteration(recording: RecordingStream, entry: IterationEntry) -> None:
     recording.reset_time()
     recording.set_time("iteration", sequence=entry.iteration)
     root = f"closely/frame_{entry.frame}"
@@ -200,14 +204,16 @@ def _log_iteration(recording: Any, entry: IterationEntry) -> None:
     recording.reset_time()
 
 
-def _log_scalars(recording: Any, root: str, values: Mapping[str, float]) -> None:
+def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:
     import rerun as rr
 
     for name, value in values.items():
         recording.log(f"{root}/{name}", rr.Scalars(float(value)))
 
 
-def _log_pictures(recording: Any, root: str, pictures: tuple[CameraPictures, ...]) -> None:
+def _log_pictures(
+    recording: RecordingStream, root: str, pictures: tuple[CameraPictures, ...]
+) -> None:
     import rerun as rr
 
     for view in pictures:
@@ -238,7 +244,7 @@ def signed_colours(residual: Floats) -> Bytes:
     return np.stack([red, fade, blue], axis=-1)
 
 
-def _layout() -> Any:
+def _layout() -> Blueprint:
     import rerun.blueprint as rrb
 
     return rrb.Blueprint(
@@ -255,7 +261,7 @@ def _layout() -> Any:
     )
 
 
-def _pictures_view(kind: str) -> Any:
+def _pictures_view(kind: str) -> Spatial2DView:
     import rerun.blueprint as rrb
 
     return rrb.Spatial2DView(

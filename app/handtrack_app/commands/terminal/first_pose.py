@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
@@ -15,7 +14,7 @@ from handtrack_app.commands.terminal.progress import Stop, say
 
 
 def found_first_pose(
-    session: Session, overrides: Mapping[str, Any], frames: range, stop: Stop
+    session: Session, overrides: Mapping[str, object], frames: range, stop: Stop
 ) -> FirstPose | None:
     """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand."""
     run = TrackingRun.open(session, overrides, use_init=False)

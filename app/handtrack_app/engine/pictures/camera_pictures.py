@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from handtrack.diagnostics.residual_image import field_picture, outline_picture,
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack_app.engine.pictures.cloud_pictures import depth_picture
+from handtrack_app.engine.run import RunSession
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
 _GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
@@ -63,9 +63,9 @@ def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
     return strip
 
 
-def _depth(session: Any, name: str, frame: int) -> Array | None:
+def _depth(session: RunSession, name: str, frame: int) -> Array | None:
     """Return what a depth camera gave (H, W) [m]; None where it is none, or its lens would have to be undone."""
-    for view in getattr(session, "views", ()):
+    for view in session.views:
         if view.name == name and view.depth is not None and not view.camera.is_distorted:
             return view.depth_m(frame)
     return None
@@ -74,7 +74,7 @@ def _depth(session: Any, name: str, frame: int) -> Array | None:
 class PictureMaker:
     """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: RunSession) -> None:
         self._session = session
         self._maps: dict[str, tuple[Array, Array] | None] = {}
         self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -34,6 +33,7 @@ from handtrack_app.engine.pictures.cloud_pictures import (
     stereo_pictures,
     stereo_words,
 )
+from handtrack_app.engine.run import RunSession
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.snapshots import FilterCount
 
@@ -50,7 +50,7 @@ class Moment:
 
     frame: int
     version: int
-    session: Any
+    session: RunSession
     model: ArticulatedModel
     bones: BonePoses
     previous: BonePoses | None

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.clouds.cloud_filters import COMPONENTS, CloudFilters
+from handtrack.capture.clouds.cloud_filters import COMPONENTS
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.clouds import cloud_filters, stereo_settings
@@ -75,14 +75,14 @@ class CloudDesk:
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
             previous = model.bones(params_of(model, document.pose_at(before)))
-        filters = getattr(session, "cloud_filters", CloudFilters())
         return Moment(
-            frame, document.version, session, model, bones, previous, filters, self._wanted
-        )
+            frame, document.version, session, model, bones, previous, session.cloud_filters,
+            self._wanted,
+        )  # fmt: skip
 
     @property
     def _has_clouds(self) -> bool:
-        return bool(getattr(self._document.run.session, "has_clouds", False))
+        return self._document.run.session.has_clouds
 
     # ---- settings
 
@@ -125,7 +125,7 @@ class CloudDesk:
         """Return where clouds come from and the settings in force."""
         document, settings = self._document, self.settings
         session = document.run.session
-        views = getattr(session, "views", ())
+        views = session.views
         with_images = tuple(view.name for view in views if view.settings.images is not None)
         pairs = tuple(combinations(with_images, 2))
         source, pair = "", None

@@ -8,7 +8,6 @@ import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
@@ -57,7 +56,7 @@ class Keeper:
 
     # ---- writing
 
-    def note(self, kind: str, data: dict[str, Any]) -> None:
+    def note(self, kind: str, data: dict[str, object]) -> None:
         """Write one accepted change."""
         if self.journal is not None:
             self.journal.append(kind, data)

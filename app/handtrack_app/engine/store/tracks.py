@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import EXPORTS
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack_app.engine.document import Document
 
 
-def whole_track(document: Document) -> Any:
+def whole_track(document: Document) -> TrackResult:
     """Return all frames as one TrackResult; poses set by hand are keyframes."""
     frames = dict(document.results)
     frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
@@ -39,12 +41,12 @@ def _keyframe(document: Document, frame: int) -> FrameResult:
 def _complete(
     document: Document,
     frame: int,
-    values: Any,
+    values: Floats,
     status: Status,
     energy: float,
     iterations: int,
-    std: Any,
-    spread: Any,
+    std: ArrayLike,
+    spread: ArrayLike,
 ) -> FrameResult:
     model = document.model
     values = np.asarray(values, dtype=float)
@@ -64,7 +66,7 @@ def _complete(
     )
 
 
-def journal_row(result: FrameResult) -> dict[str, Any]:
+def journal_row(result: FrameResult) -> dict[str, object]:
     """Return a tracked frame as the journal keeps it."""
     return {
         "frame": result.frame,

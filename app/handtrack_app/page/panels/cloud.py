@@ -43,7 +43,7 @@ class CloudPanel:
     cloud: CloudSnapshot | None = None
     large: viser.PanelHandle | None = None
     built: bool = False
-    large_image: Any = None
+    large_image: viser.GuiImageHandle | None = None
     widgets: dict[str, Any] = field(default_factory=dict)
 
     def fit(self, card: CloudCard) -> None:
@@ -182,8 +182,8 @@ class CloudPanel:
         self.said.content = _small(picture.words)
         self._place_picture()
 
-    def _large(self) -> Any:
-        if self.large is None:
+    def _large(self) -> viser.GuiImageHandle:
+        if self.large_image is None:
             gui = self.page.gui
             self.large = gui.add_panel()
             with self.large.add_tab("Picture"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import viser
 
@@ -82,7 +81,7 @@ class Sliders:
 
     page: Page
     set: Set
-    known: dict[str, tuple[FilterKnob, Any]] = field(default_factory=dict)
+    known: dict[str, tuple[FilterKnob, viser.GuiSliderHandle[float]]] = field(default_factory=dict)
 
     def add(self, knob: FilterKnob) -> None:
         """Add a slider where the page builds now."""
@@ -98,7 +97,7 @@ class Sliders:
             if widget.value != shown:
                 widget.value = shown
 
-    def _changed(self, knob: FilterKnob, widget: Any) -> None:
+    def _changed(self, knob: FilterKnob, widget: viser.GuiSliderHandle[float]) -> None:
         shown = number(widget.value, *knob.span[:2])
         if shown is not None:
             self.set(**{knob.name: knob.in_file(shown)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import viser
@@ -14,6 +14,9 @@ from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.protocol.commands import SetPose
+
+if TYPE_CHECKING:
+    from viser._messages import HotkeyKey, KeyModifier
 
 ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
 
@@ -71,7 +74,7 @@ _HINTS = {
     "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
     "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
 }
-_KEYS: tuple[tuple[Any, Any, str], ...] = (
+_KEYS: tuple[tuple[HotkeyKey, KeyModifier | None, str], ...] = (
     ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
     ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
     ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),

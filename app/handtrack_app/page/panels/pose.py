@@ -5,12 +5,11 @@ from __future__ import annotations
 import html
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Page, number
+from handtrack_app.page.page import Page, UserEvent, number
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
 from handtrack_app.protocol.commands import ForgetPose, SavePose, SetPose, TakePose, Track
@@ -124,7 +123,7 @@ class PosePanel:
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
         self.page.send(TakePose(state.frame, source, version))
 
-    def _choose(self, event: Any) -> None:
+    def _choose(self, event: UserEvent) -> None:
         chosen = str(event.target.value)
         if chosen != _KEEP:
             self._take(chosen)

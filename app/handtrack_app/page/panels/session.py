@@ -5,12 +5,11 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Keys, Page, number
+from handtrack_app.page.page import Keys, Page, UserEvent, number
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.state import MODES, PAINTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
@@ -50,7 +49,7 @@ class SessionPanel:
     """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
     keys: Keys
     built: bool = False
-    toggles: dict[str, Any] = field(default_factory=dict)
+    toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the tab once for a session's cameras."""
@@ -155,7 +154,7 @@ class SessionPanel:
             self.page.state.display.paint = paint
             self.page.redraw()
 
-    def _look(self, event: Any) -> None:
+    def _look(self, event: UserEvent) -> None:
         chosen = event.target.value
         self.look(None if chosen == FREE else str(chosen), event.client)
 
@@ -169,7 +168,7 @@ class SessionPanel:
             if self.mode.value != _word_of(display.mode):
                 self.mode.value = _word_of(display.mode)
 
-    def _free(self, event: Any) -> None:
+    def _free(self, event: UserEvent) -> None:
         self.through.value = FREE
         self.look(None, event.client, event.target.value == "Everything")
 

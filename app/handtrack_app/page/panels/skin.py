@@ -5,12 +5,11 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import viser
 
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
-from handtrack_app.page.page import Page, number
+from handtrack_app.page.page import Page, UserEvent, number
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.protocol.commands import SampleSkin
 from handtrack_app.protocol.snapshots import CloudCard
@@ -109,7 +108,7 @@ class SkinKnobs:
             self.page.state.display.skin_box = (str(self.camera.value), box)
             self.page.redraw()
 
-    def _drag(self, event: Any) -> None:
+    def _drag(self, event: UserEvent) -> None:
         def marked(box: Box) -> None:
             self.across.value = (box[0], box[0] + box[2])
             self.down.value = (box[1], box[1] + box[3])

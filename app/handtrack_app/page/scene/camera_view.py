@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import viser
@@ -152,7 +151,9 @@ def bare(display: Display) -> Display:
 
 
 def pixel_box(
-    client_camera: Any, card: CameraCard, corners: tuple[tuple[float, float], tuple[float, float]]
+    client_camera: viser.CameraHandle,
+    card: CameraCard,
+    corners: tuple[tuple[float, float], tuple[float, float]],
 ) -> tuple[int, int, int, int] | None:
     """Return x, y, w, h [px] in a camera's undistorted image of a rectangle dragged over a view from its centre.
 

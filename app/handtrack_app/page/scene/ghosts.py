@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -40,7 +39,7 @@ def add_ghosts(server: viser.ViserServer, name: str, take: Callable[[int], None]
     view = GhostView(bones)
 
     @bones.on_click
-    def _(event: Any) -> None:
+    def _(event: viser.SceneNodePointerEvent) -> None:
         known, index = view.guesses, event.instance_index
         if known is not None and index is not None and 0 <= index < len(known.owner):
             take(int(known.owner[index]))
