@@ -11,7 +11,7 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.engine.opening import open_document, own_copy
+from handtrack_app.engine.opening import open_document, working_folder
 from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.page.layout import PageLayout
@@ -184,8 +184,8 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot, self.state.display)
                 self.layout.guesses.show(snapshot)
-            case snapshots.StripSnapshot():
-                self.layout.show_strip(snapshot)
+            case snapshots.TimelineSnapshot():
+                self.layout.show_timeline(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
             case snapshots.ProgressSnapshot():
@@ -249,7 +249,7 @@ def run_workbench(
         print(f"handtrack: {warning}", file=sys.stderr)
     log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = own_copy(session_folder)
+    folder = working_folder(session_folder)
     bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()
     try:
         failure = bench.worker.wait_opened(_PATIENCE_S)

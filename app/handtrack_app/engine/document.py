@@ -90,7 +90,7 @@ class Document:
         """poses that a search found, by frame: they stand in `by_hand`, and are called found until they are edited"""
         self.results: dict[int, FrameResult] = {}
         self.limits: dict[str, tuple[float, float]] = {}
-        self._aside: dict[tuple[str, ...], ModelWork] = {}
+        self._other_models: dict[tuple[str, ...], ModelWork] = {}
         """by the parameters of the model that it was made with"""
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
@@ -239,11 +239,11 @@ class Document:
         self.own_interval = run.model.limits.interval.copy()
         found = [frame for frame in self.by_hand if self.is_found(frame)]
         if new != old:
-            self._aside[old] = ModelWork(
+            self._other_models[old] = ModelWork(
                 self.start, self.shown, self.by_hand, self.results, self.limits
             )
             none = np.zeros(len(new))
-            back = self._aside.pop(new, ModelWork(none, none))
+            back = self._other_models.pop(new, ModelWork(none, none))
             self.start = renamed(self.start, old, new, back.start)
             self.shown = renamed(self.shown, old, new, back.shown)
             self.by_hand = {

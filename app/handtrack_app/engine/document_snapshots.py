@@ -19,7 +19,7 @@ from handtrack_app.protocol.snapshots import (
     PartCard,
     PoseSnapshot,
     SessionSnapshot,
-    StripSnapshot,
+    TimelineSnapshot,
 )
 
 _BODY_REACH_M = 0.9
@@ -121,7 +121,7 @@ def _origin(document: Document, frame: int) -> str:
     return "tracked" if frame in document.results else "carried"
 
 
-def strip_snapshot(document: Document) -> StripSnapshot:
+def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
     count = len(document.frames)
     status = np.full(count, -1, dtype=np.int64)
@@ -139,7 +139,7 @@ def strip_snapshot(document: Document) -> StripSnapshot:
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
     parts = energy_parts(document.results, document.frames)
-    return StripSnapshot(document.frames.start, status, energy, error, hand, parts, found)
+    return TimelineSnapshot(document.frames.start, status, energy, error, hand, parts, found)
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:

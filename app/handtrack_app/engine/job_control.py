@@ -1,4 +1,4 @@
-"""The conductor: starts, follows and ends the worker's background jobs, one at a time."""
+"""The jobs: starts, follows and ends the worker's background jobs, one at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ from handtrack.tracking.fallback import is_simplified
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot, strip_snapshot
+from handtrack_app.engine.document_snapshots import (
+    pose_snapshot,
+    session_snapshot,
+    timeline_snapshot,
+)
 from handtrack_app.engine.guesses import Guesses
 from handtrack_app.engine.jobs import (
     BackgroundJob,
@@ -28,8 +32,9 @@ from handtrack_app.engine.jobs import (
     legs,
 )
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.store.persistence import Keeper
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol.commands import Track
+from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
@@ -48,42 +53,40 @@ _NOT_FOUND = (
 )
 
 
-def one_frame(result: FrameResult) -> snapshots.Notice:
+def one_frame(result: FrameResult) -> Notice:
     """Return how fitting one frame went."""
     if result.status == Status.TRACKED:
-        return snapshots.Notice(
-            "done", f"Frame {result.frame} is fitted", "What was seen is explained well."
-        )
+        return Notice("done", f"Frame {result.frame} is fitted", "What was seen is explained well.")
     if result.unknown:
-        return snapshots.Notice(
+        return Notice(
             "warning",
             f"Frame {result.frame} fits, as far as it is seen",
             f"In doubt: {result.note}.",
         )
     text = result.note or "What was seen is not explained well."
-    return snapshots.Notice(
+    return Notice(
         "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
     )
 
 
-class Conductor:
+class JobControl:
     """Lives on the worker's thread; only `cancel`, `pause` and `stop` may come from others."""
 
     def __init__(
         self,
         document: Document,
-        keeper: Keeper,
-        publish: Callable[[snapshots.Snapshot], None],
+        store: Persistence,
+        publish: Callable[[Snapshot], None],
         post: Callable[[Report], None],
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
     ) -> None:
         self.follow = True
         """each tracked frame is shown"""
-        self._document, self._keeper = document, keeper
+        self._document, self._store = document, store
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._then: commands.Track | None = None
+        self._then: Track | None = None
         self._tracked_now: list[FrameResult] = []
         self._first = document.first_frame
         self._count = 0
@@ -126,7 +129,7 @@ class Conductor:
 
     # ---- starting
 
-    def track(self, order: commands.Track) -> None:
+    def track(self, order: Track) -> None:
         """Begin to track; a hand's size that is still to be fitted comes first."""
         document = self._document
         self._refuse()
@@ -155,7 +158,7 @@ class Conductor:
             )
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
-    def fit_size(self, then: commands.Track | None = None) -> None:
+    def fit_size(self, then: Track | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
         self._refuse()
         if self._document.run.first is None:
@@ -201,7 +204,7 @@ class Conductor:
                 self._tracked(report)
             case Sized():
                 self._document.set_scale(report.scale)
-                self._keeper.note_scale()
+                self._store.note_scale()
                 self._publish(session_snapshot(self._document))
                 self._publish(pose_snapshot(self._document))
             case Found():
@@ -213,19 +216,19 @@ class Conductor:
         document, now = self._document, time.monotonic()
         document.accept(done.result, replaces_hand=done.result.frame == self._first)
         self._tracked_now.append(done.result)
-        self._keeper.note_result(done.result)
+        self._store.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             document.show(done.result.frame)
             self._publish(pose_snapshot(document))
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
-            self._publish(strip_snapshot(document))
+            self._publish(timeline_snapshot(document))
         self.show_progress()
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
-            self._publish(snapshots.Notice("warning", "No hand found", _NOT_FOUND))
+            self._publish(Notice("warning", "No hand found", _NOT_FOUND))
             return
         self.guesses.keep(found.candidates)
         best = found.candidates[0]
@@ -238,7 +241,7 @@ class Conductor:
         text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
         if more:
             text += f" {more} other poses are below and in the scene; a click takes one."
-        self._publish(snapshots.Notice("done", "The hand is found", text))
+        self._publish(Notice("done", "The hand is found", text))
 
     def _ended(self, job: BackgroundJob, end: Ended) -> None:
         self._job = None
@@ -246,9 +249,9 @@ class Conductor:
         document = self._document
         document.show(document.frame)
         self._publish(pose_snapshot(document))
-        self._publish(strip_snapshot(document))
+        self._publish(timeline_snapshot(document))
         if job.done:
-            self._keeper.settle()
+            self._store.settle()
         self._tell(job, end)
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
@@ -258,17 +261,17 @@ class Conductor:
 
     def _tell(self, job: BackgroundJob, end: Ended) -> None:
         if end.internal:
-            self._publish(snapshots.Notice.of_mistake(end.error, "Internal error while tracking"))
+            self._publish(Notice.of_mistake(end.error, "Internal error while tracking"))
         elif end.error:
-            self._publish(snapshots.Notice("error", "Tracking stopped", end.error))
+            self._publish(Notice("error", "Tracking stopped", end.error))
         elif job.kind == "finding":
             if end.cancelled:
-                self._publish(snapshots.Notice("done", "Cancelled", ""))
+                self._publish(Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
             size = self._document.model.scale.overall
             text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
             title = "Cancelled" if end.cancelled else "Hand size fitted"
-            self._publish(snapshots.Notice("done", title, text))
+            self._publish(Notice("done", title, text))
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
@@ -277,7 +280,7 @@ class Conductor:
                 self._publish(one_frame(one))
                 return
             text = summary(self._tracked_now, job.total, len(job.frames) - job.total, took)
-            self._publish(snapshots.Notice("done", title, text))
+            self._publish(Notice("done", title, text))
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
@@ -293,7 +296,7 @@ class Conductor:
         """Say what is going on."""
         job = self._job
         if job is None:
-            self._publish(snapshots.ProgressSnapshot("idle", "Ready"))
+            self._publish(ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
         quiet = job.kind in ("sizing", "finding") and not job.paused
@@ -303,7 +306,7 @@ class Conductor:
         if quiet and isinstance(job, FindingJob | SizingJob) and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
-        self._publish(snapshots.ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+        self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
 
 
 def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:

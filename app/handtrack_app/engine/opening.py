@@ -74,7 +74,7 @@ def _middle_of_cloud(session: Session) -> Floats | None:
     return np.median(points, axis=0)
 
 
-def own_copy(folder: Path) -> Path:
+def working_folder(folder: Path) -> Path:
     """Return the folder to work in: a copy in the user's data folder for a recording that lies in a checkout.
 
     The copy's name carries a stamp of the recording, so that a changed recording gets a new one. An installed

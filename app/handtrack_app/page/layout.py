@@ -19,7 +19,7 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     ProgressSnapshot,
     SessionSnapshot,
-    StripSnapshot,
+    TimelineSnapshot,
 )
 
 
@@ -96,10 +96,10 @@ class PageLayout:
         self.timeline.show_frame(pose.frame)
         self.certainty.content = certainty_table(self.pose.names, pose.std)
 
-    def show_strip(self, strip: StripSnapshot) -> None:
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
-        self.timeline.show_strip(strip)
-        self.tracking.show_strip(strip)
+        self.timeline.show_timeline(strip)
+        self.tracking.show_timeline(strip)
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from handtrack_app.page.page import Page
 from handtrack_app.page.state import UserState
 from handtrack_app.protocol.commands import Track
-from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, StripSnapshot
+from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
 
 class Player:
@@ -54,7 +54,7 @@ class Demo:
     def __init__(self) -> None:
         self._begun = self._tracking = False
 
-    def begin(self, strip: StripSnapshot, page: Page, session: SessionSnapshot | None) -> None:
+    def begin(self, strip: TimelineSnapshot, page: Page, session: SessionSnapshot | None) -> None:
         """Track all frames once the session is shown; play what was tracked the last time."""
         if self._begun or session is None:
             return

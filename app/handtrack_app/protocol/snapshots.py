@@ -131,7 +131,7 @@ class PictureSnapshot:
 
 
 @dataclass(frozen=True)
-class StripSnapshot:
+class TimelineSnapshot:
     """The whole recording at a glance; rows are frames from `start`."""
 
     start: int
@@ -298,7 +298,7 @@ class CloudCard:
 
 
 Snapshot = (
-    SessionSnapshot | PoseSnapshot | PictureSnapshot | StripSnapshot | ProgressSnapshot | Notice | Download
+    SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
     | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
     | GuessesSnapshot
 )  # fmt: skip

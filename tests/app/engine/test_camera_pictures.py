@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.geometry.camera import Camera
 from handtrack_app.engine.document import params_of
-from handtrack_app.engine.pictures.camera_pictures import PictureMaker, contact_sheet, smaller
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, smaller
 from tests.app.fake_run import fake_document
 
 
@@ -31,7 +31,7 @@ def test_the_sheet_has_every_picture_side_by_side() -> None:
 
 def test_a_thumbnail_has_the_models_outline(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
-    maker = PictureMaker(document.run.session)
+    maker = CameraPictures(document.run.session)
     bones = document.model.bones(params_of(document.model, document.shown))
     flesh = document.model.flesh["fine"].posed(bones)
     plain = maker.thumbnail("front", 0)

@@ -18,7 +18,7 @@ from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.store.persistence import Keeper
+from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.page.scene.ghosts import update_ghosts
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
@@ -127,11 +127,11 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> 
     assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
     assert document.is_found(5)
     assert not guesses.take(5, 1)  # of the same size
-    keeper = Keeper.open(document)
-    keeper.note_scale()
-    keeper.note_pose(5)
-    keeper.close()
-    again = Keeper.open(fake_document(tmp_path, size_pending=True))
+    store = Persistence.open(document)
+    store.note_scale()
+    store.note_pose(5)
+    store.close()
+    again = Persistence.open(fake_document(tmp_path, size_pending=True))
     again.restore()
     again.close()
     assert (again.document.model.scale, again.document.size_pending) == (HandScale(0.8), True)

@@ -26,14 +26,14 @@ from tests.app.fake_run import fake_document
 worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, step_s=0.4))
 worker.start()
 assert worker.wait_opened(60.0) is None
-names = worker._document.model.parameter_names
-values = list(worker._document.start)
+names = worker.document.model.parameter_names
+values = list(worker.document.start)
 values[names.index("index_pip_flex")] = 0.75
 worker.send(commands.SetPose(9, tuple(values), 1))
 worker.send(commands.SetSetting("silhouettes.weight", 2.0))
 time.sleep(1.0)
 worker.send(commands.Track(3, 12, 3))
-while len(worker._document.results) < 5:
+while len(worker.document.results) < 5:
     time.sleep(0.01)
 print("tracking", flush=True)
 time.sleep(60)
@@ -59,7 +59,7 @@ def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> 
     worker = Worker(tmp_path, seen.append, fake_document)
     worker.start()
     assert worker.wait_opened(60.0) is None
-    document: Document | None = worker._document
+    document: Document | None = worker.document
     worker.stop()
     assert document is not None
     names = document.model.parameter_names

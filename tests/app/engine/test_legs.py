@@ -54,7 +54,7 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> 
         done = listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
         assert done.text.endswith("One, set by hand or found, stayed as it is.")
-        document = worker._document
+        document = worker.document
         assert document is not None
         ring = document.model.parameter_names.index("ring_pip_flex")
         assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
@@ -69,7 +69,7 @@ def test_tracking_from_a_corrected_frame_leaves_it(tmp_path: Path) -> None:
         worker.send(commands.SetPose(8, values, 1))
         worker.send(commands.Track(8, FRAMES, 8))
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
-        document = worker._document
+        document = worker.document
         assert document is not None
         assert sorted(document.results) == list(range(9, FRAMES))
         np.testing.assert_allclose(document.by_hand[8], values)
@@ -80,7 +80,7 @@ def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path: Path) -> None
         worker.send(commands.SetPose(8, _pose(listener, ring_pip_flex=1.0), 1))
         worker.send(commands.Track(8, 9, 8))
         listener.wait(snapshots.Notice, lambda n: n.title == "Frame 8 is fitted")
-        document = worker._document
+        document = worker.document
         assert document is not None and not document.by_hand and 8 in document.results
 
 
@@ -98,7 +98,7 @@ def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path: Path) -> None
 def test_the_page_names_keyframes_and_leads_to_doubtful_frames() -> None:
     status = np.array([0, 1, 0, 2, 1, -1])
     none = np.full(6, np.nan)
-    strip = snapshots.StripSnapshot(10, status, none, none, (14,))
+    strip = snapshots.TimelineSnapshot(10, status, none, none, (14,))
     assert odd_frames(strip) == [11, 13]
     assert "Frame 14 set by hand. Tracking leaves it, and starts again from it." in keyframe_words(
         strip.by_hand

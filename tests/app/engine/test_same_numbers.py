@@ -44,8 +44,8 @@ def tracked_by(
     ):
         assert time.monotonic() < until, "tracking did not finish"
         time.sleep(0.02)
-    assert worker._document is not None
-    return dict(worker._document.results)
+    assert worker.document is not None
+    return dict(worker.document.results)
 
 
 @pytest.mark.parametrize("folder", [MASKS, DEPTH], indirect=True)
@@ -63,8 +63,8 @@ def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None
     try:
         once = tracked_by(worker, seen, everything)
         again = tracked_by(worker, seen, everything)  # not from what was tracked before
-        assert worker._document is not None
-        assert worker._document.run.scale == run.scale
+        assert worker.document is not None
+        assert worker.document.run.scale == run.scale
     finally:
         worker.stop()
     for found in (once, again):
@@ -89,8 +89,8 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder: P
     while not any(isinstance(s, snapshots.Notice) and "saved" in s.title for s in seen):
         assert time.monotonic() < until, "not saved"
         time.sleep(0.02)
-    assert worker._document is not None
-    document = worker._document
+    assert worker.document is not None
+    document = worker.document
     document.forget_pose(0)
     worker.stop()
     assert json.loads((folder / "init.json").read_text())["frame"] == 0

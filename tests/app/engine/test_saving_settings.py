@@ -10,7 +10,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.versions import versions
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store import session_toml
-from handtrack_app.engine.store.persistence import Keeper
+from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
@@ -23,15 +23,15 @@ TEXT = "[session]\nformat = 1  # of the file\n"
 
 
 @pytest.fixture
-def keeper(tmp_path: Path) -> Keeper:
+def store(tmp_path: Path) -> Persistence:
     """Two settings are changed, one of them noted in the journal twice."""
     (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
-    keeper = Keeper.open(fake_document(tmp_path))
+    store = Persistence.open(fake_document(tmp_path))
     for name, value in (("cloud.weight", 2.0), ("solver.iterations", 5), ("solver.iterations", 7)):
-        document = keeper.document
+        document = store.document
         document.replace_run(document.run.with_values({name: value}))
-        keeper.note("setting", {"name": name, "value": value})
-    return keeper
+        store.note("setting", {"name": name, "value": value})
+    return store
 
 
 def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
@@ -62,42 +62,42 @@ def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
     assert path.read_text(encoding="utf-8") == TEXT
 
 
-def test_the_file_before_is_kept_and_the_journal_gives_way(keeper: Keeper) -> None:
-    path = keeper.folder / "session.toml"
-    said = keeper.save_settings()
+def test_the_file_before_is_kept_and_the_journal_gives_way(store: Persistence) -> None:
+    path = store.folder / "session.toml"
+    said = store.save_settings()
     (kept,) = versions(path)
     assert said == (
         "[tracking] of session.toml: cloud.weight, solver.iterations. The file before is kept as "
         f"versions/{kept.name}."
     )
     assert kept.read_text(encoding="utf-8") == TEXT
-    assert keeper.save_settings() == "session.toml has these settings already."
-    again = Keeper.open(fake_document(keeper.folder))
+    assert store.save_settings() == "session.toml has these settings already."
+    again = Persistence.open(fake_document(store.folder))
     again.restore()  # what stands in session.toml may be edited there from now on
     assert again.document.run.settings.solver.iterations == 30
 
 
-def test_settings_brought_back_to_the_file_are_left_to_it(keeper: Keeper) -> None:
-    document = keeper.document
+def test_settings_brought_back_to_the_file_are_left_to_it(store: Persistence) -> None:
+    document = store.document
     for name in ("cloud.weight", "solver.iterations"):
         value = document.own_settings[name]
         document.replace_run(document.run.with_values({name: value}))
-        keeper.note_setting(name, value)
-    later = fake_document(keeper.folder)
+        store.note_setting(name, value)
+    later = fake_document(store.folder)
     later.replace_run(
         later.run.with_values({"solver.iterations": 12})
     )  # as session.toml has it now
-    Keeper.open(later).restore()
+    Persistence.open(later).restore()
     assert later.run.settings.solver.iterations == 12
 
 
 def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
     folder = cloudy_session(tmp_path)
     text = (folder / "session.toml").read_text(encoding="utf-8")
-    keeper = Keeper.open(open_document(folder, {}))
-    document = keeper.document
+    store = Persistence.open(open_document(folder, {}))
+    document = store.document
     document.replace_run(document.run.with_values({"silhouettes.bands_mm": (6.0, 2.0)}))
-    keeper.save_settings()
+    store.save_settings()
     assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
     again = open_document(folder, {})
     assert again.run.settings.silhouettes.bands_mm == (6.0, 2.0)
@@ -105,19 +105,19 @@ def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written_loses_nothing(
-    keeper: Keeper, monkeypatch: pytest.MonkeyPatch
+    store: Persistence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def locked(path: Path, text: str) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(session_toml, "replace_text", locked)
-    path = keeper.folder / "session.toml"
+    path = store.folder / "session.toml"
     with pytest.raises(HandtrackError) as refused:
-        keeper.save_settings()
+        store.save_settings()
     assert str(refused.value) == (
         f"{path}: cannot be written (Permission denied). Is the folder read-only?"
     )
-    _nothing_lost(keeper, TEXT)
+    _nothing_lost(store, TEXT)
 
 
 @pytest.mark.parametrize(
@@ -129,20 +129,20 @@ def test_a_file_that_cannot_be_written_loses_nothing(
     ],
 )
 def test_a_file_that_is_odd_by_now_is_left_alone(
-    keeper: Keeper, text: str | None, words: str
+    store: Persistence, text: str | None, words: str
 ) -> None:
-    path = keeper.folder / "session.toml"
+    path = store.folder / "session.toml"
     path.unlink()
     if text is not None:
         path.write_text(text, encoding="utf-8")
     with pytest.raises(HandtrackError, match=words):
-        keeper.save_settings()
-    _nothing_lost(keeper, text)
+        store.save_settings()
+    _nothing_lost(store, text)
 
 
-def _nothing_lost(keeper: Keeper, text: str | None) -> None:
-    path = keeper.folder / "session.toml"
+def _nothing_lost(store: Persistence, text: str | None) -> None:
+    path = store.folder / "session.toml"
     assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
-    again = Keeper.open(fake_document(keeper.folder))
+    again = Persistence.open(fake_document(store.folder))
     assert again.restore() == "Brought back from last time: 2 changed settings."
     assert again.document.run.settings.solver.iterations == 7

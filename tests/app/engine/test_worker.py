@@ -123,7 +123,7 @@ def test_tracking_gives_every_frame_and_then_is_idle(desk: tuple[Worker, Listene
     worker, listener = desk
     worker.send(commands.Track(0, FRAMES, 3))
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
-    strip = listener.wait(snapshots.StripSnapshot, lambda s: (s.status >= 0).all())
+    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: (s.status >= 0).all())
     assert strip.status[7] == 1
     assert np.isfinite(strip.error_mm).all()
     progress = [s for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot)]
@@ -288,7 +288,7 @@ def session_index(listener: Listener, name: str) -> int:
 
 def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, size_pending=True, sizing_s=0.3):
-        document = worker._document
+        document = worker.document
         assert document is not None
         document.run = replace(document.run, first=None)
         worker.send(commands.SetPose(5, _pose(listener, index_mcp_flex=0.3), 1))

@@ -36,7 +36,7 @@ def opened(tmp_path_factory) -> Iterator[Workbench]:
 
 def test_its_parts_stand_on_their_bones(opened):
     hand = opened.stage.hand
-    document = opened.worker._document
+    document = opened.worker.document
     assert hand is not None
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     assert len(hand.parts) == len(document.model.superquadrics) == 19
@@ -83,7 +83,7 @@ def test_a_slider_moves_the_limb(opened):
 
 
 def test_the_error_against_true_joints_is_told(opened):
-    document = opened.worker._document
+    document = opened.worker.document
     assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
     document.set_pose(0, tuple(document.start))
     assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose

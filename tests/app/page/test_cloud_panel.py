@@ -8,7 +8,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.store.persistence import Keeper
+from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("journals_closed")
 
 
 def test_pictures_are_offered_where_there_are_some(page: Workbench) -> None:
-    panel, document = page.layout.cloud, page.worker._document
+    panel, document = page.layout.cloud, page.worker.document
     assert document is not None
     picture = panel.widgets["picture"]
     assert picture.options == ("cameras and points", "stereo match", "none")
@@ -46,11 +46,11 @@ def test_saving_is_offered_where_something_is_not_saved(page: Workbench) -> None
 
 def test_clouds_are_not_saved_into_a_file_that_is_odd_by_now(tmp_path: Path) -> None:
     folder = cloudy_session(tmp_path)
-    keeper = Keeper.open(open_document(folder, {}))
+    store = Persistence.open(open_document(folder, {}))
     (folder / "session.toml").write_text("[session\n", encoding="utf-8")
-    keeper.document.saved_clouds = None
+    store.document.saved_clouds = None
     with pytest.raises(HandtrackError, match="not valid TOML"):
-        keeper.save_clouds()
+        store.save_clouds()
     assert (folder / "session.toml").read_text(encoding="utf-8") == "[session\n"
 
 

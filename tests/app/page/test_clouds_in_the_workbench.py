@@ -20,9 +20,9 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.pictures.cloud_maker import CloudMaker, nothing_left
-from handtrack_app.engine.pictures.cloud_service import CloudDesk, changed_clouds
-from handtrack_app.engine.pictures.render_thread import Aside
+from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
+from handtrack_app.engine.pictures.cloud_service import CloudService, changed_clouds
+from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store.tracks import summary
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
@@ -69,7 +69,7 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: De
     worker, listener, _ = desk
     worker.send(commands.WantCloud(points=True, dropped=True))
     cloud = listener.wait(snapshots.CloudSnapshot)
-    document = worker._document
+    document = worker.document
     assert document is not None
     bones = document.model.bones(document.model.transform.solver_params(document.shown))
     seen = document.run.observation(0, bones)
@@ -196,7 +196,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
     worker, listener, folder = desk
     worker.send(commands.Track(0, 2, 0))
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
-    strip = [s for s in listener.seen if isinstance(s, snapshots.StripSnapshot)][-1]
+    strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
     assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
     total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
@@ -204,7 +204,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
     again = Listener()
     second = Worker(folder, again.publish, open_document)
     second.start()
-    back = again.wait(snapshots.StripSnapshot, lambda s: bool(s.terms))
+    back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
     np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
     second.stop()
 
@@ -213,7 +213,7 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     worker, listener, _ = desk
     worker.send(commands.Track(0, 2, 0))
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
-    document = worker._document
+    document = worker.document
     assert document is not None
     whole = document.results[1]
     std = whole.parameter_std.copy()
@@ -255,7 +255,7 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> No
 
 
 def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
-    document, view = page.worker._document, page.stage.cloud
+    document, view = page.worker.document, page.stage.cloud
     assert document is not None
     document.saved_clouds = None
     page.send(commands.RestoreClouds())
@@ -341,13 +341,13 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(
     cloud = document.run.session.cloud(0)[0]
     middle = np.median(cloud.points, axis=0)
     assert np.linalg.norm(document.start[:3] + [0.0, 0.09, 0.0] - middle) < 0.01
-    desk = CloudDesk(document, Aside(lambda _: None))
+    desk = CloudService(document, RenderThread(lambda _: None))
     assert desk._moment().previous is None
-    unposed = CloudMaker().cloud(desk._moment())
+    unposed = CloudRenderer().cloud(desk._moment())
     assert all(c.name != "crop" for c in unposed.counts)
     assert unposed.words == "The hand has no place yet: nothing is cropped to it."
     document.set_pose(0, tuple(document.shown))
-    assert count(CloudMaker().cloud(desk._moment()), "crop").before == HAND + WALL
+    assert count(CloudRenderer().cloud(desk._moment()), "crop").before == HAND + WALL
 
 
 def test_the_filter_that_left_nothing_is_named() -> None:

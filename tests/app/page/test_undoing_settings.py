@@ -119,7 +119,7 @@ def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
 
 
 def _clouds(bench: Workbench) -> Any:
-    document = bench.worker._document
+    document = bench.worker.document
     return None if document is None else document.clouds
 
 

@@ -25,7 +25,7 @@ def test_it_listens_on_loopback_only(bench: Workbench) -> None:
 
 
 def test_the_hand_stands_where_the_model_says(bench: Workbench) -> None:
-    document = bench.worker._document
+    document = bench.worker.document
     assert document is not None and bench.stage.hand is not None
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     posed = document.model.flesh["fine"].posed(bones)
@@ -34,7 +34,7 @@ def test_the_hand_stands_where_the_model_says(bench: Workbench) -> None:
 
 
 def test_every_parameter_has_a_slider_with_its_limits(bench: Workbench) -> None:
-    document = bench.worker._document
+    document = bench.worker.document
     assert document is not None
     sliders = bench.layout.pose.sliders
     assert tuple(sliders) == document.model.parameter_names

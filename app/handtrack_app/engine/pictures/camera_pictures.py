@@ -71,7 +71,7 @@ def _depth(session: RunSession, name: str, frame: int) -> Array | None:
     return None
 
 
-class PictureMaker:
+class CameraPictures:
     """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
 
     def __init__(self, session: RunSession) -> None:

@@ -1,4 +1,4 @@
-"""The cloud desk: what the page sees of clouds and of the solver's surface, and the settings of [clouds]."""
+"""The cloud service: what the page sees of clouds and of the surface, and the settings of [clouds]."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.clouds import cloud_filters, stereo_settings
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.engine.document import Document, params_of
-from handtrack_app.engine.pictures.cloud_maker import CloudMaker, Moment
-from handtrack_app.engine.pictures.render_thread import Aside
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
+from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.protocol.commands import SampleSkin, WantCloud, WantSurface
+from handtrack_app.protocol.snapshots import CloudCard
 
 _HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
 _OFF = ("near_m", "far_m", "crop_m", "voxel_m", "outlier_neighbours", "max_points", "front_m")
 
 
-class CloudDesk:
-    """Lives on the worker's thread; what takes time is made aside."""
+class CloudService:
+    """Lives on the worker's thread; what takes time is made on the render thread."""
 
-    def __init__(self, document: Document, aside: Aside) -> None:
-        self._document, self._aside = document, aside
-        self._wanted = commands.WantCloud()
+    def __init__(self, document: Document, render_thread: RenderThread) -> None:
+        self._document, self._render_thread = document, render_thread
+        self._wanted = WantCloud()
         self._surface = False
         self._shown_at = 0.0
-        self._maker = CloudMaker()
+        self._maker = CloudRenderer()
 
     # ---- showing
 
-    def want(self, wish: commands.WantCloud | commands.WantSurface) -> None:
+    def want(self, wish: WantCloud | WantSurface) -> None:
         """Show something else from now on."""
-        if isinstance(wish, commands.WantSurface):
+        if isinstance(wish, WantSurface):
             self._surface = wish.on
         else:
             self._wanted = wish
@@ -57,17 +58,17 @@ class CloudDesk:
         self._shown_at = now
         moment, maker = self._moment(), self._maker
         if self._surface and not hurried and "metaballs" in moment.model.flesh:
-            self._aside.ask("surface", lambda: maker.surface(moment))
+            self._render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
-            self._aside.ask("cloud", lambda: maker.cloud(moment))
+            self._render_thread.ask("cloud", lambda: maker.cloud(moment))
         if cloud and self._wanted.picture == "images" and not hurried:
-            self._aside.ask("picture", lambda: maker.images(moment))
+            self._render_thread.ask("picture", lambda: maker.images(moment))
         if stereo and not hurried:
             pair = self._wanted.pair or self.card().pair
             if pair is not None:
-                self._aside.ask("picture", lambda: maker.stereo(moment, pair))
+                self._render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
-    def _moment(self) -> Moment:
+    def _moment(self) -> RenderInput:
         document = self._document
         model, session, frame = document.model, document.run.session, document.frame
         bones = model.bones(params_of(model, document.shown))
@@ -75,7 +76,7 @@ class CloudDesk:
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
             previous = model.bones(params_of(model, document.pose_at(before)))
-        return Moment(
+        return RenderInput(
             frame, document.version, session, model, bones, previous, session.cloud_filters,
             self._wanted,
         )  # fmt: skip
@@ -104,7 +105,7 @@ class CloudDesk:
         """Go back to the settings of session.toml."""
         self.use(self._document.saved_clouds)
 
-    def sample_skin(self, order: commands.SampleSkin) -> str:
+    def sample_skin(self, order: SampleSkin) -> str:
         """Take the skin's colour from a box of a frame's image; return a sentence about it."""
         session, frame = self._document.run.session, order.frame
         if order.camera not in session.rig.names:
@@ -121,7 +122,7 @@ class CloudDesk:
         red, green = skin.mean
         return f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
 
-    def card(self) -> snapshots.CloudCard:
+    def card(self) -> CloudCard:
         """Return where clouds come from and the settings in force."""
         document, settings = self._document, self.settings
         session = document.run.session
@@ -135,7 +136,7 @@ class CloudDesk:
             pair = settings.stereo[0] if settings.stereo else None
         if pair is None and pairs:
             pair = pairs[0]
-        return snapshots.CloudCard(
+        return CloudCard(
             source,
             shown_values(settings),
             with_images,

@@ -1,4 +1,4 @@
-"""A thread beside the worker for what is only shown: clouds, surfaces, pictures of them."""
+"""The render thread: makes beside the worker what is only shown: clouds, surfaces, pictures of them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from handtrack.errors import HandtrackError
-from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 log = logging.getLogger(__name__)
-Make = Callable[[], snapshots.Snapshot | None]
+Make = Callable[[], Snapshot | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,15 +21,15 @@ class _Order:
     make: Make
 
 
-class Aside:
+class RenderThread:
     """Makes snapshots one after the other; of each kind only the newest order counts."""
 
-    def __init__(self, publish: Callable[[snapshots.Snapshot], None]) -> None:
+    def __init__(self, publish: Callable[[Snapshot], None]) -> None:
         self._publish = publish
         self._mail: Mailbox[_Order] = Mailbox(lambda order: order.kind)
         self._stopping = threading.Event()
-        self._said: snapshots.Notice | None = None
-        self._thread = threading.Thread(target=self._work, name="aside", daemon=True)
+        self._said: Notice | None = None
+        self._thread = threading.Thread(target=self._work, name="render", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
@@ -54,15 +54,15 @@ class Aside:
         try:
             snapshot = order.make()
         except HandtrackError as error:
-            self._say(snapshots.Notice("error", "That cannot be shown", str(error)))
+            self._say(Notice("error", "That cannot be shown", str(error)))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("could not make %s", order.kind)
-            self._say(snapshots.Notice.of_mistake(error))
+            self._say(Notice.of_mistake(error))
         else:
             if snapshot is not None:
                 self._publish(snapshot)
 
-    def _say(self, notice: snapshots.Notice) -> None:
+    def _say(self, notice: Notice) -> None:
         if notice != self._said:  # the next frame would say the same
             self._said = notice
             self._publish(notice)

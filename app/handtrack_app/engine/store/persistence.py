@@ -33,7 +33,7 @@ _FLUSH_S = 1.0  # tracked frames reach the disk at most this late
 
 
 @dataclass
-class Keeper:
+class Persistence:
     """Writes what is accepted, at once, and brings it back on reopening."""
 
     document: Document
@@ -43,8 +43,8 @@ class Keeper:
     _flushed: float = 0.0
 
     @classmethod
-    def open(cls, document: Document) -> Keeper:
-        """Return the keeper of a session; one that cannot be written to works, with a warning."""
+    def open(cls, document: Document) -> Persistence:
+        """Return the store of a session; one that cannot be written to works, with a warning."""
         try:
             return cls(document, Journal.open(document.run.session.folder))
         except HandtrackError as error:

@@ -11,7 +11,7 @@ import viser
 from handtrack.arrays import Floats, Ints
 from handtrack_app.page.page import Page
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
-from handtrack_app.protocol.snapshots import SessionSnapshot, StripSnapshot
+from handtrack_app.protocol.snapshots import SessionSnapshot, TimelineSnapshot
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
@@ -24,7 +24,7 @@ class TimelinePanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    strip: StripSnapshot | None = None
+    strip: TimelineSnapshot | None = None
     fps: float = 25.0
     slider: viser.GuiSliderHandle[int] | None = None
     _drawn: tuple[int, int] | None = field(default=None)
@@ -68,7 +68,7 @@ class TimelinePanel:
             self.slider.value = frame
         self.draw()
 
-    def show_strip(self, strip: StripSnapshot) -> None:
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the recording's new status and energies."""
         self.strip, self._drawn = strip, None
         self.draw()
@@ -80,10 +80,10 @@ class TimelinePanel:
         drawn = (id(self.strip), self.page.state.frame)
         if drawn != self._drawn:
             self._drawn = drawn
-            self.picture.content = strip_picture(self.strip, self.page.state.frame)
+            self.picture.content = timeline_picture(self.strip, self.page.state.frame)
 
 
-def strip_picture(strip: StripSnapshot, frame: int) -> str:
+def timeline_picture(strip: TimelineSnapshot, frame: int) -> str:
     """Return the strip as SVG: the energy (or, with truth, the error) as a curve above bars of status."""
     count = max(len(strip.status), 1)
     step = _WIDTH / count
@@ -118,7 +118,7 @@ def strip_picture(strip: StripSnapshot, frame: int) -> str:
     )
 
 
-def _lane(strip: StripSnapshot, frame: int) -> str:
+def _lane(strip: TimelineSnapshot, frame: int) -> str:
     """Return a second lane with the energy's parts, where more than silhouettes were looked at."""
     tracked = int((strip.status >= 0).sum())
     terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
@@ -159,7 +159,7 @@ def _lane(strip: StripSnapshot, frame: int) -> str:
     )
 
 
-def _has(strip: StripSnapshot, code: int) -> bool:
+def _has(strip: TimelineSnapshot, code: int) -> bool:
     set_by_hand = code == 3 and len(strip.by_hand) > len(strip.found)
     return set_by_hand or bool((strip.status == code).any())
 

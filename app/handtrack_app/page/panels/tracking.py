@@ -12,7 +12,7 @@ from handtrack_app.page.page import Page
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.protocol.commands import Cancel, Follow, Pause, SaveTrack, Track
 from handtrack_app.protocol.palette import FOUND, STATUS
-from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, StripSnapshot
+from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
 _NAMED = 12  # frames that are named one by one
 
@@ -25,7 +25,7 @@ class TrackingPanel:
     tab: viser.GuiTabHandle
     session: SessionSnapshot | None = None
     progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
-    strip: StripSnapshot | None = None
+    strip: TimelineSnapshot | None = None
     starters: list[Any] = field(default_factory=list)
     rerun: viser.GuiMarkdownHandle | None = None
     range: viser.GuiMultiSliderHandle[int] | None = None
@@ -90,7 +90,7 @@ class TrackingPanel:
         save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
         self.starters = [everything, here, onward, span]
 
-    def show_strip(self, strip: StripSnapshot) -> None:
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Say which frames are set by hand, and offer the way to those that are doubtful."""
         if self.session is None:
             return
@@ -174,7 +174,7 @@ class TrackingPanel:
                 button.visible = not busy
 
 
-def odd_frames(strip: StripSnapshot) -> list[int]:
+def odd_frames(strip: TimelineSnapshot) -> list[int]:
     """Return the frames that are doubtful or lost, but for those set right by hand."""
     odd = [strip.start + i for i, status in enumerate(strip.status.tolist()) if status in (1, 2)]
     return [frame for frame in odd if frame not in strip.by_hand]

@@ -34,8 +34,13 @@ from handtrack_app.engine.pictures.cloud_pictures import (
     stereo_words,
 )
 from handtrack_app.engine.run import RunSession
-from handtrack_app.protocol import commands, snapshots
-from handtrack_app.protocol.snapshots import FilterCount
+from handtrack_app.protocol.commands import WantCloud
+from handtrack_app.protocol.snapshots import (
+    CloudPicture,
+    CloudSnapshot,
+    FilterCount,
+    SurfaceSnapshot,
+)
 
 _SHOWN, _DROPPED_SHOWN = 20_000, 8_000  # points sent to the page at most
 _SPACING_M = 0.0035  # between vertices of the surface shown
@@ -45,7 +50,7 @@ _THINNED = ("voxel", "most")
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class RenderInput:
     """What a picture of a frame is made from; nothing of it changes later."""
 
     frame: int
@@ -56,11 +61,11 @@ class Moment:
     previous: BonePoses | None
     """the hand that the cloud is cropped to; None before the hand has a place"""
     filters: CloudFilters
-    wanted: commands.WantCloud
+    wanted: WantCloud
 
 
-class CloudMaker:
-    """Reads, filters and paints; keeps the last filtered cloud and the last matched pair. On the aside thread only."""
+class CloudRenderer:
+    """Reads, filters and paints; keeps the last filtered cloud and the last matched pair. On the render thread only."""
 
     def __init__(self) -> None:
         self._known: tuple[object, PointCloud, Array, tuple[FilterReport, ...]] | None = None
@@ -68,17 +73,17 @@ class CloudMaker:
         self._painted: tuple[object, ...] = ()
         """what the last picture was made from"""
 
-    def surface(self, moment: Moment) -> snapshots.SurfaceSnapshot:
+    def surface(self, moment: RenderInput) -> SurfaceSnapshot:
         spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
         mesh = surface_mesh(MetaballSurface.of(moment.model), moment.bones, spacing)
-        return snapshots.SurfaceSnapshot(
+        return SurfaceSnapshot(
             moment.frame,
             moment.version,
             mesh.vertices.astype(np.float32),
             mesh.faces.astype(np.uint32),
         )
 
-    def cloud(self, moment: Moment) -> snapshots.CloudSnapshot:
+    def cloud(self, moment: RenderInput) -> CloudSnapshot:
         measured, fate, reports = self._filtered(moment)
         if measured is None:
             return _nothing(moment.frame)
@@ -96,7 +101,7 @@ class CloudMaker:
             words = "The hand has no place yet: nothing is cropped to it."
         elif len(shown) < len(kept):
             words = f"{len(shown)} of {len(kept)} points are drawn."
-        return snapshots.CloudSnapshot(
+        return CloudSnapshot(
             moment.frame,
             points.astype(np.float32),
             None if measured.colors is None else measured.colors[shown],
@@ -108,7 +113,7 @@ class CloudMaker:
             words,
         )
 
-    def images(self, moment: Moment) -> snapshots.CloudPicture | None:
+    def images(self, moment: RenderInput) -> CloudPicture | None:
         """Return the cameras' pictures with the points; None where they would be those of the last time."""
         measured, fate, reports = self._filtered(moment)
         if self._is_painted(moment.frame, moment.wanted, fate):
@@ -131,7 +136,7 @@ class CloudMaker:
             return None
         return _picture(moment, contact_sheet(cells, width, columns), "")
 
-    def stereo(self, moment: Moment, pair: tuple[str, str]) -> snapshots.CloudPicture | None:
+    def stereo(self, moment: RenderInput, pair: tuple[str, str]) -> CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.session, moment.frame
         settings = stereo_settings(session.file.clouds or CloudSettings())
@@ -166,7 +171,7 @@ class CloudMaker:
         )
 
     def _filtered(
-        self, moment: Moment
+        self, moment: RenderInput
     ) -> tuple[PointCloud | None, Array, tuple[FilterReport, ...]]:
         """Return the measured cloud, which filter dropped each point, and what the filters did."""
         session = moment.session
@@ -185,9 +190,9 @@ class CloudMaker:
         return self._known[1:]
 
 
-def _picture(moment: Moment, sheet: Bytes, words: str) -> snapshots.CloudPicture:
+def _picture(moment: RenderInput, sheet: Bytes, words: str) -> CloudPicture:
     wide = moment.wanted.wide
-    return snapshots.CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
+    return CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
 
 
 def nothing_left(reports: tuple[FilterReport, ...]) -> str:
@@ -208,14 +213,14 @@ def _places(reports: tuple[FilterReport, ...], thinned: bool) -> list[int]:
     return [i for i, report in enumerate(reports) if (report.name in _THINNED) == thinned]
 
 
-def _nothing(frame: int) -> snapshots.CloudSnapshot:
+def _nothing(frame: int) -> CloudSnapshot:
     none = np.zeros((0, 3), np.float32)
-    return snapshots.CloudSnapshot(
+    return CloudSnapshot(
         frame, none, None, np.zeros(0, np.float32), none, 0, 0, (), "This frame has no cloud."
     )
 
 
-def _residual_mm(moment: Moment, points: Floats) -> Floats:
+def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
     ellipsoid's ends than millimetres do.
     """
@@ -226,7 +231,7 @@ def _residual_mm(moment: Moment, points: Floats) -> Floats:
     return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
 
 
-def _camera_images(moment: Moment) -> list[tuple[str, Bytes]]:
+def _camera_images(moment: RenderInput) -> list[tuple[str, Bytes]]:
     """Return the cameras to show with their images RGB: those that measured, at most two, else depth pictures."""
     session = moment.session
     settings = session.file.clouds or CloudSettings()

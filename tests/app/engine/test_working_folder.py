@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.session import bundled
-from handtrack_app.engine.opening import own_copy
+from handtrack_app.engine.opening import working_folder
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -27,21 +27,21 @@ def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(
     shelf: Path, tmp_path: Path
 ) -> None:
-    copy = own_copy(shelf / "fist")
+    copy = working_folder(shelf / "fist")
     assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
     assert [p.name for p in copy.iterdir()] == ["session.toml"]
     (copy / "init.json").write_text("mine")
-    assert own_copy(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
+    assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
 
 
 def test_a_changed_recording_gets_a_new_copy(shelf: Path) -> None:
-    before = own_copy(shelf / "fist")
+    before = working_folder(shelf / "fist")
     (shelf / "fist" / "session.toml").write_text("[session] # changed")
-    assert own_copy(shelf / "fist") != before
+    assert working_folder(shelf / "fist") != before
 
 
 def test_any_other_folder_is_used_as_it_is(shelf: Path, tmp_path: Path) -> None:
-    assert own_copy(tmp_path / "mine") == tmp_path / "mine"
+    assert working_folder(tmp_path / "mine") == tmp_path / "mine"
 
 
 def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_p
     bench = Workbench(tmp_path, port=0, opener=fake_document, demo=True).start()
     try:
         eventually(lambda: bench.state.playing, "it plays at once", 30.0)
-        assert bench.worker._conductor is not None and not bench.worker._conductor.busy
+        assert not bench.worker.busy
     finally:
         bench.stop()
 
