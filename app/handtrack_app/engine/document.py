@@ -12,8 +12,8 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.clouds_table import clouds_values
 from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.session_file import clouds_values
 from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.inverse_kinematics import reach, tip_names

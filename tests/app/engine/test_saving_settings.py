@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
+from handtrack.files import toml_edit
 from handtrack.files.versions import versions
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import read_scale
+from handtrack.session.first_pose.first_pose import read_first_pose
+from handtrack.session.session_file import read_session_file
 from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.store import session_toml
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
@@ -110,7 +116,7 @@ def test_a_file_that_cannot_be_written_loses_nothing(
     def locked(path: Path, text: str) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(session_toml, "replace_text", locked)
+    monkeypatch.setattr(toml_edit, "replace_text", locked)
     path = store.folder / "session.toml"
     with pytest.raises(HandtrackError) as refused:
         store.save_settings()
@@ -124,7 +130,7 @@ def test_a_file_that_cannot_be_written_loses_nothing(
     ("text", "words"),
     [
         ("[session\nformat = 1\n", "not valid TOML"),
-        ("[session]\ntracking = 3\n\n[tracking]\nsolver = { iterations = 3 }\n", "set by hand"),
+        ("tracking = 3\n", "set by hand"),
         (None, "no such file; expected a session's settings"),
     ],
 )
@@ -138,6 +144,62 @@ def test_a_file_that_is_odd_by_now_is_left_alone(
     with pytest.raises(HandtrackError, match=words):
         store.save_settings()
     _nothing_lost(store, text)
+
+
+@pytest.mark.parametrize(
+    "hand",
+    [
+        '[hand]\nscale = "fit"  # mine\n',
+        "[hand]\nscale = 'fit'  # mine\n",
+        'hand.scale = "fit"  # mine\n',
+        'hand = { scale = "fit" }  # mine\n',
+        '[hand]\n"scale" = "fit"  # mine\n',
+    ],
+)
+def test_the_fitted_size_is_kept_however_session_toml_is_written(hand: str, tmp_path: Path) -> None:
+    path = tmp_path / "session.toml"
+    text = f'{hand}[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
+    path.write_text(text, encoding="utf-8")
+    size = HandScale(1.07, {"thumb": 0.95})
+    store = Persistence.open(fake_document(tmp_path))
+    store.document.set_scale(size)
+    said = store.save_first_pose()
+    assert said.endswith(" The hand's fitted size is kept in hand.json.")
+    assert read_session_file(path).hand.scale == "hand.json"
+    assert read_scale(tmp_path / "hand.json") == size
+    assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
+    assert "# mine" in path.read_text(encoding="utf-8")
+    assert versions(path)[0].read_text(encoding="utf-8") == text
+    assert not store.save_first_pose().endswith("hand.json."), "only once"
+
+
+def test_a_size_that_was_given_stays_as_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "session.toml"
+    path.write_text("[hand]\nscale = 1.05\n", encoding="utf-8")
+    store = Persistence.open(fake_document(tmp_path))
+    store.document.set_scale(HandScale(1.07))
+    store.save_first_pose()
+    assert path.read_text(encoding="utf-8") == "[hand]\nscale = 1.05\n"
+    assert not (tmp_path / "hand.json").exists()
+
+
+def test_clouds_are_saved_key_by_key(tmp_path: Path) -> None:
+    """A usual value that stands there stays; what became usual goes; what somebody added meanwhile is his."""
+    folder = cloudy_session(tmp_path)
+    path = folder / "session.toml"
+    store = Persistence.open(open_document(folder, {}))
+    document = store.document
+    added = path.read_text(encoding="utf-8").replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
+    path.write_text(added, encoding="utf-8")
+    skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
+    document.use_clouds(replace(document.clouds, voxel_m=None, skin=skin, near_m=False))
+    said = store.save_clouds()
+    assert said.startswith("[clouds] of session.toml: voxel_m, ")
+    expected = replace(document.clouds, per_voxel=3)
+    assert read_session_file(path).clouds == expected
+    assert "voxel_m" not in path.read_text(encoding="utf-8")
+    assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")
+    assert store.save_clouds() == "session.toml has these settings already."
 
 
 def _nothing_lost(store: Persistence, text: str | None) -> None:

@@ -4,31 +4,30 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replace_text
+from handtrack.files.toml_edit import edit_toml
+from handtrack.files.toml_text import read_toml
 from handtrack.files.versions import keep_version
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
 from handtrack.session.clouds_settings import read_clouds
-from handtrack.session.clouds_table import clouds_values, with_clouds
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal
 from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
-from handtrack.session.tracking_table import with_tracking
+from handtrack.session.session_file import clouds_values
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.session_toml import change_session_toml
 from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_track
 
 log = logging.getLogger(__name__)
 WORK_FILE = f"{TRACKS_FOLDER}/workbench.npz"
 HAND_FILE = "hand.json"
+_SETTINGS = "a session's settings"
 _FLUSH_S = 1.0  # tracked frames reach the disk at most this late
 
 
@@ -265,35 +264,27 @@ class Persistence:
         run, path = self.document.run, self.folder / SESSION_FILE
         if self.document.size_pending or not path.is_file():
             return ""
-        text, count = re.subn(
-            r'^(\s*scale\s*=\s*)"fit"',
-            rf'\1"{HAND_FILE}"',
-            path.read_text(encoding="utf-8"),
-            count=1,
-            flags=re.MULTILINE,
-        )
-        if not count:
+        hand = read_toml(path, _SETTINGS).get("hand")
+        if not isinstance(hand, dict) or hand.get("scale") != "fit":
             return ""
+        keep_version(self.folder / HAND_FILE)
         write_scale(self.folder / HAND_FILE, run.scale)
-        keep_version(path)
-        replace_text(path, text)
+        edit_toml(path, {"hand.scale": HAND_FILE}, _SETTINGS)
         return f" The hand's fitted size is kept in {HAND_FILE}."
 
     def save_clouds(self) -> str:
         """Write the settings of [clouds] into session.toml; return a sentence about it."""
         document = self.document
-        clouds = document.clouds
+        clouds, changed = document.clouds, document.unsaved_clouds
         if clouds is None:
             raise HandtrackError("This session has no clouds whose settings could be saved.")
-        changed = ", ".join(document.unsaved_clouds)
         if not changed:
             return "session.toml has these settings already."
-        kept = change_session_toml(
-            self.folder / SESSION_FILE, lambda text: with_clouds(text, clouds)
-        )
+        values = clouds_values(clouds)
+        kept = self._edit_session("clouds", {name: values.get(name) for name in changed})
         document.saved_clouds = clouds
         self.note_clouds()
-        return f"[clouds] of session.toml: {changed}.{kept}"
+        return kept
 
     def save_settings(self) -> str:
         """Write the settings that were changed into session.toml; return a sentence about it."""
@@ -302,12 +293,15 @@ class Persistence:
         changed = {name: value for name, value in now.items() if value != own[name]}
         if not changed:
             return "session.toml has these settings already."
-        kept = change_session_toml(
-            self.folder / SESSION_FILE, lambda text: with_tracking(text, changed)
-        )
+        kept = self._edit_session("tracking", changed)
         document.own_settings = now
         self._leave_settings_to_the_file()
-        return f"[tracking] of session.toml: {', '.join(changed)}.{kept}"
+        return kept
+
+    def _edit_session(self, table: str, changed: dict[str, object]) -> str:
+        changes = {f"{table}.{name}": value for name, value in changed.items()}
+        kept = edit_toml(self.folder / SESSION_FILE, changes, _SETTINGS)
+        return f"[{table}] of session.toml: {', '.join(changed)}.{kept}"
 
     def save_track(self) -> str:
         """Write tracks/poses.npz; return a sentence about it."""
