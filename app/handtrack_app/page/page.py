@@ -8,7 +8,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import viser
 
@@ -24,9 +24,10 @@ log = logging.getLogger(__name__)
 class UserEvent(Protocol):
     """What viser tells of a widget that was used, or of a command."""
 
-    client: viser.ClientHandle | None
-    client_id: int | None
-
+    @property
+    def client(self) -> viser.ClientHandle | None: ...
+    @property
+    def client_id(self) -> int | None: ...
     @property
     def target(self) -> Any: ...
 
@@ -91,6 +92,11 @@ class Page:
         for target in clients:
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
 
+    def on(self, widget: Any, action: Action) -> None:
+        """Call back when a user presses a button, or changes the value of another widget."""
+        register = getattr(widget, "on_click", None) or widget.on_update
+        register(self.from_user(action))
+
     def from_user(self, action: Action) -> Action:
         """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
 
@@ -107,6 +113,13 @@ class Page:
                 )
 
         return callback
+
+
+def put(handle: object, **values: object) -> None:
+    """Set those properties of a viser handle that differ: each one set is a message to every client."""
+    for name, value in values.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
 
 
 def number(value: object, low: float, high: float) -> float | None:
@@ -128,10 +141,10 @@ class Keys:
     """key and what it does, in words"""
 
     def add(
-        self, words: str, key: HotkeyKey, action: Action, modifier: KeyModifier | None = None
+        self, words: str, key: str, action: Action, modifier: KeyModifier | None = None
     ) -> None:
         """Let a key do something; `action` gets viser's event."""
-        command = self.gui.add_command(words, hotkey=key, modifier=modifier)
+        command = self.gui.add_command(words, hotkey=cast("HotkeyKey", key), modifier=modifier)
         command.on_trigger(action)
         self.known.append((f"{_MODIFIERS.get(modifier, '')} {key}".strip(), words))
 

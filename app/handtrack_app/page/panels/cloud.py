@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Page, number
+from handtrack_app.page.page import Page, number, put
 from handtrack_app.page.panels.cloud_filters import FilterKnobs, StereoKnobs
 from handtrack_app.page.panels.skin import SkinKnobs
 from handtrack_app.protocol.commands import (
@@ -103,24 +103,14 @@ class CloudPanel:
             "Back to session.toml", icon=viser.Icon.RESTORE, color="gray",
             hint="Forget what was changed here since.",
         )  # fmt: skip
-        picture.on_update(
-            page.from_user(lambda e: self._show("cloud_picture", _PICTURES.get(e.target.value)))
-        )
-        wide.on_update(page.from_user(lambda e: self._show("cloud_wide", bool(e.target.value))))
-        on.on_update(page.from_user(lambda e: self._show("cloud", bool(e.target.value))))
-        colour.on_update(
-            page.from_user(lambda e: self._show("cloud_colour", _COLOURS.get(e.target.value)))
-        )
-        dropped.on_update(
-            page.from_user(lambda e: self._show("cloud_dropped", bool(e.target.value)))
-        )
-        size.on_update(
-            page.from_user(lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
-        )
-        save.on_click(page.from_user(lambda _: page.send(SaveClouds())))
-        back.on_click(
-            page.from_user(lambda _: self.change("Filters of session.toml", RestoreClouds()))
-        )
+        page.on(picture, lambda e: self._show("cloud_picture", _PICTURES.get(e.target.value)))
+        page.on(wide, lambda e: self._show("cloud_wide", bool(e.target.value)))
+        page.on(on, lambda e: self._show("cloud", bool(e.target.value)))
+        page.on(colour, lambda e: self._show("cloud_colour", _COLOURS.get(e.target.value)))
+        page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.target.value)))
+        page.on(size, lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
+        page.on(save, lambda _: page.send(SaveClouds()))
+        page.on(back, lambda _: self.change("Filters of session.toml", RestoreClouds()))
         self.widgets = {
             "picture": picture, "wide": wide, "on": on, "colour": colour, "size": size, "dropped": dropped,
             "save": save, "back": back,
@@ -148,10 +138,8 @@ class CloudPanel:
         wished = self.page.state.display.cloud_picture
         shown = next((w for w, p in words.items() if p == wished), "none")
         picture = self.widgets["picture"]
-        if picture.options != tuple(words):
-            picture.options = tuple(words)
-        if picture.value != shown:
-            picture.value = shown
+        put(picture, options=tuple(words))
+        put(picture, value=shown)
         picture.visible = self.widgets["wide"].visible = len(words) > 1
 
     def _show(self, name: str, value: object) -> None:

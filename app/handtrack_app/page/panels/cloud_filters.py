@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import viser
 
-from handtrack_app.page.page import Page, number
+from handtrack_app.page.page import Page, number, put
 from handtrack_app.protocol.snapshots import CloudCard
 
 Set = Callable[..., None]
@@ -87,15 +87,14 @@ class Sliders:
         """Add a slider where the page builds now."""
         low, high, step = knob.span
         widget = self.page.gui.add_slider(knob.label, low, high, step, low, hint=knob.hint)
-        widget.on_update(self.page.from_user(lambda event: self._changed(knob, event.target)))
+        self.page.on(widget, lambda event: self._changed(knob, event.target))
         self.known[knob.name] = (knob, widget)
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
         for name, (knob, widget) in self.known.items():
             shown = knob.on_page(card.values.get(name))
-            if widget.value != shown:
-                widget.value = shown
+            put(widget, value=shown)
 
     def _changed(self, knob: FilterKnob, widget: viser.GuiSliderHandle[float]) -> None:
         shown = number(widget.value, *knob.span[:2])
@@ -124,16 +123,13 @@ class FilterKnobs:
         with thin:
             for knob in THIN:
                 self.sliders.add(knob)
-        self.part.on_update(
-            page.from_user(lambda e: set_(component=_PARTS.get(e.target.value, "all")))
-        )
+        page.on(self.part, lambda e: set_(component=_PARTS.get(e.target.value, "all")))
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
         self.sliders.fit(card)
         shown = next((w for w, own in _PARTS.items() if own == card.values.get("component")), "all")
-        if self.part.value != shown:
-            self.part.value = shown
+        put(self.part, value=shown)
         self.sliders.known["front_m"][1].disabled = card.values.get("component") != "nearest"
 
 
@@ -160,11 +156,9 @@ class StereoKnobs:
                 "Clouds from this pair", icon=viser.Icon.ARROW_MERGE, color="gray", visible=False,
                 hint="The session's clouds come from this pair from now on.",
             )  # fmt: skip
-        self.pair.on_update(page.from_user(lambda event: self._choose(event.target.value)))
-        self.method.on_update(
-            page.from_user(lambda e: self.set(stereo_method=_METHODS.get(e.target.value, "sgbm")))
-        )
-        self.take.on_click(page.from_user(lambda _: self._take()))
+        page.on(self.pair, lambda event: self._choose(event.target.value))
+        page.on(self.method, lambda e: self.set(stereo_method=_METHODS.get(e.target.value, "sgbm")))
+        page.on(self.take, lambda _: self._take())
 
     def chosen(self) -> tuple[str, str] | None:
         """Return the pair that is looked at."""

@@ -11,7 +11,7 @@ from typing import Any
 import viser
 
 from handtrack.setting import Setting
-from handtrack_app.page.page import Page, number
+from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.knobs import KNOBS, OPEN
 from handtrack_app.page.panels.pose import GROUPS, group_of, label_of, unit_of
 from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
@@ -39,8 +39,7 @@ class SettingsPanel:
             if shown is not None and widget.value != shown:
                 widget.value = shown
             label = f"{knob.label} •" if knob.name in self.changed else knob.label
-            if widget.label != label:
-                widget.label = label
+            put(widget, label=label)
         self.words.content = _changed_words(self.changed)
         self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
 
@@ -51,12 +50,12 @@ class SettingsPanel:
             "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
             hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
         )  # fmt: skip
-        self.save.on_click(page.from_user(lambda _: page.send(SaveSettings())))
+        page.on(self.save, lambda _: page.send(SaveSettings()))
         self.back = gui.add_button(
             "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
             hint="Undo brings the changes back.",
         )  # fmt: skip
-        self.back.on_click(page.from_user(lambda _: self._restore()))
+        page.on(self.back, lambda _: self._restore())
         for title, knobs in KNOBS.items():
             known = [k for k in knobs if k.name in session.settings]
             known = [k for k in known if k.about in ("", session.kind)]
@@ -71,7 +70,7 @@ class SettingsPanel:
                 "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
                 hint="From the frames near the first-frame pose. Done by itself before the first tracking.",
             )  # fmt: skip
-            size.on_click(page.from_user(lambda _: page.send(FitSize())))
+            page.on(size, lambda _: page.send(FitSize()))
 
     @property
     def changed(self) -> dict[str, object]:
@@ -110,10 +109,10 @@ class SettingsPanel:
                 initial_value=shown,
                 hint=knob.help,
             )
-        widget.on_update(self.page.from_user(lambda event: self._changed(knob, event)))
+        self.page.on(widget, lambda event: self._changed(knob, event))
         self.knobs[knob.name] = (knob, widget)
 
-    def _changed(self, knob: Setting, event: viser.GuiEvent) -> None:
+    def _changed(self, knob: Setting, event: UserEvent) -> None:
         value: Any = event.target.value
         if knob.words:
             value = next((own for own, word in knob.words.items() if word == value), None)
@@ -178,7 +177,7 @@ class LimitsPanel:
                 "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE, visible=False,
                 hint="Of the joints marked •. Undo brings the changes back.",
             )  # fmt: skip
-        self.back.on_click(self.page.from_user(lambda _: self._restore()))
+        self.page.on(self.back, lambda _: self._restore())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the ranges for a session's joints, then show the limits in force."""
@@ -223,9 +222,7 @@ class LimitsPanel:
                     initial_value=(low, high),
                     min_range=1.0,
                 )
-                widget.on_update(
-                    self.page.from_user(lambda event, name=name: self._changed(name, event))
-                )
+                self.page.on(widget, lambda event, name=name: self._changed(name, event))
                 self.ranges[name] = widget
 
     def _name(self, name: str, interval: tuple[float, float]) -> None:
@@ -235,10 +232,9 @@ class LimitsPanel:
         )
         if self._own(name) is not None:
             label += " •"
-        if self.ranges[name].label != label:
-            self.ranges[name].label = label
+        put(self.ranges[name], label=label)
 
-    def _changed(self, name: str, event: viser.GuiEvent) -> None:
+    def _changed(self, name: str, event: UserEvent) -> None:
         interval = clean_interval(event.target.value, event.target.min, event.target.max)
         if interval is not None:
             unit = unit_of(name)

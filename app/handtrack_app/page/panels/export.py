@@ -33,10 +33,8 @@ class ExportPanel:
             )
             for label, (kind, hint) in _KINDS.items():
                 button = gui.add_button(label, icon=viser.Icon.DOWNLOAD, color="gray", hint=hint)
-                button.on_click(
-                    page.from_user(
-                        lambda event, kind=kind: page.send(Export(kind, event.client_id))
-                    )
+                page.on(
+                    button, lambda event, kind=kind: page.send(Export(kind, event.client_id or 0))
                 )
 
     def deliver(self, download: Download) -> None:

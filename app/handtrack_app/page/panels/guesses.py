@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import viser
 
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.commands import Cancel, FindHand, TakeGuess
 from handtrack_app.protocol.palette import GHOSTS
 from handtrack_app.protocol.snapshots import GuessesSnapshot, ProgressSnapshot, SessionSnapshot
@@ -36,8 +36,8 @@ class GuessesPanel:
         self.cancel = gui.add_button(
             "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
         )
-        self.find.on_click(page.from_user(lambda event: self._find(event.target.value)))
-        self.cancel.on_click(page.from_user(lambda _: page.send(Cancel())))
+        page.on(self.find, lambda event: self._find(event.target.value))
+        page.on(self.cancel, lambda _: page.send(Cancel()))
         self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
             self.list = gui.add_html("")
@@ -49,8 +49,8 @@ class GuessesPanel:
                 True,
                 hint="Draw these poses in the scene, each in the colour of its number.",
             )
-        self.takes.on_click(page.from_user(lambda event: self._take(event.target.value)))
-        self.ghosts.on_update(page.from_user(lambda event: self._draw(bool(event.target.value))))
+        page.on(self.takes, lambda event: self._take(event.target.value))
+        page.on(self.ghosts, lambda event: self._draw(bool(event.target.value)))
 
     def _find(self, where: object) -> None:
         state = self.page.state
@@ -93,10 +93,8 @@ class GuessesPanel:
             return
         busy = progress.state in ("tracking", "paused", "preparing")
         searching = busy and progress.state == "preparing" and progress.job == "finding"
-        if self.cancel.visible != searching:
-            self.cancel.visible = searching
-        if self.find.visible != (self.possible and not busy):
-            self.find.visible = self.possible and not busy
+        put(self.cancel, visible=searching)
+        put(self.find, visible=self.possible and not busy)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the search where there is one."""

@@ -16,7 +16,7 @@ from handtrack_app.page.page import Keys, Page
 from handtrack_app.protocol.commands import SetPose
 
 if TYPE_CHECKING:
-    from viser._messages import HotkeyKey, KeyModifier
+    from viser._messages import KeyModifier
 
 ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
 
@@ -74,7 +74,7 @@ _HINTS = {
     "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
     "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
 }
-_KEYS: tuple[tuple[HotkeyKey, KeyModifier | None, str], ...] = (
+_KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
     ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
     ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
     ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
@@ -98,11 +98,7 @@ class NudgePanel:
         with gui.add_folder("Nudge as you see it", expand_by_default=True):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
-                row.on_click(
-                    page.from_user(
-                        lambda e, words=words: self.nudge(words.get(e.target.value), e.client)
-                    )
-                )
+                page.on(row, lambda e, words=words: self.nudge(words.get(e.target.value), e.client))
             self.step = gui.add_dropdown(
                 "Step", tuple(_STEPS), initial_value="2 mm, 2°",
                 hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",

@@ -97,14 +97,12 @@ class PosePanel:
             )  # fmt: skip
             self.guesses.build()
             self.nudges.build()
-        fit.on_click(page.from_user(lambda _: self._fit()))
+        page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))
-        self.edit_buttons.on_click(
-            page.from_user(lambda event: page.travel(event.target.value == "Undo"))
-        )
-        take.on_click(page.from_user(lambda event: self._take(event.target.value)))
-        self.library.on_update(page.from_user(self._choose))
-        save.on_click(page.from_user(lambda _: page.send(SavePose())))
+        page.on(self.edit_buttons, lambda event: page.travel(event.target.value == "Undo"))
+        page.on(take, lambda event: self._take(event.target.value))
+        page.on(self.library, self._choose)
+        page.on(save, lambda _: page.send(SavePose()))
 
     def _fit(self) -> None:
         state = self.page.state
@@ -172,12 +170,10 @@ class PosePanel:
                 start = float(np.clip(0.0, low, high))
                 low, high = float(math.floor(low)), float(math.ceil(high))
                 slider = gui.add_slider(label_of(name), low, high, 0.1, start)
-                slider.on_update(
-                    self.page.from_user(lambda event, name=name: self._moved(name, event))
-                )
+                self.page.on(slider, lambda event, name=name: self._moved(name, event))
                 self.sliders[name] = slider
 
-    def _moved(self, name: str, event: viser.GuiEvent) -> None:
+    def _moved(self, name: str, event: UserEvent) -> None:
         slider = event.target
         value = number(slider.value, slider.min, slider.max)
         if value is None:

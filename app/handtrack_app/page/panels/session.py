@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Keys, Page, UserEvent, number
+from handtrack_app.page.page import Keys, Page, UserEvent, number, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.state import MODES, PAINTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
@@ -100,12 +100,12 @@ class SessionPanel:
             self._look_by_keys(cameras)
             with gui.add_folder("Keys", expand_by_default=False):
                 gui.add_html(self.keys.table())
-        self.speed.on_update(page.from_user(lambda event: self._set_speed(event.target.value)))
-        self.mode.on_update(page.from_user(lambda event: self._set_mode(event.target.value)))
-        self.opacity.on_update(page.from_user(lambda event: self._set_opacity(event.target.value)))
-        self.through.on_update(page.from_user(self._look))
-        self.paint.on_update(page.from_user(lambda event: self._set_paint(event.target.value)))
-        self.view.on_click(page.from_user(self._free))
+        page.on(self.speed, lambda event: self._set_speed(event.target.value))
+        page.on(self.mode, lambda event: self._set_mode(event.target.value))
+        page.on(self.opacity, lambda event: self._set_opacity(event.target.value))
+        page.on(self.through, self._look)
+        page.on(self.paint, lambda event: self._set_paint(event.target.value))
+        page.on(self.view, self._free)
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
         look = self.page.from_user
@@ -121,12 +121,11 @@ class SessionPanel:
         wanted = self.page.state.display.images
         if wanted and pictures.sheet is not None:
             self.sheet.image = pictures.sheet
-        if self.sheet.visible != wanted:
-            self.sheet.visible = wanted
+        put(self.sheet, visible=wanted)
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         box = self.page.gui.add_checkbox(label, getattr(self.page.state.display, name), hint=hint)
-        box.on_update(self.page.from_user(lambda event: self._set_toggle(name, event.target.value)))
+        self.page.on(box, lambda event: self._set_toggle(name, event.target.value))
         self.toggles[name] = box
 
     def _set_toggle(self, name: str, value: object) -> None:
@@ -163,10 +162,8 @@ class SessionPanel:
         display = self.page.state.display
         if self.built:
             through = display.through or FREE
-            if self.through.value != through:
-                self.through.value = through
-            if self.mode.value != _word_of(display.mode):
-                self.mode.value = _word_of(display.mode)
+            put(self.through, value=through)
+            put(self.mode, value=_word_of(display.mode))
 
     def _free(self, event: UserEvent) -> None:
         self.through.value = FREE

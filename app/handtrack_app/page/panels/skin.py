@@ -9,7 +9,7 @@ from dataclasses import replace
 import viser
 
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
-from handtrack_app.page.page import Page, UserEvent, number
+from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.protocol.commands import SampleSkin
 from handtrack_app.protocol.snapshots import CloudCard
@@ -60,13 +60,13 @@ class SkinKnobs:
             take = gui.add_button(
                 "Take the colour in the box", icon=viser.Icon.COLOR_PICKER, color="gray"
             )
-        self.on.on_update(page.from_user(lambda event: self._switch(bool(event.target.value))))
-        self.size.on_update(page.from_user(lambda event: self._resize(event.target.value)))
-        self.camera.on_update(page.from_user(lambda _: self._camera_chosen()))
+        page.on(self.on, lambda event: self._switch(bool(event.target.value)))
+        page.on(self.size, lambda event: self._resize(event.target.value))
+        page.on(self.camera, lambda _: self._camera_chosen())
         for slider in (self.across, self.down):
-            slider.on_update(page.from_user(lambda _: self._show_box(self.box())))
-        drag.on_click(page.from_user(self._drag))
-        take.on_click(page.from_user(lambda _: self._take(self.box())))
+            page.on(slider, lambda _: self._show_box(self.box()))
+        page.on(drag, self._drag)
+        page.on(take, lambda _: self._take(self.box()))
         self.drag, self.take = drag, take
 
     @property
@@ -139,8 +139,7 @@ class SkinKnobs:
         if self.folder is None:
             self._build(card)
         skin = self.ellipse
-        if self.on.value != (skin is not None):
-            self.on.value = skin is not None
+        put(self.on, value=skin is not None)
         if skin is not None and abs(self.size.value - skin.size) > 1e-9:
             self.size.value = min(max(skin.size, _SIZE[0]), _SIZE[1])
         self.words.content = _ellipse_picture(skin)

@@ -8,7 +8,7 @@ from typing import Any
 
 import viser
 
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.protocol.commands import Cancel, Follow, Pause, SaveTrack, Track
 from handtrack_app.protocol.palette import FOUND, STATUS
@@ -75,19 +75,17 @@ class TrackingPanel:
             )  # fmt: skip
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
-        self.odd.on_click(page.from_user(lambda _: self.go_to_odd()))
-        everything.on_click(page.from_user(lambda _: self._start("all")))
-        here.on_click(page.from_user(lambda _: self._start("here")))
-        onward.on_click(page.from_user(lambda event: self._start(event.target.value)))
-        ranged.on_click(page.from_user(lambda _: self._start("range")))
+        page.on(self.odd, lambda _: self.go_to_odd())
+        page.on(everything, lambda _: self._start("all"))
+        page.on(here, lambda _: self._start("here"))
+        page.on(onward, lambda event: self._start(event.target.value))
+        page.on(ranged, lambda _: self._start("range"))
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
-        self.pause.on_click(
-            page.from_user(lambda _: page.send(Pause(self.progress.state != "paused")))
-        )
-        self.cancel.on_click(page.from_user(lambda _: page.send(Cancel())))
-        self.follow.on_update(page.from_user(lambda event: self._follow(bool(event.target.value))))
-        save.on_click(page.from_user(lambda _: page.send(SaveTrack())))
+        page.on(self.pause, lambda _: page.send(Pause(self.progress.state != "paused")))
+        page.on(self.cancel, lambda _: page.send(Cancel()))
+        page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
+        page.on(save, lambda _: page.send(SaveTrack()))
         self.starters = [everything, here, onward, span]
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
@@ -98,8 +96,7 @@ class TrackingPanel:
         self.marked.content = keyframe_words(strip.by_hand, strip.found)
         self.marked.visible = bool(strip.by_hand)
         some = bool(len(odd_frames(strip)))
-        if self.odd.visible != some:
-            self.odd.visible = some
+        put(self.odd, visible=some)
 
     def go_to_odd(self) -> None:
         """Show the next frame that is doubtful or lost; after the last one the first again."""
@@ -163,8 +160,7 @@ class TrackingPanel:
         self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
         self.bar.animated = progress.state in ("preparing", "tracking")
         self.pause.visible = self.cancel.visible = self.follow.visible = busy
-        if self.follow.value != self.page.state.follow:
-            self.follow.value = self.page.state.follow
+        put(self.follow, value=self.page.state.follow)
         paused = progress.state == "paused"
         if (self.pause.label == "Resume") != paused:
             self.pause.label = "Resume" if paused else "Pause"

@@ -10,6 +10,7 @@ import trimesh
 import viser
 
 from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack_app.page.page import put
 from handtrack_app.protocol.palette import GHOSTS, linear
 from handtrack_app.protocol.snapshots import GuessesSnapshot
 
@@ -64,8 +65,7 @@ def show_ghosts(view: GhostView, wanted: bool, frame: int) -> None:
     """Show the guesses of the frame shown, if they are wanted."""
     known = view.guesses
     visible = wanted and known is not None and len(known.owner) > 0 and known.frame == frame
-    if view.bones.visible != visible:
-        view.bones.visible = visible
+    put(view.bones, visible=visible)
 
 
 def _size(guesses: GuessesSnapshot) -> float:

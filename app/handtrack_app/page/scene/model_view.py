@@ -11,6 +11,7 @@ import viser
 
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack_app.page.page import put
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.palette import SURFACE, TRUTH, colour_of, colours_of
 from handtrack_app.protocol.snapshots import (
@@ -179,10 +180,8 @@ def show_hand(
     view.flesh.visible = shown and not view.parts
     view.flesh.opacity = opacity
     for part in view.parts:
-        if part.visible != shown:
-            part.visible = shown
-        if part.opacity != opacity:
-            part.opacity = opacity
+        put(part, visible=shown)
+        put(part, opacity=opacity)
     view.bones.visible = view.joints.visible = display.skeleton
 
 

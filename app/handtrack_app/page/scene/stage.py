@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
@@ -159,11 +159,9 @@ class Stage:
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         show_hand(self.hand, display, ready, inside)
-        if self.surface.visible != ready:
-            self.surface.visible = ready
+        put(self.surface, visible=ready)
         opacity = flesh_opacity(display, inside)
-        if self.surface.opacity != opacity:
-            self.surface.opacity = opacity
+        put(self.surface, opacity=opacity)
 
     @property
     def _larger(self) -> float:
