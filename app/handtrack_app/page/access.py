@@ -127,44 +127,37 @@ def guarded_server(
     return server
 
 
-def is_own_page(origin: str | None, host_header: str | None, allowed: Collection[str]) -> bool:
+def is_own_page(
+    origin: str | None, host_header: str | None, allowed: Collection[str] | None
+) -> bool:
     """Return whether a request comes from a page of this server, or from a program.
 
     origin, host_header: of the request. A program sends no Origin. A page of another site has another
     Origin; one that made its own name point to loopback betrays itself in Host.
     """
-    if host_header is not None and _name(f"//{host_header}") not in allowed:
+    if host_header is not None and not _is_allowed(f"//{host_header}", allowed):
         return False
     if origin is None:
         return True
-    if _name(origin) not in allowed:
+    if not _is_allowed(origin, allowed):
         return False
     return host_header is None or urlsplit(origin).netloc.lower() == host_header.lower()
 
 
-def _name(url: str) -> str:
+def _is_allowed(url: str, names: Collection[str] | None) -> bool:
+    """Return whether a URL has one of the names, or any name where they are None."""
     try:
-        return (urlsplit(url).hostname or "").lower()
+        name = (urlsplit(url).hostname or "").lower()
     except ValueError:
-        return ""
+        return False
+    return bool(name) if names is None else name in names
 
 
-def _allowed_names(host: str) -> Collection[str]:
+def _allowed_names(host: str) -> Collection[str] | None:
     if is_loopback(host):
         return {host.lower().strip("[]"), "localhost", LOOPBACK, "::1"}
     # the network's names for this machine are not known; Origin must still equal Host
-    return _AnyName()
-
-
-class _AnyName(Collection[str]):
-    def __contains__(self, name: object) -> bool:
-        return bool(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
+    return None
 
 
 @contextmanager
@@ -186,7 +179,9 @@ def _checked_handshakes(host: str) -> Iterator[None]:
             library.serve = original  # type: ignore[misc]
 
 
-def _checked(inner: Callable[..., Any] | None, allowed: Collection[str]) -> Callable[..., Any]:
+def _checked(
+    inner: Callable[..., Any] | None, allowed: Collection[str] | None
+) -> Callable[..., Any]:
     def process_request(connection: Any, request: Any) -> Any:
         headers = request.headers
         origins, hosts = headers.get_all("Origin"), headers.get_all("Host")

@@ -10,10 +10,6 @@ from dataclasses import dataclass, field, replace
 
 from handtrack_app.protocol.commands import Command
 
-MODES = ("Flesh", "Surface", "Skeleton", "Field", "All")
-CLOUD_COLOURS = ("residual", "own", "plain")
-CLOUD_PICTURES = ("images", "stereo", "none")
-PAINTS = ("plain", "outline", "residual", "field")
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 
 
@@ -22,6 +18,7 @@ class Display:
     """What is drawn."""
 
     mode: str = "Flesh"
+    """`Flesh`, `Surface`, `Skeleton`, `Field` or `All`"""
     cameras: bool = True
     images: bool = True
     truth: bool = True
@@ -29,6 +26,7 @@ class Display:
     tips: bool = False
     opacity: float = 1.0
     paint: str = "outline"
+    """`plain`, `outline`, `residual` or `field`"""
     through: str | None = None
     """the camera that the view looks through"""
     screen: str | None = None
@@ -42,6 +40,7 @@ class Display:
     cloud_dropped: bool = False
     """also the points that a filter dropped"""
     cloud_picture: str = "images"
+    """`images`, `stereo` or `none`"""
     cloud_wide: bool = False
     stereo_pair: tuple[str, str] | None = None
     skin_box: tuple[str, tuple[int, int, int, int]] | None = None

@@ -26,7 +26,6 @@ LIMB_COLOURS: dict[str, tuple[int, int, int]] = {
 _ARM = ("clavicle", "upper_arm", "forearm", "hand", "shoulder", "elbow", "wrist")
 _LEG = ("thigh", "shin", "foot", "hip", "knee", "ankle", "toe")
 TRUTH = (255, 255, 255)
-OUTLINE = (255, 176, 0)
 SURFACE = (196, 178, 164)
 STATUS = {
     -1: ("not tracked", "#3a3f47"),

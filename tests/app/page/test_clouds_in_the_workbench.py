@@ -19,11 +19,11 @@ from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.result import Status
+from handtrack_app.engine.job_control import summary
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
 from handtrack_app.engine.pictures.cloud_service import CloudService, changed_clouds
 from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.store.tracks import summary
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.page.scene.camera_view import pixel_box

@@ -9,7 +9,6 @@ import pytest
 
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.page.scene import viewpoint as vp
-from handtrack_app.page.scene.stage import looked_at
 from handtrack_app.protocol.snapshots import SessionSnapshot
 from tests.app.fake_run import fake_document
 
@@ -33,7 +32,7 @@ def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:
 
 
 def test_cameras_look_at_the_hand(session: SessionSnapshot) -> None:
-    np.testing.assert_allclose(looked_at(session), (0.0, 0.09, 0.0), atol=0.002)
+    np.testing.assert_allclose(session.looked_at, (0.0, 0.09, 0.0), atol=0.002)
 
 
 def test_the_hand_is_large_in_a_view_of_it_alone(session: SessionSnapshot) -> None:

@@ -145,10 +145,9 @@ class CloudPanel:
     def _show(self, name: str, value: object) -> None:
         if value is None:
             return
-        setattr(self.page.state.display, name, value)
+        self.page.draw(name, value)
         self.legend.visible = self.page.state.display.cloud_colour == "residual"
         self._place_picture()
-        self.page.redraw()
 
     # ---- snapshots
 

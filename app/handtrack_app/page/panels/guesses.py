@@ -50,16 +50,12 @@ class GuessesPanel:
                 hint="Draw these poses in the scene, each in the colour of its number.",
             )
         page.on(self.takes, lambda event: self._take(event.target.value))
-        page.on(self.ghosts, lambda event: self._draw(bool(event.target.value)))
+        page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.target.value)))
 
     def _find(self, where: object) -> None:
         state = self.page.state
         state.playing = False
         self.page.send(FindHand(state.frame if where == _HERE else None))
-
-    def _draw(self, on: bool) -> None:
-        self.page.state.display.ghosts = on
-        self.page.redraw()
 
     def _take(self, pressed: object) -> None:
         words = str(pressed)

@@ -11,7 +11,6 @@ import viser
 
 from handtrack_app.page.page import Keys, Page, UserEvent, number, put
 from handtrack_app.page.panels.tracking import progress_words
-from handtrack_app.page.state import MODES, PAINTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
 FREE = "free view"
@@ -32,10 +31,10 @@ _STATES = {
     "paused": ("paused", "#cc79a7"),
 }
 _PAINT_WORDS = {
-    "plain": "nothing",
-    "outline": "model's outline",
-    "residual": "silhouette residual",
-    "field": "model's field",
+    "nothing": "plain",
+    "model's outline": "outline",
+    "silhouette residual": "residual",
+    "model's field": "field",
 }
 
 
@@ -62,7 +61,7 @@ class SessionPanel:
             blank = np.full((8, 8, 3), 36, np.uint8)
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
             self.mode = gui.add_dropdown(
-                "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(display.mode),
+                "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
                 hint="Surface: the merged one that the solver fits to clouds; in motion, flesh stands for it.",
             )  # fmt: skip
             self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
@@ -74,7 +73,7 @@ class SessionPanel:
                     hint="See the hand over a camera's image.",
                 )
                 self.paint = gui.add_dropdown(
-                    "Paint over it", tuple(_PAINT_WORDS.values()), initial_value=_PAINT_WORDS[display.paint],
+                    "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
                     hint="Residual: orange is silhouette without model, blue is model without silhouette.",
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
@@ -100,11 +99,13 @@ class SessionPanel:
             self._look_by_keys(cameras)
             with gui.add_folder("Keys", expand_by_default=False):
                 gui.add_html(self.keys.table())
-        page.on(self.speed, lambda event: self._set_speed(event.target.value))
-        page.on(self.mode, lambda event: self._set_mode(event.target.value))
-        page.on(self.opacity, lambda event: self._set_opacity(event.target.value))
+        page.on(
+            self.speed, lambda e: setattr(page.state, "speed", _SPEEDS.get(e.target.value, 1.0))
+        )
+        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
+        page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
         page.on(self.through, self._look)
-        page.on(self.paint, lambda event: self._set_paint(event.target.value))
+        page.on(self.paint, lambda e: page.draw("paint", _PAINT_WORDS.get(e.target.value)))
         page.on(self.view, self._free)
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
@@ -124,34 +125,10 @@ class SessionPanel:
         put(self.sheet, visible=wanted)
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
-        box = self.page.gui.add_checkbox(label, getattr(self.page.state.display, name), hint=hint)
-        self.page.on(box, lambda event: self._set_toggle(name, event.target.value))
+        page = self.page
+        box = page.gui.add_checkbox(label, getattr(page.state.display, name), hint=hint)
+        page.on(box, lambda event: page.draw(name, bool(event.target.value)))
         self.toggles[name] = box
-
-    def _set_toggle(self, name: str, value: object) -> None:
-        setattr(self.page.state.display, name, bool(value))
-        self.page.redraw()
-
-    def _set_mode(self, word: object) -> None:
-        mode = _MODE_WORDS.get(str(word))
-        if mode in MODES:
-            self.page.state.display.mode = mode
-            self.page.redraw()
-
-    def _set_speed(self, word: str) -> None:
-        self.page.state.speed = _SPEEDS.get(word, 1.0)
-
-    def _set_opacity(self, value: object) -> None:
-        opacity = number(value, 0.1, 1.0)
-        if opacity is not None:
-            self.page.state.display.opacity = opacity
-            self.page.redraw()
-
-    def _set_paint(self, words: str) -> None:
-        paint = next((p for p in PAINTS if _PAINT_WORDS[p] == words), None)
-        if paint is not None:
-            self.page.state.display.paint = paint
-            self.page.redraw()
 
     def _look(self, event: UserEvent) -> None:
         chosen = event.target.value
@@ -161,17 +138,16 @@ class SessionPanel:
         """Show the display options in force."""
         display = self.page.state.display
         if self.built:
-            through = display.through or FREE
-            put(self.through, value=through)
-            put(self.mode, value=_word_of(display.mode))
+            put(self.through, value=display.through or FREE)
+            put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
 
     def _free(self, event: UserEvent) -> None:
         self.through.value = FREE
         self.look(None, event.client, event.target.value == "Everything")
 
 
-def _word_of(mode: str) -> str:
-    return next(word for word, own in _MODE_WORDS.items() if own == mode)
+def _word_of(words: dict[str, str], value: str) -> str:
+    return next(word for word, own in words.items() if own == value)
 
 
 def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:

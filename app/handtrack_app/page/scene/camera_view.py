@@ -39,30 +39,15 @@ def add_cameras(
         width, height = card.size
         fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
         frusta[card.name] = server.scene.add_camera_frustum(
-            f"{name}/{card.name}",
-            fov=float(fov),
-            aspect=width / height,
-            thickness=1.5,
-            thickness_units="screen",
-            color=(150, 158, 168),
-            image=np.full((60, 80, 3), 40, np.uint8),
-            format="jpeg",
-            wxyz=vtf.SO3.from_matrix(card.rotation).wxyz,
-            position=card.centre,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+            f"{name}/{card.name}", fov=float(fov), aspect=width / height, thickness=1.5, thickness_units="screen",
+            color=(150, 158, 168), image=np.full((60, 80, 3), 40, np.uint8), format="jpeg",
+            wxyz=vtf.SO3.from_matrix(card.rotation).wxyz, position=card.centre, cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
         labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
     screen = server.scene.add_image(
-        f"{name}_screen",
-        np.full((48, 64, 3), 30, np.uint8),
-        0.1,
-        0.1,
-        format="jpeg",
-        cast_shadow=False,
-        receive_shadow=False,
-        visible=False,
-    )
+        f"{name}_screen", np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        receive_shadow=False, visible=False,
+    )  # fmt: skip
     view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
     size_cameras(view, hand)
     return view

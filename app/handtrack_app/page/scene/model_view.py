@@ -44,10 +44,6 @@ class HandView:
     part_bone: tuple[int, ...] = ()
 
 
-def _unit(count: int) -> Floats:
-    return np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-
-
 def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> HandView:
     """Add a hand's nodes below `name`, hidden until the first pose comes."""
     scene = server.scene
@@ -56,76 +52,39 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
     rod = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=16)
     rod.apply_translation((0.0, 0.0, 0.5))
     rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))  # along +y
-    count, bones = len(session.ellipsoid_bone), len(session.bone_names)
-    bone_colours = colours_of(session.bone_names, np.arange(bones))
+    bones = len(session.bone_names)
+    colours = colours_of(session.bone_names, np.arange(bones))
     thick = (session.reach_m / HAND_REACH_M) ** _THICKER
+    across = np.full(bones, thick * _BONE_RADIUS)
     scene.add_frame(name, show_axes=False)
-    flesh = scene.add_batched_meshes_simple(
-        f"{name}/flesh",
-        ball.vertices,
-        ball.faces,
-        _unit(count),
-        np.zeros((count, 3)),
-        batched_scales=session.radii.astype(np.float32),
-        batched_colors=colours_of(session.bone_names, session.ellipsoid_bone),
-        lod="off",
-        visible=False,
+
+    def batch(
+        node: str, mesh: trimesh.Trimesh, scales: Floats, colour: object, shadow: bool = True
+    ) -> viser.BatchedMeshHandle:
+        count = len(scales)
+        return scene.add_batched_meshes_simple(
+            f"{name}/{node}", mesh.vertices, mesh.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            np.zeros((count, 3)), batched_scales=scales.astype(np.float32), batched_colors=colour,
+            lod="off", cast_shadow=shadow, visible=False,
+        )  # fmt: skip
+
+    flesh = batch(
+        "flesh", ball, session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
     )
-    scales = np.stack(
-        [
-            np.full(bones, thick * _BONE_RADIUS),
-            session.bone_length,
-            np.full(bones, thick * _BONE_RADIUS),
-        ],
-        1,
-    )
-    rods = scene.add_batched_meshes_simple(
-        f"{name}/bones",
-        rod.vertices,
-        rod.faces,
-        _unit(bones),
-        np.zeros((bones, 3)),
-        batched_scales=scales.astype(np.float32),
-        batched_colors=bone_colours,
-        lod="off",
-        visible=False,
-    )
-    knobs = scene.add_batched_meshes_simple(
-        f"{name}/joints",
-        small.vertices,
-        small.faces,
-        _unit(2 * bones),
-        np.zeros((2 * bones, 3)),
-        batched_scales=np.full(2 * bones, thick * _JOINT_RADIUS, np.float32),
-        batched_colors=np.concatenate([bone_colours, bone_colours]),
-        lod="off",
-        visible=False,
+    rods = batch("bones", rod, np.stack([across, session.bone_length, across], 1), colours)
+    joints = batch(
+        "joints", small, np.full(2 * bones, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
     )
     lines = scene.add_line_segments(
-        f"{name}/truth",
-        np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32),
-        TRUTH,
-        thickness=2.5,
-        thickness_units="screen",
-        visible=False,
-    )
-    points = scene.add_batched_meshes_simple(
-        f"{name}/truth_points",
-        small.vertices,
-        small.faces,
-        _unit(21),
-        np.zeros((21, 3)),
-        batched_scales=np.full(21, 0.0028, np.float32),
-        batched_colors=TRUTH,
-        lod="off",
-        cast_shadow=False,
-        visible=False,
-    )
+        f"{name}/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
+        thickness_units="screen", visible=False,
+    )  # fmt: skip
+    points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, shadow=False)
     parts = tuple(
         _add_part(server, f"{name}/part{i}", session, i) for i in range(len(session.parts))
     )
     part_bone = tuple(part.bone for part in session.parts)
-    return HandView(flesh, rods, knobs, lines, points, session.bone_length, parts, part_bone)
+    return HandView(flesh, rods, joints, lines, points, session.bone_length, parts, part_bone)
 
 
 def _add_part(
