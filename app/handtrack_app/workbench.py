@@ -127,14 +127,9 @@ class Workbench:
 
     def redraw(self) -> None:
         """Apply changed display options."""
-        self.stage.apply(self.state.display)
+        self.stage.apply()
         self.layout.session.show_display()
-        display = self.state.display
-        for wish in (
-            self.stage.wanted_pictures(display),
-            self.stage.wanted_surface(display),
-            self.stage.wanted_cloud(display),
-        ):
+        for wish in self.stage.wanted():
             if self._wished.get(type(wish)) != wish:
                 self._wished[type(wish)] = wish
                 self.send(wish)
@@ -171,9 +166,9 @@ class Workbench:
                 self.stage.show_pictures(snapshot)
                 self.layout.session.show_pictures(snapshot)
             case snapshots.SurfaceSnapshot():
-                self.stage.show_surface(snapshot, self.state.display)
+                self.stage.show_surface(snapshot)
             case snapshots.CloudSnapshot():
-                self.stage.show_cloud(snapshot, self.state.display)
+                self.stage.show_cloud(snapshot)
                 self.layout.cloud.show(snapshot)
             case snapshots.CloudPicture():
                 self.layout.cloud.show_picture(snapshot)
@@ -182,7 +177,7 @@ class Workbench:
                 if not snapshot.source:
                     self.stage.forget_cloud()
             case snapshots.GuessesSnapshot():
-                self.stage.show_guesses(snapshot, self.state.display)
+                self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
             case snapshots.TimelineSnapshot():
                 self.layout.show_timeline(snapshot)
@@ -215,7 +210,7 @@ class Workbench:
             newest = pose.version >= self.state.version
             if newest:
                 self.state.frame, self.state.values = pose.frame, tuple(pose.values.tolist())
-        self.stage.show_pose(pose, self.state.display, move_handle=newest)
+        self.stage.show_pose(pose, move_handle=newest)
         self.server.flush()
         if newest:
             self.layout.show_pose(pose)

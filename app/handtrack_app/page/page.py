@@ -63,6 +63,12 @@ class Page:
     def gui(self) -> viser.GuiApi:
         return self.server.gui
 
+    def edit_pose(self, changes: dict[str, float], tag: str) -> None:
+        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back."""
+        step = self.state.edit(changes, tag)
+        if step is not None:
+            self.send(SetPose(step.frame, step.values, self.state.version))
+
     def change(self, words: str, back: tuple[Command, ...], forth: tuple[Command, ...]) -> None:
         """Send a change of settings, limits or filters (`forth`), which undo takes back by `back`."""
         if not self.state.tracking:  # while tracking runs, settings stay as they are

@@ -13,7 +13,6 @@ import viser.transforms as vtf
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Keys, Page
-from handtrack_app.protocol.commands import SetPose
 
 if TYPE_CHECKING:
     from viser._messages import KeyModifier
@@ -118,9 +117,6 @@ class NudgePanel:
             return
         step_m, step_deg = _STEPS.get(str(self.step.value), (2e-3, 2.0))
         root = np.array(state.values[:6])
-        edit = state.edit(
-            nudged(root, nudge, np.asarray(view), pivot, step_m, float(np.deg2rad(step_deg))),
-            f"nudge {name}",
-        )
-        if edit is not None:
-            self.page.send(SetPose(edit.frame, edit.values, state.version))
+        step_rad = float(np.deg2rad(step_deg))
+        edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)
+        self.page.edit_pose(edit, f"nudge {name}")

@@ -12,7 +12,7 @@ import viser
 from handtrack_app.page.page import Page, UserEvent, number
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.protocol.commands import ForgetPose, SavePose, SetPose, TakePose, Track
+from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track
 from handtrack_app.protocol.palette import FINGER_COLOURS, FOUND, LIMB_COLOURS, STATUS, limb_of
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
@@ -179,9 +179,7 @@ class PosePanel:
         if value is None:
             slider.value = round(self.page.state.value_of(name) / unit_of(name), 1)
             return
-        edit = self.page.state.edit({name: value * unit_of(name)}, f"slider {name}")
-        if edit is not None:
-            self.page.send(SetPose(edit.frame, edit.values, self.page.state.version))
+        self.page.edit_pose({name: value * unit_of(name)}, f"slider {name}")
 
     def show(self, pose: PoseSnapshot) -> None:
         """Move the sliders to a pose, and say where it comes from."""

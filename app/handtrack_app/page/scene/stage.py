@@ -50,7 +50,7 @@ from handtrack_app.page.scene.viewpoint import (
     upward,
 )
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.commands import PullTip, SetPose, WantCloud, WantPictures, WantSurface
+from handtrack_app.protocol.commands import PullTip, WantCloud, WantPictures, WantSurface
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     CloudSnapshot,
@@ -114,9 +114,7 @@ class Stage:
         self.take_guess(rank)
 
     def _root_moved(self, edit: dict[str, float]) -> None:
-        step = self.page.state.edit(edit, "root handle")
-        if step is not None:
-            self.page.send(SetPose(step.frame, step.values, self.page.state.version))
+        self.page.edit_pose(edit, "root handle")
 
     def _tip_moved(self, tip: str, place: tuple[float, float, float]) -> None:
         state = self.page.state
@@ -125,9 +123,9 @@ class Stage:
 
     # ---- options
 
-    def apply(self, display: Display) -> None:
+    def apply(self) -> None:
         """Show and hide as the display options say."""
-        display = self._seen(display)
+        display = self.display
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
         with self.page.server.atomic():
@@ -135,22 +133,24 @@ class Stage:
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
-            self._show_flesh(display)
+            self._show_flesh()
             show_cameras(self.cameras, display)
             if self.surroundings is not None:
                 self.surroundings.ground.visible = display.through is None
             self.root.control.visible = display.handle and self.pose is not None
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
-                place_screen(
-                    self.cameras, self.screen_camera(display), middle_of(self.pose), self._larger
-                )
+                place_screen(self.cameras, self.screen_camera(), middle_of(self.pose), self._larger)
 
-    def _seen(self, display: Display) -> Display:
+    @property
+    def display(self) -> Display:
+        """What is drawn now."""
+        display = self.page.state.display
         return bare(display) if self._marking else display
 
-    def _show_flesh(self, display: Display) -> None:
+    def _show_flesh(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
+        display = self.display
         assert self.hand is not None
         pose, state = self.pose, self.page.state
         still = not (state.playing or state.tracking)
@@ -159,9 +159,7 @@ class Stage:
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         show_hand(self.hand, display, ready, inside)
-        put(self.surface, visible=ready)
-        opacity = flesh_opacity(display, inside)
-        put(self.surface, opacity=opacity)
+        put(self.surface, visible=ready, opacity=flesh_opacity(display, inside))
 
     @property
     def _larger(self) -> float:
@@ -172,28 +170,26 @@ class Stage:
     def _model(self) -> str:
         return "" if self.session is None else self.session.model
 
-    def screen_camera(self, display: Display) -> str | None:
+    def screen_camera(self) -> str | None:
         """Return the camera whose picture stands behind the hand: the one looked through, or for fields the first."""
+        display = self.display
         if display.through is not None:
             return display.through
         if display.field and self.session is not None and self.session.cameras:
             return display.screen or self.session.cameras[0].name
         return None
 
-    def wanted_pictures(self, display: Display) -> WantPictures:
-        """Return which pictures these display options need."""
+    def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud]:
+        """Return which pictures, and what of surface and clouds, the display options need."""
+        display = self.page.state.display
         paint = "field" if display.field else display.paint
-        return WantPictures(display.images, self.screen_camera(display), paint)
-
-    def wanted_surface(self, display: Display) -> WantSurface:
-        """Return whether the solver's surface is shown now."""
-        return WantSurface(display.surface and not self.page.state.playing)
-
-    def wanted_cloud(self, display: Display) -> WantCloud:
-        """Return what is shown of clouds."""
-        return WantCloud(
-            display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
-            display.cloud_wide, display.stereo_pair, display.skin_box,
+        return (
+            WantPictures(display.images, self.screen_camera(), paint),
+            WantSurface(display.surface and not self.page.state.playing),
+            WantCloud(
+                display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
+                display.cloud_wide, display.stereo_pair, display.skin_box,
+            ),
         )  # fmt: skip
 
     def hand_middle(self) -> Floats | None:
@@ -209,8 +205,9 @@ class Stage:
 
     # ---- snapshots
 
-    def show_pose(self, pose: PoseSnapshot, display: Display, move_handle: bool) -> None:
+    def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
         """Move the hand."""
+        display = self.display
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
         if self.session is None or len(pose.centre) != len(self.session.radii):
@@ -218,21 +215,20 @@ class Stage:
         if len(pose.tips) != len(self.tips.controls):
             return
         first, self.pose = self.pose is None, pose
-        display = self._seen(display)
         with self.page.server.atomic():
             update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
             show_cloud(self.cloud, display, pose.frame)
             show_ghosts(self.ghosts, display.ghosts, pose.frame)
-            self._show_flesh(display)
+            self._show_flesh()
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self.tips.show_at(pose.tips)
         if first:
             self._set_first_view(self.session, pose)
-            self.apply(display)
+            self.apply()
         else:
-            place_screen(self.cameras, self.screen_camera(display), middle_of(pose), self._larger)
+            place_screen(self.cameras, self.screen_camera(), middle_of(pose), self._larger)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""
@@ -242,25 +238,23 @@ class Stage:
         if pictures.screen_image is not None and pictures.screen == self.cameras.screen_camera:
             update_screen(self.cameras, pictures.screen_image)
 
-    def show_surface(self, surface: SurfaceSnapshot, display: Display) -> None:
+    def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
-        display = self._seen(display)
         if self.hand is None or self.pose is None or surface.frame != self.pose.frame:
             return
         with self.page.server.atomic():
             update_surface(self.surface, surface)
             self._surface_at = (surface.frame, self._model)
-            self._show_flesh(display)
+            self._show_flesh()
 
-    def show_guesses(self, guesses: GuessesSnapshot, display: Display) -> None:
+    def show_guesses(self, guesses: GuessesSnapshot) -> None:
         """Draw the poses that a frame may have."""
-        display = self._seen(display)
         with self.page.server.atomic():
             update_ghosts(self.ghosts, guesses)
             if self.pose is not None:
-                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
-                self._show_flesh(display)
-        if guesses.is_new and display.through is None:
+                show_ghosts(self.ghosts, self.display.ghosts, self.pose.frame)
+                self._show_flesh()
+        if guesses.is_new and self.display.through is None:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 
     def _turn_to(self, hand: Floats) -> None:
@@ -271,20 +265,19 @@ class Stage:
         for client in self.page.server.get_clients().values():
             look_from(client, hand_view(self.session, hand))
 
-    def show_cloud(self, cloud: CloudSnapshot, display: Display) -> None:
+    def show_cloud(self, cloud: CloudSnapshot) -> None:
         """Show a frame's cloud."""
-        display = self._seen(display)
         with self.page.server.atomic():
-            update_cloud(self.cloud, cloud, display)
+            update_cloud(self.cloud, cloud, self.display)
             if self.pose is not None:
-                show_cloud(self.cloud, display, self.pose.frame)
-                self._show_flesh(display)
+                show_cloud(self.cloud, self.display, self.pose.frame)
+                self._show_flesh()
 
     def forget_cloud(self) -> None:
         """Show no cloud any more."""
         if self.cloud.cloud is not None:
             self.cloud.cloud = None
-            self.apply(self.page.state.display)
+            self.apply()
 
     # ---- views
 
