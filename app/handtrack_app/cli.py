@@ -42,24 +42,24 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return code
     except HandtrackError as error:
-        return _told(args, str(error), EXIT_USAGE)
+        return _failed(args, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
-        return _told(args, "interrupted.", EXIT_INTERRUPTED)
+        return _failed(args, "interrupted.", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except OSError as error:
         if error.errno is None:
-            return _told(args, _internal(error), EXIT_INTERNAL)
+            return _failed(args, _internal(error), EXIT_INTERNAL)
         where = "" if error.filename is None else f"{error.filename}: "
-        return _told(args, f"{where}{error.strerror}.", EXIT_USAGE)
+        return _failed(args, f"{where}{error.strerror}.", EXIT_USAGE)
     except MemoryError as error:
-        return _told(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
+        return _failed(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
     except Exception as error:
-        return _told(args, _internal(error), EXIT_INTERNAL)
+        return _failed(args, _internal(error), EXIT_INTERNAL)
 
 
-def _told(args: argparse.Namespace, text: str, code: int) -> int:
+def _failed(args: argparse.Namespace, text: str, code: int) -> int:
     paragraph = " ".join(text.splitlines())
     print(f"handtrack {args.command}: {paragraph}", file=sys.stderr)
     return code

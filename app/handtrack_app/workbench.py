@@ -1,4 +1,4 @@
-"""The workbench: wires state, worker, panels and scene; no logic of its own."""
+"""Wires the workbench: the worker, the page, its panels and its scene; no logic of its own."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Workbench:
         self.stage.welcome(client)
         unread, self._unread = self._unread, []
         for notice in unread:
-            self.page.tell(notice.level, notice.title, notice.text, client)
+            self.page.notify(notice.level, notice.title, notice.text, client)
 
     # ---- from the page
 
@@ -193,7 +193,7 @@ class Workbench:
                     self._demo.follow(snapshot, self.page)
             case snapshots.Notice():
                 if self.server.get_clients():
-                    self.page.tell(snapshot.level, snapshot.title, snapshot.text)
+                    self.page.notify(snapshot.level, snapshot.title, snapshot.text)
                 else:  # nobody is there yet: the first to come is told
                     self._unread.append(snapshot)
                 self.layout.show_notice(snapshot)

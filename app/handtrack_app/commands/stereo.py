@@ -55,13 +55,13 @@ def run(args: argparse.Namespace) -> int:
                     write_cloud(part, cloud, session.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
-    _tell(session, out, frames, counts)
+    _summarise(session, out, frames, counts)
     for text in dict.fromkeys([*session.warnings, *source.warnings]):
         say(f"note: {text}")
     return _INTERRUPTED if stop.asked else 0
 
 
-def _tell(session: Session, out: Path, frames: range, counts: list[int]) -> None:
+def _summarise(session: Session, out: Path, frames: range, counts: list[int]) -> None:
     if not counts:
         print(
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."

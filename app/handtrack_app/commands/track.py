@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             if recorder is not None:
                 recorder.close(keep_viewer=args.rerun)
-                _tell(recorder, args)
+                _summarise(recorder, args)
     if recorder is not None and args.rerun:
         _end_viewer(recorder, wait=code == 0)
     return code
@@ -187,7 +187,7 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
     return notes
 
 
-def _tell(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
+def _summarise(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
     """Say how recording went."""
     if recorder.problem:
         say(f"note: {recorder.problem}")

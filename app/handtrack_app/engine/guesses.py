@@ -29,7 +29,7 @@ class Guesses:
     document: Document
     found: dict[int, list[FirstPoseCandidate]] = field(default_factory=dict)
     """by frame, the surest first"""
-    _told: tuple[int, str, int] = (-1, "", 0)
+    _published: tuple[int, str, int] = (-1, "", 0)
 
     def keep(self, candidates: list[FirstPoseCandidate]) -> None:
         """Keep what a search found."""
@@ -41,9 +41,9 @@ class Guesses:
         frame = self.document.frame
         kind, poses = self._poses(frame)
         key = (frame, kind, id(poses[0].params) if poses else 0)
-        if key == self._told or (not poses and not self._told[1]):
+        if key == self._published or (not poses and not self._published[1]):
             return None
-        self._told = key
+        self._published = key
         if not poses:
             return GuessesSnapshot(frame, "")
         bones = [pose.model.bones(pose.params) for pose in poses]

@@ -1,4 +1,4 @@
-"""Reaching: bend one finger, arm or leg so that its end meets a point, the rest held still."""
+"""Inverse kinematics of a drag: bend one finger, arm or leg so that its end meets a point, the rest held still."""
 
 from __future__ import annotations
 

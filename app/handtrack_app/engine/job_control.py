@@ -1,4 +1,4 @@
-"""The jobs: starts, follows and ends the worker's background jobs, one at a time."""
+"""Job control: starts, follows and ends background jobs, one at a time, and says how they went."""
 
 from __future__ import annotations
 
@@ -252,14 +252,14 @@ class JobControl:
         self._publish(timeline_snapshot(document))
         if job.done:
             self._store.settle()
-        self._tell(job, end)
+        self._report_end(job, end)
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
             self.track(then)
         else:
             self.show_progress()
 
-    def _tell(self, job: BackgroundJob, end: Ended) -> None:
+    def _report_end(self, job: BackgroundJob, end: Ended) -> None:
         if end.internal:
             self._publish(Notice.of_mistake(end.error, "Internal error while tracking"))
         elif end.error:

@@ -79,20 +79,22 @@ class Page:
     def travel(self, back: bool) -> None:
         """Undo or redo the last pose, setting, limit or filter."""
         if self.state.waits_for_settings(back):
-            self.tell("info", "Tracking runs", "Settings stay fixed until it is done or cancelled.")
+            self.notify(
+                "info", "Tracking runs", "Settings stay fixed until it is done or cancelled."
+            )
             return
         step = self.state.travel(back)
         if step is None:
             end = "Nothing to undo" if back else "Nothing to redo"
-            self.tell("info", end, "The history of edits ends here.")
+            self.notify("info", end, "The history of edits ends here.")
         elif isinstance(step, PoseStep):
             self.send(SetPose(step.frame, step.values, self.state.version))
         else:
             for command in step.back if back else step.forth:
                 self.send(command)
-            self.tell("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
+            self.notify("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
 
-    def tell(
+    def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
     ) -> None:
         """Show a notification, on one client or on all."""
@@ -120,7 +122,7 @@ class Page:
                 action(event)
             except Exception as error:
                 log.exception("callback failed")
-                self.tell(
+                self.notify(
                     "error", "That did not work", f"{type(error).__name__}: {error}", event.client
                 )
 

@@ -242,8 +242,8 @@ def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
 class LiveRecorder:
     """One recording, in a viewer of its own, for each state of hand and settings."""
 
-    def __init__(self, tell: Callable[[Notice | RerunPage], None]) -> None:
-        self._tell = tell
+    def __init__(self, publish: Callable[[Notice | RerunPage], None]) -> None:
+        self._publish = publish
         self._run: Run | None = None
         self._recorder: ResidualRecorder | None = None
         self._told_problem = False
@@ -256,7 +256,7 @@ class LiveRecorder:
         recorder.show(result)
         if recorder.problem and not self._told_problem:
             self._told_problem = True
-            self._tell(Notice("warning", "Nothing goes to rerun", recorder.problem))
+            self._publish(Notice("warning", "Nothing goes to rerun", recorder.problem))
 
     def _begin(self, run: Run) -> ResidualRecorder:
         before = self._recorder
@@ -264,7 +264,7 @@ class LiveRecorder:
             threading.Thread(target=before.close, name="rerun-close", daemon=True).start()
         self._run, self._told_problem = run, False
         self._recorder = recorder = ResidualRecorder(run, live=True)
-        self._tell(RerunPage(recorder.url))
+        self._publish(RerunPage(recorder.url))
         return recorder
 
     def close(self) -> None:

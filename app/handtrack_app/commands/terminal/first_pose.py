@@ -1,4 +1,4 @@
-"""First poses that leave something open: looked for by `--init auto`, or joints in images; how sure they are gets told."""
+"""First poses that leave something open: found by `--init auto`, or joints in images; says how sure they are."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ def found_first_pose(
     run = TrackingRun.open(session, overrides, use_init=False)
     begun: list[float] = []
 
-    def tell(share: float, _text: str) -> None:
+    def progress(share: float, _text: str) -> None:
         if not begun:
             say("looking for the first pose …")
         begun.append(share)
 
-    found = find_first_poses(run, frames, stop, tell)
+    found = find_first_poses(run, frames, stop, progress)
     if stop():
         return None
     if not found:
         raise no_hand_found(run)
-    for line in told(found):
+    for line in described(found):
         say(line)
     return found[0].first_pose
 
@@ -40,12 +40,12 @@ def first_pose_of_images(
 ) -> FirstPose:
     """Return the likeliest pose that joints in images mean, and tell the others."""
     found = given_in_images(session, settings, first)
-    for line in told(found):
+    for line in described(found):
         say(line)
     return found[0].first_pose
 
 
-def told(found: list[FirstPoseCandidate]) -> list[str]:
+def described(found: list[FirstPoseCandidate]) -> list[str]:
     """Return lines that say what was found, how sure it is, and what else it may be."""
     best, others = found[0], found[1:]
     lines = [f"first pose: frame {best.frame}, {_percent(best.confidence)} sure ({best.note})."]

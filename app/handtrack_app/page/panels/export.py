@@ -43,6 +43,6 @@ class ExportPanel:
         if client is not None:
             client.send_file_download(download.name, download.data, save_immediately=True)
             size = len(download.data) / 1024
-            self.page.tell(
+            self.page.notify(
                 "done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client
             )

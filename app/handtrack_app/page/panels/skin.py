@@ -117,7 +117,7 @@ class SkinKnobs:
 
         if event.client is not None:
             self.mark(str(self.camera.value), event.client, marked)
-            self.page.tell(
+            self.page.notify(
                 "info",
                 "Drag a box",
                 "Press the mouse over skin in the image and drag. The hand is hidden until then; key 0 looks freely again.",
