@@ -58,14 +58,17 @@ def settings_page() -> str:
     blocks.append(_CLOUDS + "\n" + _table(CLOUD_SETTINGS.values()))
     renamed = ", ".join(f"`{old}` is `{new}`" for old, new in RENAMED.items())
     gone = ", ".join(f"`{old}` ({_shown(value)})" for old, (_, value) in CONSTANTS.items())
-    blocks.append(f"{_OLD}{renamed}. No longer settings but constants, with their values: {gone}.\n")
+    blocks.append(
+        f"{_OLD}{renamed}. No longer settings but constants, with their values: {gone}.\n"
+    )
     return "\n".join(blocks)
 
 
 def _table(settings: Iterable[Setting]) -> str:
     rows = ["| setting | for | default | range | unit | meaning |", "|---|---|---|---|---|---|"]
     rows += [
-        f"| `{s.name}` | {s.level} | {_shown(s.default)} | {_range(s)} | {s.unit} | {_cell(s.help)} |" for s in settings
+        f"| `{s.name}` | {s.level} | {_shown(s.default)} | {_range(s)} | {s.unit} | {_cell(s.help)} |"
+        for s in settings
     ]
     return "\n".join(rows) + "\n"
 
@@ -81,7 +84,7 @@ def _range(known: Setting) -> str:
 
 def _shown(value: Any) -> str:
     if value is None:
-        return "off"
+        return "unset"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):

@@ -28,7 +28,10 @@ class BoundedProblem(Protocol):
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How hard to try on a frame. What is not declared as a setting is the same in all of tracking; callers may choose it."""
+    """How hard to try on a frame.
+
+    What is not declared as a setting is the same in all of tracking; callers may choose it.
+    """
 
     iterations: int = setting(
         30, "Linearisations a frame at most, all bands together.", label="Iterations", level="user", low=1,

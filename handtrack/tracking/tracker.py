@@ -65,7 +65,7 @@ class Tracker:
         chosen = self.settings.tracker
         if not chosen.recovery or chosen.hypotheses > 1 or not previous:
             return result
-        plain = replace(self.settings, tracker=replace(chosen, jumps=False))
+        plain = replace(self.settings, tracker=replace(chosen, recovery=False))
         return recovered(
             self.model,
             plain,

@@ -102,9 +102,6 @@ class FakeSession:
     def measured_cloud(self, frame: int) -> PointCloud | None:
         return None
 
-    def use_clouds(self, clouds: CloudSettings | None) -> None:
-        raise HandtrackError("the fake session has no clouds")
-
     @property
     def frame_range(self) -> range:
         return range(FRAMES)
@@ -135,6 +132,9 @@ class FakeRun:
         settings = self.settings.with_values(overrides)
         model = load_model(settings.model.name or "hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
+
+    def with_clouds(self, clouds: CloudSettings | None) -> FakeRun:
+        raise HandtrackError("the fake session has no clouds")
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self

@@ -12,6 +12,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.tracking.frame.old_settings import current_name
 
 _WEIGHT = {"level": "user", "low": 0.0, "slider": (0.0, 4.0, 0.05)}
+_SPREAD = {"level": "user", "about": "hand", "slider": (-2.0, 3.0, 0.05)}
 _FINGERS = ("index", "middle", "ring", "little")
 
 
@@ -36,13 +37,18 @@ class ModelSettings:
     )  # fmt: skip
     spread_index: float = setting(
         1.0, "A person's own c of coupling 18, where the index' abduction is c · spread; `handtrack spread` measures all "
-        "four.", about="hand",
+        "four.", label="Index ×", **_SPREAD,
     )  # fmt: skip
     spread_middle: float = setting(
-        0.1, "Likewise the middle finger's; positive: towards the thumb.", about="hand"
+        0.1,
+        "Likewise the middle finger's; positive: towards the thumb.",
+        label="Middle ×",
+        **_SPREAD,
     )
-    spread_ring: float = setting(0.6, "Likewise the ring finger's.", about="hand")
-    spread_little: float = setting(1.2, "Likewise the little finger's.", about="hand")
+    spread_ring: float = setting(0.6, "Likewise the ring finger's.", label="Ring ×", **_SPREAD)
+    spread_little: float = setting(
+        1.2, "Likewise the little finger's.", label="Little ×", **_SPREAD
+    )
     narrowing: bool = setting(
         True, "Bent fingers spread less: the range of abduction shrinks with flexion.", about="hand"
     )
@@ -296,12 +302,14 @@ class TrackerSettings:
         Raises HandtrackError for an unknown name (listing the known ones) or a value that a setting cannot have.
         """
         changed = self
-        for given, value in values.items():
+        for given in sorted(
+            values, key=SETTINGS.__contains__
+        ):  # old names first: a new one beside it wins
             name, note = current_name(given)
             if note:
                 changed = replace(changed, notes=tuple(dict.fromkeys((*changed.notes, note))))
             if name is not None:
-                changed = changed._with_value(name, value)
+                changed = changed._with_value(name, values[given])
         if not any(getattr(changed.model, f"spread_{finger}") for finger in _FINGERS):
             raise HandtrackError(
                 "settings 'model.spread_index' … 'model.spread_little' are all 0: no finger would ever spread."

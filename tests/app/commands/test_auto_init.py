@@ -12,7 +12,7 @@ import pytest
 
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack_app.commands.terminal.first_pose import told
+from handtrack_app.commands.terminal.first_pose import described
 from tests.app.command_line import CommandLine
 
 
@@ -73,8 +73,8 @@ def test_a_doubtful_pose_is_told_as_such() -> None:
         SimpleNamespace(frame=7, confidence=0.41, note="with a forearm"),
         SimpleNamespace(frame=7, confidence=0.004, note="turned by 180°"),
     ]
-    lines = told(rows)  # type: ignore[arg-type]
+    lines = described(rows)  # type: ignore[arg-type]
     assert lines[0] == "first pose: frame 7, 41 % sure (with a forearm)."
     assert lines[1] == "  or: below 1 %, turned by 180°"
     assert lines[2].startswith("note: that is not sure.")
-    assert len(told(rows[:1])) == 2  # type: ignore[arg-type]
+    assert len(described(rows[:1])) == 2  # type: ignore[arg-type]

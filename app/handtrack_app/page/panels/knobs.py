@@ -17,6 +17,12 @@ _FOLDERS = {
         "edges.weight",
         "intensity.weight",
     ),
+    "Linked spread (18 freedoms)": (
+        "model.spread_index",
+        "model.spread_middle",
+        "model.spread_ring",
+        "model.spread_little",
+    ),
     "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
     "Point cloud": ("cloud.sigma_mm",),
     "Keypoints": ("keypoints.sigma_mm",),
