@@ -285,7 +285,7 @@ class JobControl:
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
         job, count = self._job, self._compiles.count
-        if isinstance(job, FindingJob | SizingJob) and job.share != self._shared:
+        if job is not None and job.share not in (0.0, self._shared):
             self._shared = job.share
             self.show_progress()
         elif job is not None and not job.done and count != self._ticked:
@@ -303,7 +303,7 @@ class JobControl:
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words
-        if quiet and isinstance(job, FindingJob | SizingJob) and job.words:
+        if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
         self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))

@@ -72,6 +72,8 @@ class BackgroundJob:
         self.total = len(frames)
         """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
+        self.share, self.words = 0.0, ""
+        """of all the work, and what is done now; for jobs that do not count frames"""
         self._first_done = self.began
         self._post = post
         self._stop, self._hold = threading.Event(), threading.Event()
@@ -168,7 +170,6 @@ class SizingJob(BackgroundJob):
     def __init__(self, number: int, run: Run, post: Callable[[Report], None]) -> None:
         super().__init__(number, range(0), post)
         self._run = run
-        self.share, self.words = 0.0, ""
 
     def work(self) -> None:
         scale = self._run.fit_size(self.should_stop, tell=self._progress).scale
@@ -190,7 +191,6 @@ class FindingJob(BackgroundJob):
     ) -> None:
         super().__init__(number, range(0), post)
         self._run, self._frame = run, frame
-        self.share, self.words = 0.0, ""
 
     def work(self) -> None:
         run = cast(TrackingRun, self._run)  # only a session of files can be searched

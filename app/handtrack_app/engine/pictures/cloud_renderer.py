@@ -91,7 +91,8 @@ class CloudRenderer:
         points = measured.points[shown]
         dropped = np.zeros((0, 3))
         if moment.wanted.dropped:
-            lost = np.flatnonzero(np.isin(fate, _places(reports, thinned=False)))
+            filters = [i for i, report in enumerate(reports) if report.name not in _THINNED]
+            lost = np.flatnonzero(np.isin(fate, filters))
             dropped = measured.points[lost[random_part(len(lost), _DROPPED_SHOWN)]]
         words = ""
         if not len(kept):
@@ -206,10 +207,6 @@ def nothing_left(reports: tuple[FilterReport, ...]) -> str:
     }
     said = advice.get(last.name, "")
     return f"No point is left: the filter '{last.text}' dropped the last {last.before}. {said}".rstrip()
-
-
-def _places(reports: tuple[FilterReport, ...], thinned: bool) -> list[int]:
-    return [i for i, report in enumerate(reports) if (report.name in _THINNED) == thinned]
 
 
 def _nothing(frame: int) -> CloudSnapshot:

@@ -11,8 +11,8 @@ import numpy as np
 import viser
 
 from handtrack_app.page.page import Page, number, put
-from handtrack_app.page.panels.cloud_filters import FilterKnobs, StereoKnobs
-from handtrack_app.page.panels.skin import SkinKnobs
+from handtrack_app.page.panels.cloud_filters import FilterControls, StereoControls
+from handtrack_app.page.panels.skin import SkinControls
 from handtrack_app.protocol.commands import (
     RestoreClouds,
     SampleSkin,
@@ -54,8 +54,8 @@ class CloudPanel:
             with self.tab:
                 self._build(card)
         else:
-            for knobs in (self.filters, self.skin, self.stereo):
-                knobs.fit(card)
+            for controls in (self.filters, self.skin, self.stereo):
+                controls.fit(card)
         for folder in (self.scene, *self.filters.folders, self.skin.folder):
             if folder is not None and folder.visible != bool(card.source):
                 folder.visible = bool(card.source)
@@ -89,11 +89,11 @@ class CloudPanel:
                 "Dropped", display.cloud_dropped, hint="Grey: what the filters dropped."
             )
             self.legend = gui.add_html(ramp_legend())
-        self.filters = FilterKnobs(page, self.set)
-        self.skin = SkinKnobs(page, self.set, self.change, self._mark)
-        self.stereo = StereoKnobs(page, self.set)
-        for knobs in (self.filters, self.skin, self.stereo):
-            knobs.fit(card)
+        self.filters = FilterControls(page, self.set)
+        self.skin = SkinControls(page, self.set, self.change, self._mark)
+        self.stereo = StereoControls(page, self.set)
+        for controls in (self.filters, self.skin, self.stereo):
+            controls.fit(card)
         self.saved = gui.add_html("")
         save = gui.add_button(
             "Save to session.toml", icon=viser.Icon.DEVICE_FLOPPY, color="gray",

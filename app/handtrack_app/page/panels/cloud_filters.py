@@ -17,7 +17,7 @@ Set = Callable[..., None]
 
 
 @dataclass(frozen=True)
-class FilterKnob:
+class FilterSlider:
     """How one number of [clouds] is drawn."""
 
     known: Setting
@@ -53,8 +53,8 @@ class FilterKnob:
         return 2 * int(shown // 2) + 1 if odd else round(shown)
 
 
-def _knobs(*names: str) -> tuple[FilterKnob, ...]:
-    return tuple(FilterKnob(CLOUD_SETTINGS[name]) for name in names)
+def _knobs(*names: str) -> tuple[FilterSlider, ...]:
+    return tuple(FilterSlider(CLOUD_SETTINGS[name]) for name in names)
 
 
 CROP = _knobs("near_m", "far_m", "crop_m", "front_m")
@@ -70,9 +70,11 @@ class Sliders:
 
     page: Page
     set: Set
-    known: dict[str, tuple[FilterKnob, viser.GuiSliderHandle[float]]] = field(default_factory=dict)
+    known: dict[str, tuple[FilterSlider, viser.GuiSliderHandle[float]]] = field(
+        default_factory=dict
+    )
 
-    def add(self, knob: FilterKnob) -> None:
+    def add(self, knob: FilterSlider) -> None:
         """Add a slider where the page builds now."""
         low, high, step = knob.span
         widget = self.page.gui.add_slider(knob.known.label, low, high, step, low, hint=knob.hint)
@@ -85,13 +87,13 @@ class Sliders:
             shown = knob.on_page(card.values.get(name))
             put(widget, value=shown)
 
-    def _changed(self, knob: FilterKnob, widget: viser.GuiSliderHandle[float]) -> None:
+    def _changed(self, knob: FilterSlider, widget: viser.GuiSliderHandle[float]) -> None:
         shown = number(widget.value, *knob.span[:2])
         if shown is not None:
             self.set(**{knob.name: knob.in_file(shown)})
 
 
-class FilterKnobs:
+class FilterControls:
     """Crop and part in one folder, thinning and outliers in another."""
 
     def __init__(self, page: Page, set_: Set) -> None:
@@ -122,7 +124,7 @@ class FilterKnobs:
         self.sliders.known["front_m"][1].disabled = card.values.get("component") != "nearest"
 
 
-class StereoKnobs:
+class StereoControls:
     """The pair that is looked at, and how it is matched."""
 
     def __init__(self, page: Page, set_: Set) -> None:

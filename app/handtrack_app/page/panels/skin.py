@@ -19,7 +19,7 @@ _SIZE = (0.5, 10.0, 0.1)
 _LATER = "no box marked yet"
 
 
-class SkinKnobs:
+class SkinControls:
     """Where the colour is taken from, and how far from it counts."""
 
     def __init__(

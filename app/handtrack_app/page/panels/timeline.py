@@ -52,13 +52,8 @@ class TimelinePanel:
             self.page.play(not state.playing)
             return
         self.page.play(False)
-        target = dict(
-            zip(
-                _PLAY,
-                (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1),
-                strict=True,
-            )
-        ).get(key)
+        targets = (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1)
+        target = dict(zip(_PLAY, targets, strict=True)).get(key)
         if target is not None:
             self.page.go_to(target)
 
@@ -84,27 +79,20 @@ class TimelinePanel:
 
 
 def timeline_picture(strip: TimelineSnapshot, frame: int) -> str:
-    """Return the strip as SVG: the energy (or, with truth, the error) as a curve above bars of status."""
+    """Return the recording as SVG: the energy (or, with truth, the error) as a curve above bars of status."""
     count = max(len(strip.status), 1)
-    step = _WIDTH / count
+    step, here = _WIDTH / count, frame - strip.start
     known_error = bool(np.isfinite(strip.error_mm).any())
     curve, unit = (strip.error_mm, "mm") if known_error else (strip.energy, "")
     title = "joint error" if known_error else "energy"
     parts = [
-        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>",
         *_curve(curve, step),
         *_bars(strip.status, step),
         *(_diamond((f - strip.start + 0.5) * step, f in strip.found) for f in strip.by_hand),
     ]
-    x = (frame - strip.start + 0.5) * step
-    parts.append(
-        f"<line x1='{x:.1f}' x2='{x:.1f}' y1='0' y2='{_CURVE + _BAR + 6}' stroke='currentColor' stroke-width='2' "
-        "vector-effect='non-scaling-stroke'/>"
-    )
     finite = curve[np.isfinite(curve)]
     top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
-    here = curve[frame - strip.start] if 0 <= frame - strip.start < count else math.nan
-    now = f"{_number(float(here))} {unit}" if math.isfinite(here) else ""
+    now = f"{_number(float(curve[here]))} {unit}" if _is_known(curve, here) else ""
     marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
     legend = "".join(_legend(*mark) for mark in [*marks, *([FOUND] if strip.found else [])])
     return (
@@ -113,9 +101,23 @@ def timeline_picture(strip: TimelineSnapshot, frame: int) -> str:
         f"<br><span style='opacity:.7'>{top}</span></div>"
         f"<div style='position:absolute;right:4px;top:1.9em;width:{_RIGHT - 10}px'><b>{now}</b></div>"
         f"<div style='height:1.5em;text-align:right;opacity:.85'>{legend}</div>"
-        f"<svg viewBox='0 0 {_WIDTH} {_CURVE + _BAR + 6}' preserveAspectRatio='none' "
-        f"style='width:100%;height:64px;display:block'>{''.join(parts)}</svg></div>{_lane(strip, frame)}"
+        f"{_svg(parts, (here + 0.5) * step, _CURVE + _BAR + 6, 64)}</div>{_lane(strip, frame)}"
     )
+
+
+def _svg(parts: list[str], cursor: float, height: int, shown_px: int) -> str:
+    """Return a lane as wide as the timeline: its ground, its parts, and the line of the frame shown."""
+    return (
+        f"<svg viewBox='0 0 {_WIDTH} {height}' preserveAspectRatio='none' "
+        f"style='width:100%;height:{shown_px}px;display:block'>"
+        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>{''.join(parts)}"
+        f"<line x1='{cursor:.1f}' x2='{cursor:.1f}' y1='0' y2='{height}' stroke='currentColor' stroke-width='2' "
+        "vector-effect='non-scaling-stroke'/></svg>"
+    )
+
+
+def _is_known(values: Floats, row: int) -> bool:
+    return 0 <= row < len(values) and math.isfinite(values[row])
 
 
 def _lane(strip: TimelineSnapshot, frame: int) -> str:
@@ -126,36 +128,24 @@ def _lane(strip: TimelineSnapshot, frame: int) -> str:
     if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
         return ""
     order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
-    count = max(len(strip.status), 1)
-    step, here = _WIDTH / count, frame - strip.start
+    step, here = _WIDTH / max(len(strip.status), 1), frame - strip.start
     finite = np.concatenate([terms[name][np.isfinite(terms[name])] for name in order])
     top = max(float(np.quantile(finite, 0.98)) * 1.1, 1e-12)
-    lines = [
-        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>"
-    ]
-    rows = ""
+    lines, rows = [], ""
     for name in order:
         colour, values = TERMS.get(name, "#ffffff"), terms[name]
         lines += _curve(values, step, top, colour)
-        now = values[here] if 0 <= here < count else math.nan
-        shown = _number(float(now)) if math.isfinite(now) else ""
+        shown = _number(float(values[here])) if _is_known(values, here) else ""
         rows += (
             f"<div style='display:flex;justify-content:space-between;white-space:nowrap'><span style='color:{colour}'>{name}</span>"
             f"<span>{shown}</span></div>"
         )
-    x = (here + 0.5) * step
-    lines.append(
-        f"<line x1='{x:.1f}' x2='{x:.1f}' y1='0' y2='{_CURVE}' stroke='currentColor' stroke-width='2' "
-        "vector-effect='non-scaling-stroke'/>"
-    )
-    high = max(13 * len(order), 40)
     return (
         f"<div style='padding:.35em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.7em'>"
         f"<div style='position:absolute;left:12px;top:.2em;width:{_LEFT - 22}px;line-height:13px'>{rows}</div>"
         f"<div style='position:absolute;right:4px;top:.2em;width:{_RIGHT - 10}px;line-height:13px;opacity:.75'>"
         f"energy<br>to {_number(top)}</div>"
-        f"<svg viewBox='0 0 {_WIDTH} {_CURVE}' preserveAspectRatio='none' "
-        f"style='width:100%;height:{high}px;display:block'>{''.join(lines)}</svg></div>"
+        f"{_svg(lines, (here + 0.5) * step, _CURVE, max(13 * len(order), 40))}</div>"
     )
 
 
