@@ -19,7 +19,7 @@ class RerunViewer:
     """A viewer in a process of its own, because rerun cannot serve on loopback from inside this one."""
 
     def __init__(self) -> None:
-        self._data_port, self._page_port = _free_ports(2)
+        self._data_port, self._page_port = free_ports(2)
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -79,7 +79,7 @@ def _listens(port: int) -> bool:
         return probe.connect_ex((LOOPBACK, port)) == 0
 
 
-def _free_ports(count: int) -> list[int]:
+def free_ports(count: int) -> list[int]:
     """Return different free ports of loopback."""
     probes = [socket.socket() for _ in range(count)]
     try:

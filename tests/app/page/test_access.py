@@ -10,7 +10,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from handtrack.errors import HandtrackError
-from handtrack_app.page import access as guard
+from handtrack_app.page import access
 from handtrack_app.page.access import (
     choose_port,
     guarded_server,
@@ -126,7 +126,7 @@ def test_an_open_host_is_warned_of():
 
 
 def test_on_an_open_host_origin_must_equal_host():
-    names = guard._allowed_names("0.0.0.0")
+    names = access._allowed_names("0.0.0.0")
     assert is_own_page("http://lab-pc:8080", "lab-pc:8080", names)
     assert not is_own_page("http://evil.example", "lab-pc:8080", names)
 
@@ -141,7 +141,6 @@ def test_a_port_that_is_asked_for_and_taken_is_an_error(taken):
 
 
 def test_the_next_free_port_is_found(taken, monkeypatch):
-    monkeypatch.setattr(guard, "FIRST_PORT", taken)
+    monkeypatch.setattr(access, "FIRST_PORT", taken)
     assert taken < choose_port("127.0.0.1") <= taken + 100
     assert choose_port("127.0.0.1", 0) == 0
-    assert len(set(guard.free_ports(3))) == 3

@@ -19,6 +19,7 @@ from handtrack_app.rerun.stream import (
     grey,
     signed_colours,
 )
+from handtrack_app.rerun.viewer import free_ports
 
 
 def chunks(path, entity):
@@ -164,3 +165,7 @@ def test_pictures_are_painted_for_any_input():
     assert grey(np.array([[7]], dtype=np.uint8)).tolist() == [[7]]
     colours = signed_colours(odd)
     assert colours[0].tolist() == [[255, 255, 255], [0, 0, 255], [255, 128, 128], [255, 0, 0]]
+
+
+def test_the_viewer_gets_different_free_ports():
+    assert len(set(free_ports(3))) == 3
