@@ -59,9 +59,9 @@ class Worker:
         self._stopping, self._opened = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self._render_thread = RenderThread(publish)
-        self._compiles = CompileWatch(self._compiling)
         self._failure: Exception | None = None
         self._session: OpenSession | None = None
+        self._compiles = CompileWatch(self._compiling)
         self._wishes: dict[type, commands.WantCloud | commands.WantSurface] = {}
 
     # ---- from the page
@@ -107,6 +107,7 @@ class Worker:
             self._session.jobs.stop(timeout)
         self._thread.join(timeout)
         self._render_thread.stop(timeout)
+        self._compiles.close()
 
     # ---- on the worker's thread
 
