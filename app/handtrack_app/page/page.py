@@ -160,7 +160,7 @@ class Keys:
         """Let a key do something; `action` gets viser's event."""
         command = self.gui.add_command(words, hotkey=cast("HotkeyKey", key), modifier=modifier)
         command.on_trigger(action)
-        self.known.append((f"{_MODIFIERS.get(modifier, '')} {key}".strip(), words))
+        self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {key}".strip(), words))
 
     def table(self) -> str:
         """Return the list of keys for the page."""

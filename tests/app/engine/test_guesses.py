@@ -206,6 +206,6 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         document.by_hand[4], model.joint_params(carried[1].params), atol=1e-9
     )
-    bench.layout.guesses._draw(False)
+    bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible
     bench.stop()

@@ -21,6 +21,7 @@ WORK = """
 import sys, time
 from pathlib import Path
 from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import commands
 from tests.app.fake_run import fake_document
 
 worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, step_s=0.4))

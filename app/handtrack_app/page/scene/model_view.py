@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 import viser
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Bytes, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import put
 from handtrack_app.page.state import Display
@@ -59,7 +59,11 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
     scene.add_frame(name, show_axes=False)
 
     def batch(
-        node: str, mesh: trimesh.Trimesh, scales: Floats, colour: object, shadow: bool = True
+        node: str,
+        mesh: trimesh.Trimesh,
+        scales: Floats,
+        colour: Bytes | tuple[int, int, int],
+        shadow: bool = True,
     ) -> viser.BatchedMeshHandle:
         count = len(scales)
         return scene.add_batched_meshes_simple(
