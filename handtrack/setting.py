@@ -105,7 +105,7 @@ def setting(default: Any, help: str, **more: Any) -> Any:
 
 
 @cache
-def declared(table: type, prefix: str = "") -> Mapping[str, Setting]:
+def declared(table: type[Any], prefix: str = "") -> Mapping[str, Setting]:
     """Return the settings among a dataclass' fields by name, in order; a field without a declaration is none."""
     hints = get_type_hints(table)
     found = {}

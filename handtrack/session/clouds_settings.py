@@ -89,7 +89,7 @@ class CloudSettings:
             raise HandtrackError(f"{where}: far_m = {far}; expected more than near_m = {near:g}.")
         return changed
 
-    def _given_of(self, table: type, prefix: str = "") -> dict[str, Any]:
+    def _given_of(self, table: type[Any], prefix: str = "") -> dict[str, Any]:
         """Return what is given of a class of settings, by its fields."""
         return {
             name.removeprefix(prefix): None if self.given[name] is False else self.given[name]

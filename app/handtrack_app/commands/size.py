@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
             "well enough to tell its size: by cameras whose lines of sight differ by 20 degrees at least, or by a "
             "cloud. Nothing was saved. Name other frames with --frames."
         )
+    for note in dict.fromkeys(after.notes):
+        say(f"note: {note}")
     write_scale(out, after.scale)
     print(f"{_words(after.scale)} Saved to {out}")
     if out.resolve().parent == session.folder.resolve():
