@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -197,7 +196,7 @@ def test_clouds_are_saved_key_by_key(tmp_path: Path) -> None:
     )
     said = store.save_clouds()
     assert said.startswith("[clouds] of session.toml: voxel_m, ")
-    expected = replace(document.clouds, per_voxel=3)
+    expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text(encoding="utf-8")
     assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")

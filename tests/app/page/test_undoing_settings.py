@@ -111,11 +111,15 @@ def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
     assert slider.value == 3.0
     with WireClient(cloudy.port) as client:
         client.set_value(slider, 6.0)
-        eventually(lambda: _clouds(cloudy).voxel_m == 0.006, "coarser")
+        eventually(lambda: _clouds(cloudy).filters.voxel_m == 0.006, "coarser")
         client.set_value(undo, "Undo")
-        eventually(lambda: _clouds(cloudy).voxel_m == 0.003 and slider.value == 3.0, "undone")
+        eventually(
+            lambda: _clouds(cloudy).filters.voxel_m == 0.003 and slider.value == 3.0, "undone"
+        )
         client.set_value(undo, "Redo")
-        eventually(lambda: _clouds(cloudy).voxel_m == 0.006 and slider.value == 6.0, "redone")
+        eventually(
+            lambda: _clouds(cloudy).filters.voxel_m == 0.006 and slider.value == 6.0, "redone"
+        )
 
 
 def _clouds(bench: Workbench) -> Any:
