@@ -10,7 +10,7 @@ import sys
 import tempfile
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from handtrack.errors import HandtrackError
 
@@ -42,24 +42,24 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return code
     except HandtrackError as error:
-        return _told(args, str(error), EXIT_USAGE)
+        return _failed(args, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
-        return _told(args, "interrupted.", EXIT_INTERRUPTED)
+        return _failed(args, "interrupted.", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except OSError as error:
         if error.errno is None:
-            return _told(args, _internal(error), EXIT_INTERNAL)
+            return _failed(args, _internal(error), EXIT_INTERNAL)
         where = "" if error.filename is None else f"{error.filename}: "
-        return _told(args, f"{where}{error.strerror}.", EXIT_USAGE)
+        return _failed(args, f"{where}{error.strerror}.", EXIT_USAGE)
     except MemoryError as error:
-        return _told(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
+        return _failed(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
     except Exception as error:
-        return _told(args, _internal(error), EXIT_INTERNAL)
+        return _failed(args, _internal(error), EXIT_INTERNAL)
 
 
-def _told(args: argparse.Namespace, text: str, code: int) -> int:
+def _failed(args: argparse.Namespace, text: str, code: int) -> int:
     paragraph = " ".join(text.splitlines())
     print(f"handtrack {args.command}: {paragraph}", file=sys.stderr)
     return code
@@ -90,6 +90,144 @@ class _Version(argparse.Action):
         parser.exit()
 
 
+class _Option(NamedTuple):
+    """Arguments of argparse's `add_argument`."""
+
+    names: tuple[str, ...]
+    how: dict[str, object]
+
+
+def _option(*names: str, **how: object) -> _Option:
+    return _Option(names, how)
+
+
+class _Command(NamedTuple):
+    """A command: the module of `commands` that runs it, its help, its options."""
+
+    module: str
+    help: str
+    options: tuple[_Option, ...]
+
+
+_SESSION = _option("session", type=Path, help="session folder")
+_POSES = _option("poses", type=Path, metavar="POSES.npz")
+_FRAMES = _option("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
+_JSON = _option("--json", action="store_true", help="print JSON")
+_SET = _option(
+    "--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated"
+)  # fmt: skip
+_INIT = _option(
+    "--init", metavar="FILE|auto",
+    help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
+)  # fmt: skip
+_SIDE = _option("--side", choices=("right", "left"), default="right")
+_NEW = _option("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
+_BOARD = _option(
+    "--board", required=True, metavar="BOARD",
+    help="chessboard:9x6:25mm (inner corners, square) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares, square, marker)",
+)  # fmt: skip
+_SERVER = (
+    _option("--host", default="127.0.0.1", help="address to listen on (default: this machine only)"),
+    _option("--port", type=int, help="port (default: 8080, or the next free one)"),
+    _option("--no-browser", action="store_true", help="do not open a browser window"),
+    _option("--rerun", action="store_true", help="also stream residuals to rerun's viewer"),
+)  # fmt: skip
+
+COMMANDS: dict[str, _Command] = {
+    "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
+        _option("session", nargs="?", type=Path, help="session folder"), *_SERVER,
+    )),
+    "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
+    "new": _Command("new", "Make a session folder from videos and a calibration.", (
+        _NEW,
+        _option("--calibration", type=Path, required=True, metavar="FILE", help="Anipose-form calibration.toml"),
+        _option("--video", action="append", required=True, metavar="CAMERA=FILE",
+                help="a camera's video; once per camera"),
+        _option("--name", default="", help="the session's name"),
+        _SIDE,
+        _option("--fps", type=float, help="frames a second (default: the first video's)"),
+        _option("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration"),
+        _option("--masks", default="skin_ycrcb",
+                choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
+                help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)"),
+    )),
+    "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
+        _SESSION, _INIT, _FRAMES,
+        _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
+        _SET,
+        _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
+        _option("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"),
+        _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
+        _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
+        _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
+    )),
+    "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
+        _SESSION, _FRAMES,
+        _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
+        _INIT,
+        _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
+        _SET,
+        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"),
+    )),
+    "export": _Command("export", "Convert a tracked sequence.", (
+        _POSES,
+        _option("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints"),
+        _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
+    )),
+    "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
+        _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
+    )),
+    "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES,)),
+    "simulate": _Command("simulate", "Make a simulated recording with truth.", (
+        _NEW,
+        _option("--cameras", type=int, default=3),
+        _option("--frames", type=int, default=100),
+        _option("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
+        _option("--model", choices=("hand26", "body34"), default="hand26"),
+        _option("--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"),
+        _SIDE,
+        _option("--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),
+        _option("--forearm", action="store_true", help="with a bare forearm"),
+        _option("--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"),
+        _option("--fps", type=float, default=25.0),
+        _option("--no-images", action="store_true", help="masks alone, no videos"),
+        _option("--distortion", action="store_true", help="lenses with distortion"),
+        _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
+        _option("--seed", type=int, default=0, help="of motion and noise"),
+    )),
+    "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
+        _SESSION, _FRAMES,
+        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
+    )),
+    "calibrate": _Command("calibrate", "Calibrate cameras from images or videos of a moving board.", (
+        _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
+        _BOARD,
+        _option("--camera", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
+                help="images (pattern or folder) or a video, matched between cameras by frame number; once per camera"),
+        _option("--intrinsics", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
+                help="more images or a video for this camera's lens alone"),
+        _option("--known", type=Path, metavar="FILE.toml", help="keep the lenses of the cameras in this calibration"),
+        _option("--world", metavar="camera:NAME|board:FRAME", help="the world's frame (default: the first camera's)"),
+        _option("--no-k3", action="store_true", help="hold the third radial coefficient at 0"),
+        _option("--no-tangential", action="store_true", help="hold p1 and p2 at 0"),
+        _option("--most-views", type=int, default=40, metavar="N", help="views used per camera, sharp and spread"),
+        _option("--most-images", type=int, default=400, metavar="N", help="images searched per camera, evenly"),
+        _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
+        _option("--json", action="store_true", help="print the report as JSON"),
+    )),
+    "board": _Command("board", "Write a calibration board to print, in its true size.", (
+        _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
+        _BOARD,
+        _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"),
+    )),
+    "doctor": _Command("doctor", "Check a session folder and say what is odd.", (_SESSION,)),
+    "bench": _Command("bench", "Run the benchmarks: each figure beside its reference, in one run.", (
+        _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
+    )),
+}  # fmt: skip
+"""by name, in the order of `handtrack --help`"""
+
+
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     parser = argparse.ArgumentParser(
@@ -100,291 +238,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    _add_workbench(commands)
-    _add_new(commands)
-    _add_track(commands)
-    _add_size(commands)
-    _add_results(commands)
-    _add_simulate(commands)
-    _add_stereo(commands)
-    _add_calibrate(commands)
-    _add_checks(commands)
+    for name, (module, words, options) in COMMANDS.items():
+        command = commands.add_parser(name, help=words, description=words, allow_abbrev=False)
+        command.set_defaults(module=module)
+        for names, how in options:
+            command.add_argument(*names, **how)  # type: ignore[arg-type]
     return parser
-
-
-def _command(commands: Any, name: str, module: str, help_text: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(name, help=help_text, description=help_text, allow_abbrev=False)
-    command.set_defaults(module=module)
-    return command
-
-
-def _add_workbench(commands: Any) -> None:
-    for name, text in (
-        ("open", "Open the workbench in the browser, on a session folder or on the bundled one."),
-        ("demo", "Open the workbench on the bundled session and track it."),
-    ):
-        command = _command(commands, name, "workbench", text)
-        if name == "open":
-            command.add_argument("session", nargs="?", type=Path, help="session folder")
-        command.add_argument(
-            "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
-        )
-        command.add_argument("--port", type=int, help="port (default: 8080, or the next free one)")
-        command.add_argument(
-            "--no-browser", action="store_true", help="do not open a browser window"
-        )
-        command.add_argument(
-            "--rerun", action="store_true", help="also stream residuals to rerun's viewer"
-        )
-
-
-def _add_new(commands: Any) -> None:
-    new = _command(commands, "new", "new", "Make a session folder from videos and a calibration.")
-    new.add_argument("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
-    new.add_argument(
-        "--calibration",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="Anipose-form calibration.toml",
-    )
-    new.add_argument(
-        "--video",
-        action="append",
-        required=True,
-        metavar="CAMERA=FILE",
-        help="a camera's video; once per camera",
-    )
-    new.add_argument("--name", default="", help="the session's name")
-    new.add_argument("--side", choices=("right", "left"), default="right")
-    new.add_argument("--fps", type=float, help="frames a second (default: the first video's)")
-    new.add_argument(
-        "--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration"
-    )
-    new.add_argument(
-        "--masks",
-        choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
-        default="skin_ycrcb",
-        help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)",
-    )
-
-
-def _add_track(commands: Any) -> None:
-    track = _command(
-        commands,
-        "track",
-        "track",
-        "Track a session and save poses.npz; the workbench's engine and numbers.",
-    )
-    track.add_argument("session", type=Path, help="session folder")
-    track.add_argument(
-        "--init",
-        metavar="FILE|auto",
-        help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
-    )
-    track.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
-    track.add_argument(
-        "--use",
-        metavar="NAMES",
-        help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated",
-    )
-    track.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="section.key=value",
-        help="a setting; may be repeated",
-    )
-    track.add_argument(
-        "--seed", type=int, default=0, help="of everything random; nothing is in this version"
-    )
-    track.add_argument(
-        "--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"
-    )
-    track.add_argument(
-        "--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"
-    )
-    track.add_argument(
-        "--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"
-    )
-    track.add_argument(
-        "--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"
-    )
-
-
-def _add_size(commands: Any) -> None:
-    size = _command(
-        commands, "size", "size", "Fit a person's hand size to a recording and save it for others."
-    )
-    size.add_argument("session", type=Path, help="session folder")
-    size.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
-    size.add_argument(
-        "--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"
-    )
-    size.add_argument(
-        "--init",
-        metavar="FILE|auto",
-        help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
-    )
-    size.add_argument("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated")
-    size.add_argument(
-        "--set", action="append", default=[], metavar="section.key=value", help="a setting"
-    )
-    size.add_argument(
-        "--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"
-    )
-
-
-def _add_results(commands: Any) -> None:
-    export = _command(commands, "export", "export", "Convert a tracked sequence.")
-    export.add_argument("poses", type=Path, metavar="POSES.npz")
-    export.add_argument(
-        "--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints"
-    )
-    export.add_argument("--out", type=Path, metavar="FILE", help="default: beside the poses")
-    evaluate = _command(
-        commands, "evaluate", "evaluate", "Compare a tracked sequence with the truth."
-    )
-    evaluate.add_argument("poses", type=Path, metavar="POSES.npz")
-    evaluate.add_argument("--truth", type=Path, required=True, metavar="truth.npz")
-    evaluate.add_argument("--json", action="store_true", help="print JSON")
-    spread = _command(
-        commands,
-        "spread",
-        "spread",
-        "Measure how a person's fingers spread together, for coupling 18.",
-    )
-    spread.add_argument("poses", type=Path, metavar="POSES.npz")
-
-
-def _add_simulate(commands: Any) -> None:
-    simulate = _command(commands, "simulate", "simulate", "Make a simulated recording with truth.")
-    simulate.add_argument(
-        "--out", type=Path, required=True, metavar="SESSION", help="folder to make"
-    )
-    simulate.add_argument("--cameras", type=int, default=3)
-    simulate.add_argument("--frames", type=int, default=100)
-    simulate.add_argument(
-        "--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"
-    )
-    simulate.add_argument("--model", choices=("hand26", "body34"), default="hand26")
-    simulate.add_argument(
-        "--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"
-    )
-    simulate.add_argument("--side", choices=("right", "left"), default="right")
-    simulate.add_argument(
-        "--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"
-    )
-    simulate.add_argument("--forearm", action="store_true", help="with a bare forearm")
-    simulate.add_argument(
-        "--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"
-    )
-    simulate.add_argument("--fps", type=float, default=25.0)
-    simulate.add_argument("--no-images", action="store_true", help="masks alone, no videos")
-    simulate.add_argument("--distortion", action="store_true", help="lenses with distortion")
-    simulate.add_argument(
-        "--init-noise-mm",
-        type=float,
-        default=5.0,
-        help="of the keypoints in init.json; 0: exact pose",
-    )
-    simulate.add_argument("--seed", type=int, default=0, help="of motion and noise")
-
-
-def _add_calibrate(commands: Any) -> None:
-    calibrate = _command(
-        commands,
-        "calibrate",
-        "calibrate",
-        "Calibrate cameras from images or videos of a moving board.",
-    )
-    board = "chessboard:9x6:25mm (inner corners, square) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares, square, marker)"
-    calibrate.add_argument(
-        "--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"
-    )
-    calibrate.add_argument("--board", required=True, metavar="BOARD", help=board)
-    calibrate.add_argument(
-        "--camera",
-        action="append",
-        nargs="+",
-        default=[],
-        metavar=("NAME=FILES", "FILES"),
-        help="images (pattern or folder) or a video, matched between cameras by frame number; once per camera",
-    )
-    calibrate.add_argument(
-        "--intrinsics",
-        action="append",
-        nargs="+",
-        default=[],
-        metavar=("NAME=FILES", "FILES"),
-        help="more images or a video for this camera's lens alone",
-    )
-    calibrate.add_argument(
-        "--known",
-        type=Path,
-        metavar="FILE.toml",
-        help="keep the lenses of the cameras in this calibration",
-    )
-    calibrate.add_argument(
-        "--world",
-        metavar="camera:NAME|board:FRAME",
-        help="the world's frame (default: the first camera's)",
-    )
-    calibrate.add_argument(
-        "--no-k3", action="store_true", help="hold the third radial coefficient at 0"
-    )
-    calibrate.add_argument("--no-tangential", action="store_true", help="hold p1 and p2 at 0")
-    calibrate.add_argument(
-        "--skew", action="store_true", help="refused: skew is reported, not modelled"
-    )
-    calibrate.add_argument(
-        "--most-views",
-        type=int,
-        default=40,
-        metavar="N",
-        help="views used per camera, sharp and spread",
-    )
-    calibrate.add_argument(
-        "--most-images",
-        type=int,
-        default=400,
-        metavar="N",
-        help="images searched per camera, evenly",
-    )
-    calibrate.add_argument(
-        "--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"
-    )
-    calibrate.add_argument("--json", action="store_true", help="print the report as JSON")
-    printed = _command(
-        commands, "board", "board", "Write a calibration board to print, in its true size."
-    )
-    printed.add_argument("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png")
-    printed.add_argument("--board", required=True, metavar="BOARD", help=board)
-    printed.add_argument("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact")
-
-
-def _add_stereo(commands: Any) -> None:
-    stereo = _command(
-        commands, "stereo", "stereo", "Match calibrated pairs of images and write point clouds."
-    )
-    stereo.add_argument("session", type=Path, help="session folder")
-    stereo.add_argument("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
-    stereo.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"
-    )
-
-
-def _add_checks(commands: Any) -> None:
-    doctor = _command(commands, "doctor", "doctor", "Check a session folder and say what is odd.")
-    doctor.add_argument("session", type=Path, help="session folder")
-    bench = _command(
-        commands,
-        "bench",
-        "bench",
-        "Run the benchmarks: each figure beside its reference, in one run.",
-    )
-    bench.add_argument("name", nargs="?", help="one benchmark (default: all quick ones)")
-    bench.add_argument("--json", action="store_true", help="print JSON")
 
 
 if __name__ == "__main__":

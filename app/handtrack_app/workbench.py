@@ -1,4 +1,4 @@
-"""The workbench: wires state, worker, panels and scene; no logic of its own."""
+"""Wires the workbench: the worker, the page, its panels and its scene; no logic of its own."""
 
 from __future__ import annotations
 
@@ -11,20 +11,17 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app import messages as m
-from handtrack_app.demo import Demo
-from handtrack_app.exporting import LOG_FILE
-from handtrack_app.guard import FIRST_PORT, choose_port, guarded_server, host_warning
-from handtrack_app.mailbox import Mailbox
-from handtrack_app.opening import open_document
-from handtrack_app.own_copy import own_copy
-from handtrack_app.panels.page import Page
-from handtrack_app.player import Player
-from handtrack_app.recording import LiveRecorder
-from handtrack_app.scene.stage import Stage
-from handtrack_app.screen_layout import PageLayout
-from handtrack_app.state import UserState
-from handtrack_app.worker import Opener, Worker
+from handtrack_app.engine.opening import open_document, working_folder
+from handtrack_app.engine.worker import Opener, Worker
+from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
+from handtrack_app.page.layout import PageLayout
+from handtrack_app.page.page import Page
+from handtrack_app.page.player import Demo, Player
+from handtrack_app.page.scene.stage import Stage
+from handtrack_app.page.state import UserState
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.rerun.recorder import LiveRecorder
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
@@ -49,15 +46,17 @@ class Workbench:
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
-        self._snapshots: Mailbox[m.Snapshot] = Mailbox(
-            lambda s: None if isinstance(s, (m.Notice, m.Download)) else type(s)
+        self._snapshots: Mailbox[snapshots.Snapshot] = Mailbox(
+            lambda one: (
+                None if isinstance(one, snapshots.Notice | snapshots.Download) else type(one)
+            )
         )
         self._recorder = LiveRecorder(self._snapshots.put) if rerun else None
         watch = None if self._recorder is None else self._recorder.show
         self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
         self._ready, self._stopping = threading.Event(), threading.Event()
-        self._unread: list[m.Notice] = []
-        self._wished: dict[type, m.Command] = {}
+        self._unread: list[snapshots.Notice] = []
+        self._wished: dict[type, commands.Command] = {}
         self._demo = Demo() if demo else None
         self.server: viser.ViserServer
 
@@ -103,11 +102,11 @@ class Workbench:
         self.stage.welcome(client)
         unread, self._unread = self._unread, []
         for notice in unread:
-            self.page.tell(notice.level, notice.title, notice.text, client)
+            self.page.notify(notice.level, notice.title, notice.text, client)
 
     # ---- from the page
 
-    def send(self, command: m.Command) -> None:
+    def send(self, command: commands.Command) -> None:
         """Hand a command to the worker."""
         self.worker.send(command)
 
@@ -124,18 +123,13 @@ class Workbench:
             self.layout.timeline.show_frame(state.frame)
             return
         self.layout.timeline.show_frame(target)
-        self.send(m.ShowFrame(target))
+        self.send(commands.ShowFrame(target))
 
     def redraw(self) -> None:
         """Apply changed display options."""
-        self.stage.apply(self.state.display)
+        self.stage.apply()
         self.layout.session.show_display()
-        display = self.state.display
-        for wish in (
-            self.stage.wanted_pictures(display),
-            self.stage.wanted_surface(display),
-            self.stage.wanted_cloud(display),
-        ):
+        for wish in self.stage.wanted():
             if self._wished.get(type(wish)) != wish:
                 self._wished[type(wish)] = wish
                 self.send(wish)
@@ -152,9 +146,9 @@ class Workbench:
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
 
-    def _show(self, snapshot: m.Snapshot) -> None:
+    def _show(self, snapshot: snapshots.Snapshot) -> None:
         match snapshot:
-            case m.SessionSnapshot():
+            case snapshots.SessionSnapshot():
                 with self.state.lock:
                     known = self.state.names == snapshot.parameter_names
                     self.state.names = snapshot.parameter_names
@@ -166,30 +160,30 @@ class Workbench:
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)
                 self.redraw()
-            case m.PoseSnapshot():
+            case snapshots.PoseSnapshot():
                 self._show_pose(snapshot)
-            case m.PictureSnapshot():
+            case snapshots.PictureSnapshot():
                 self.stage.show_pictures(snapshot)
                 self.layout.session.show_pictures(snapshot)
-            case m.SurfaceSnapshot():
-                self.stage.show_surface(snapshot, self.state.display)
-            case m.CloudSnapshot():
-                self.stage.show_cloud(snapshot, self.state.display)
+            case snapshots.SurfaceSnapshot():
+                self.stage.show_surface(snapshot)
+            case snapshots.CloudSnapshot():
+                self.stage.show_cloud(snapshot)
                 self.layout.cloud.show(snapshot)
-            case m.CloudPicture():
+            case snapshots.CloudPicture():
                 self.layout.cloud.show_picture(snapshot)
-            case m.CloudCard():
+            case snapshots.CloudCard():
                 self.layout.cloud.fit(snapshot)
                 if not snapshot.source:
                     self.stage.forget_cloud()
-            case m.GuessesSnapshot():
-                self.stage.show_guesses(snapshot, self.state.display)
+            case snapshots.GuessesSnapshot():
+                self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
-            case m.StripSnapshot():
-                self.layout.show_strip(snapshot)
+            case snapshots.TimelineSnapshot():
+                self.layout.show_timeline(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
-            case m.ProgressSnapshot():
+            case snapshots.ProgressSnapshot():
                 self.layout.show_progress(snapshot)
                 tracking = snapshot.state in ("tracking", "preparing")
                 if self.state.tracking != tracking:
@@ -197,26 +191,26 @@ class Workbench:
                     self.redraw()
                 if self._demo is not None:
                     self._demo.follow(snapshot, self.page)
-            case m.Notice():
+            case snapshots.Notice():
                 if self.server.get_clients():
-                    self.page.tell(snapshot.level, snapshot.title, snapshot.text)
+                    self.page.notify(snapshot.level, snapshot.title, snapshot.text)
                 else:  # nobody is there yet: the first to come is told
                     self._unread.append(snapshot)
                 self.layout.show_notice(snapshot)
-            case m.RerunPage():
+            case snapshots.RerunPage():
                 print(f"handtrack: residuals are at {snapshot.url}", flush=True)
                 self.layout.tracking.show_rerun(snapshot.url)
                 if self._open_pages:
                     webbrowser.open(snapshot.url)
-            case m.Download():
+            case snapshots.Download():
                 self.layout.export.deliver(snapshot)
 
-    def _show_pose(self, pose: m.PoseSnapshot) -> None:
+    def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
         with self.state.lock:
             newest = pose.version >= self.state.version
             if newest:
                 self.state.frame, self.state.values = pose.frame, tuple(pose.values.tolist())
-        self.stage.show_pose(pose, self.state.display, move_handle=newest)
+        self.stage.show_pose(pose, move_handle=newest)
         self.server.flush()
         if newest:
             self.layout.show_pose(pose)
@@ -248,9 +242,9 @@ def run_workbench(
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
-    log_to(LOG_FILE)
+    log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = own_copy(session_folder)
+    folder = working_folder(session_folder)
     bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()
     try:
         failure = bench.worker.wait_opened(_PATIENCE_S)

@@ -1,15 +1,17 @@
-"""TOML in and out: read with errors that name file and line, write short values on one line."""
+"""TOML in and out: read with errors that name file and line, and single values written."""
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import read_text
+
+if TYPE_CHECKING:
+    from tomlkit.items import Item
 
 _WHOLE_BITS = 63  # and a sign
 
@@ -37,24 +39,17 @@ def _check_numbers(value: Any) -> None:
         _check_numbers(part)
 
 
-def toml_value(value: Any) -> str:
-    """Return a value as TOML on one line: text, numbers, booleans, lists and inline tables."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+def toml_item(value: Any) -> Item:
+    """Return a value as TOML that stands on one line: a mapping as an inline table, a sequence as an array."""
+    import tomlkit  # slow to import, and most commands only read
+
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{toml_key(k)} = {toml_value(v)}" for k, v in value.items()) + " }"
+        table = tomlkit.inline_table()
+        for key, part in value.items():
+            table.append(key, toml_item(part))
+        return table
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_value(v) for v in value) + "]"
-    if isinstance(value, float):
-        return repr(float(value))  # every digit, and no numpy type's name around it
-    if isinstance(value, int):
-        return repr(int(value))
-    raise TypeError(f"no TOML for {type(value).__name__}")
-
-
-def toml_key(key: str) -> str:
-    """Return a key, quoted where TOML needs it."""
-    bare = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
-    return key if bare else toml_value(key)
+        array = tomlkit.array()
+        array.extend(map(toml_item, value))
+        return array
+    return tomlkit.item(value)

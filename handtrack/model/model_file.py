@@ -14,6 +14,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.rotation import rotation_matrix
@@ -91,7 +92,7 @@ def scale_from(data: Any, path: Path) -> HandScale:
 
 def write_scale(path: Path, scale: HandScale) -> None:
     """Save a person's hand or body, to be named by `scale` in session.toml."""
-    path.write_text(json.dumps(scale_table(scale), indent=1) + "\n")
+    replace_text(path, json.dumps(scale_table(scale), indent=1) + "\n")
 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:

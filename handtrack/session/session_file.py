@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, listed_names
 from handtrack.files.toml_table import TableReader
-from handtrack.files.toml_text import read_toml, toml_key, toml_value
+from handtrack.files.toml_text import read_toml, toml_item
 from handtrack.model.model_file import MODELS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
@@ -129,32 +129,28 @@ def read_session_file(path: Path) -> SessionFile:
 
 def write_session_file(path: Path, file: SessionFile) -> None:
     """Write a session.toml that reads back as the same settings."""
-    blocks = ["[session]", f"format = {FORMAT}", *_lines(vars(file.session)), ""]
-    blocks += ["[hand]", *_lines(vars(file.hand)), ""]
-    for camera in file.cameras:
-        masks = camera.masks
-        shown = masks if masks is None or isinstance(masks, str) else mask_method_table(masks)
-        blocks += ["[[camera]]", *_lines({**vars(camera), "masks": shown}), ""]
-    if file.clouds is not None:
-        skin = None if file.clouds.skin is None else asdict(file.clouds.skin)
-        blocks += ["[clouds]", *_lines({**vars(file.clouds), "skin": skin}), ""]
-    if file.tracking:
-        flat = dotted(file.tracking)
-        named = {".".join(map(toml_key, key.split("."))): value for key, value in flat.items()}
-        blocks += [
-            "[tracking]",
-            *(f"{key} = {toml_value(value)}" for key, value in named.items()),
-            "",
-        ]
-    Path(path).write_text("\n".join(blocks), encoding="utf-8")
+    import tomlkit  # slow to import, and most commands only read
+
+    tables = {
+        "session": _items({"format": FORMAT, **vars(file.session)}),
+        "hand": _items(vars(file.hand)),
+        "camera": [_items(_camera_values(camera)) for camera in file.cameras],
+        "clouds": _items(file.clouds.table if file.clouds else {}),
+        "tracking": dict(file.tracking),
+    }
+    text = tomlkit.dumps({name: table for name, table in tables.items() if table})
+    Path(path).write_text(text, encoding="utf-8")
 
 
-def _lines(values: Mapping[str, Any]) -> list[str]:
-    return [
-        f"{key} = {toml_value(value)}"
-        for key, value in values.items()
-        if value is not None and value != ()
-    ]
+def _camera_values(camera: CameraSettings) -> dict[str, Any]:
+    masks = camera.masks
+    return vars(camera) | {
+        "masks": masks if isinstance(masks, str | None) else mask_method_table(masks)
+    }
+
+
+def _items(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: toml_item(value) for key, value in values.items() if value is not None}
 
 
 def _recording(table: TableReader, path: Path) -> RecordingSettings:

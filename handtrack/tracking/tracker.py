@@ -47,7 +47,7 @@ class Tracker:
             solved, hypotheses = solve_mixture(self._mixture_step, task, state.hypotheses)
         else:
             solved = solve_frame(task)
-            if self.settings.tracker.jumps:
+            if self.settings.tracker.recovery:
                 solved = with_hand_found(task, solved)
         return state.after(solved, self._seen_with(observation, solved), hypotheses), solved.result
 

@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Bytes, Floats
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
+from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
+from handtrack.session.run import TrackingRun
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+)
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.document import Document
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.run import Run
 
 FRAMES = 12
 
@@ -31,6 +43,31 @@ def _camera(name: str, rotation: Floats, size: tuple[int, int] = (96, 72)) -> Ca
     return Camera(
         name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, 0.45]) - rotation @ hand
     )
+
+
+@dataclass(frozen=True, eq=False)
+class FakeView:
+    """A camera that is said to have masks; the front one has images."""
+
+    camera: Camera
+    depth: None = None
+
+    @property
+    def name(self) -> str:
+        return self.camera.name
+
+    @property
+    def settings(self) -> CameraSettings:
+        return CameraSettings(self.name, masks="masks/*.png")
+
+    def image(self, frame: int) -> Array | None:
+        return np.full((72, 96, 3), 10 * frame, np.uint8) if self.name == "front" else None
+
+    def depth_m(self, frame: int) -> Array | None:
+        return None
+
+    def hand_pixels(self, frame: int) -> Bytes | None:
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +82,25 @@ class FakeSession:
         _camera("side", np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])),
     )))  # fmt: skip
     truth: Truth | None = None
-    init: Any = None
     warnings: tuple[str, ...] = ()
+    has_clouds: bool = False
+    cloud_filters: CloudFilters = field(default_factory=CloudFilters)
+    cloud_eyes: Floats | None = None
+
+    @property
+    def views(self) -> tuple[FakeView, ...]:
+        return tuple(FakeView(camera) for camera in self.rig.cameras)
+
+    @property
+    def file(self) -> SessionFile:
+        cameras = tuple(view.settings for view in self.views)
+        return SessionFile(RecordingSettings(self.name, self.fps), HandSettings(), cameras)
+
+    def view(self, camera: str) -> FakeView:
+        return FakeView(self.rig[camera])
+
+    def measured_cloud(self, frame: int) -> PointCloud | None:
+        return None
 
     @property
     def frame_range(self) -> range:
@@ -59,7 +113,7 @@ class FakeSession:
         return Observation(frame, frame / self.fps)
 
     def image(self, camera: str, frame: int) -> Array | None:
-        return np.full((72, 96, 3), 10 * frame, np.uint8) if camera == "front" else None
+        return self.view(camera).image(frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +128,13 @@ class FakeRun:
     broken: bool = False
     sizing_s: float = 0.0
 
-    def with_values(self, values: Mapping[str, Any]) -> FakeRun:
-        settings = self.settings.with_values(values)
+    def with_values(self, overrides: Mapping[str, object]) -> FakeRun:
+        settings = self.settings.with_values(overrides)
         model = load_model(settings.model.name or "hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
+
+    def with_clouds(self, clouds: CloudSettings | None) -> FakeRun:
+        raise HandtrackError("the fake session has no clouds")
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self
@@ -132,7 +189,7 @@ class FakeRun:
             keypoints21=self.model.keypoints21(bones) if self.model.has_keypoints21 else None,
         )  # fmt: skip
 
-    def result(self, frames: Any) -> TrackResult:
+    def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         return TrackResult.from_frames(
             sorted(frames, key=lambda r: r.frame),
             parameter_names=self.model.parameter_names,
@@ -154,7 +211,7 @@ def busy_for(seconds: float) -> None:
 
 def fake_document(
     folder: Path,
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
     size_pending: bool = False,
     **options: Any,
 ) -> Document:
@@ -166,3 +223,8 @@ def fake_document(
     session = FakeSession(folder, truth=truth)
     first = FirstPose(3, dict(zip(model.parameter_names, model.rest.tolist(), strict=True)))
     return Document(FakeRun(session, model, first=first, **options), 3, params, size_pending)
+
+
+def _both_are_runs(fake: FakeRun, real: TrackingRun) -> tuple[Run, Run]:
+    """Never called: the type checker sees here that the workbench's type of a run fits both."""
+    return fake, real

@@ -12,6 +12,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame import assessment
 from handtrack.tracking.frame.assessment import (
     assess,
     energy_ratio,
@@ -85,19 +86,22 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
     assert note.endswith("in cam0")
 
 
-def test_the_bounds_are_settings(seen):
-    bounds = {"tracker.doubtful_overlap": 0.1, "tracker.lost_overlap": 0.05}
+def test_it_is_the_bounds_that_decide(seen, monkeypatch):
+    monkeypatch.setattr(assessment, "DOUBTFUL_OVERLAP", 0.1)
+    monkeypatch.setattr(assessment, "LOST_OVERLAP", 0.05)
     # fingers are beside theirs
-    assert assessed(seen, shifted(0.016), **bounds)[0] == Status.DOUBTFUL
-    bounds["tracker.doubtful_part"] = 0.0
-    assert assessed(seen, shifted(0.016), **bounds)[0] == Status.TRACKED
+    assert assessed(seen, shifted(0.016))[0] == Status.DOUBTFUL
+    monkeypatch.setattr(assessment, "DOUBTFUL_PART", 0.0)
+    assert assessed(seen, shifted(0.016))[0] == Status.TRACKED
 
 
-def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen):
+def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen, monkeypatch):
     params = POSE.copy()
     params[MODEL.skeleton.parameter("index_mcp_flex")] -= 0.5
     params[MODEL.skeleton.parameter("index_mcp_abd")] += 0.6
-    assert assessed(seen, params, **{"tracker.doubtful_part": 0.0})[0] == Status.TRACKED
+    with monkeypatch.context() as without:
+        without.setattr(assessment, "DOUBTFUL_PART", 0.0)
+        assert assessed(seen, params)[0] == Status.TRACKED
     status, note = assessed(seen, params)
     assert status == Status.DOUBTFUL
     assert "% of the index " in note
@@ -150,14 +154,13 @@ def test_nearly_perfect_fits_do_not_call_each_other_bad():
 
 
 def test_a_first_frame_is_suspicious_and_a_usual_one_is_not():
-    def why(energy, previous, frame=1, every=16):
-        return why_fingers_may_be_lost(frame, every, energy, 3, previous)
+    def why(energy, previous, frame=1):
+        return why_fingers_may_be_lost(frame, energy, 3, previous)
 
     assert why(1.0, []) == "one of the first 3 frames"
     assert why(110.0, earlier(100.0)) == ""
     assert why(150.0, earlier(100.0)) == "1.50 times the usual energy"
     assert why(1.0, earlier(100.0), frame=15) == "every 16th frame"
-    assert why(1.0, earlier(100.0), frame=15, every=0) == ""
 
 
 def spread_mm(model, **by_joint):

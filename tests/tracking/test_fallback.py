@@ -141,9 +141,9 @@ def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
 
 
 def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
-    assert TrackerSettings().tracker.jumps
+    assert TrackerSettings().tracker.recovery
     follow = steadier(TrackerSettings()).tracker
-    assert not follow.jumps
+    assert not follow.recovery
     assert not follow.escape
 
 

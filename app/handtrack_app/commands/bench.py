@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-from typing import Any
 
 from handtrack.bench.registry import BENCHMARKS
 from handtrack.errors import unknown_name
-from handtrack_app.commands.progress import say
+from handtrack_app.commands.terminal.progress import say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -17,7 +16,7 @@ def run(args: argparse.Namespace) -> int:
     if args.name is not None and args.name not in BENCHMARKS:
         raise unknown_name("benchmark", args.name, tuple(BENCHMARKS))
     chosen = [args.name] if args.name else [n for n, b in BENCHMARKS.items() if b.quick]
-    figures: dict[str, dict[str, Any]] = {}
+    figures: dict[str, dict[str, object]] = {}
     for name in chosen:
         say(f"{name} …")
         benchmark = BENCHMARKS[name]

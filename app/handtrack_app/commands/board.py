@@ -9,7 +9,7 @@ from handtrack.capture.calibration.boards import parse_board
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.output_file import output_file
+from handtrack_app.commands.terminal.output import output_file
 
 _PAPERS_MM = {
     "A4": (210, 297),

@@ -34,8 +34,8 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.output_file import output_file
-from handtrack_app.commands.progress import progress_bar, say
+from handtrack_app.commands.terminal.output import output_file
+from handtrack_app.commands.terminal.progress import progress_bar, say
 
 _WILD = "*?["
 _LEAST_VIEWS = 3
@@ -57,11 +57,6 @@ class _Input:
 def run(args: argparse.Namespace) -> int:
     """Find the board, calibrate, write calibration.toml and the report; print the report."""
     board = parse_board(args.board)
-    if args.skew:
-        raise HandtrackError(
-            "--skew: a lens with skew is not modelled. OpenCV ignores the matrix's skew silently, and so would "
-            "every file that other programs read; the report says which skew would fit. Calibrate without it."
-        )
     if args.bayer and args.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
     for option, count in (("--most-views", args.most_views), ("--most-images", args.most_images)):

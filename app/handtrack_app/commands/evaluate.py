@@ -9,7 +9,7 @@ from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.formats.truth import read_truth
-from handtrack_app.commands.progress import say
+from handtrack_app.commands.terminal.progress import say
 
 _FAR_MM = 1000.0
 

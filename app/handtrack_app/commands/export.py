@@ -8,7 +8,7 @@ from pathlib import Path
 from handtrack.errors import HandtrackError
 from handtrack.files.versions import keep_version
 from handtrack.session.formats.tables import EXPORTS, read_npz
-from handtrack_app.commands.output_file import output_file
+from handtrack_app.commands.terminal.output import output_file
 
 _LATER = ("bvh", "glb", "trc", "mot", "urdf", "anipose", "html")
 

@@ -22,8 +22,8 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
-from handtrack_app.commands.new_folder import check_new, new_folder
-from handtrack_app.commands.progress import say
+from handtrack_app.commands.terminal.output import check_new, new_folder
+from handtrack_app.commands.terminal.progress import say
 
 _RATE_TOLERANCE = 0.01
 

@@ -9,8 +9,8 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.simulation.body_motion import BODY_MOTIONS
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.commands.new_folder import check_new, new_folder
-from handtrack_app.commands.progress import progress_bar
+from handtrack_app.commands.terminal.output import check_new, new_folder
+from handtrack_app.commands.terminal.progress import progress_bar
 
 _LARGEST_IMAGE = 8192
 _USUAL = {"hand26": ("open_fist_open", 0.5), "body34": ("dance", 3.5)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
@@ -12,11 +11,10 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack_app.commands.auto_init import found_first_pose
-from handtrack_app.commands.compiling import compiling_told
-from handtrack_app.commands.output_file import output_file
-from handtrack_app.commands.progress import say, stoppable
-from handtrack_app.commands.track_options import (
+from handtrack_app.commands.terminal.first_pose import found_first_pose
+from handtrack_app.commands.terminal.output import output_file
+from handtrack_app.commands.terminal.progress import say, saying_compiling, stoppable
+from handtrack_app.commands.terminal.track_options import (
     check_seen,
     first_pose,
     parse_frames,
@@ -31,7 +29,7 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Track the frames asked for, fit one size of hand to some of them, and save it; return the exit code."""
     session = Session.open(args.session)
-    overrides: dict[str, Any] = dict(parse_settings(args.set))
+    overrides: dict[str, object] = dict(parse_settings(args.set))
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
     settings = settings.with_values(overrides)
@@ -43,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
             f"--count {args.count}: expected at least one frame to fit the size to."
         )
     out = _new_file(args.out or session.folder / _FILE)
-    with stoppable() as stop, compiling_told():
+    with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         say(f"tracking {len(frames)} frames, and fitting the hand's size to {args.count} of them …")
@@ -60,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
             "well enough to tell its size: by cameras whose lines of sight differ by 20 degrees at least, or by a "
             "cloud. Nothing was saved. Name other frames with --frames."
         )
+    for note in dict.fromkeys(after.notes):
+        say(f"note: {note}")
     write_scale(out, after.scale)
     print(f"{_words(after.scale)} Saved to {out}")
     if out.resolve().parent == session.folder.resolve():

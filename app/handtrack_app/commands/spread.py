@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.size.spread import spread_of_track
-from handtrack_app.commands.progress import say
+from handtrack_app.commands.terminal.progress import say
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,12 +12,12 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
-from handtrack.session.clouds import StereoClouds, stereo_settings
+from handtrack.session.clouds import StereoClouds
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
-from handtrack_app.commands.progress import progress_bar, say, stoppable
-from handtrack_app.commands.track_options import parse_frames
+from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
+from handtrack_app.commands.terminal.track_options import parse_frames
 
 _FOLDER = "clouds"
 _MOST_APART_DEG = 40.0  # pairs chosen for the user; others may be asked for in session.toml
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     settings = session.file.clouds or CloudSettings()
     names = settings.stereo or _pairs(session)
     pairs = tuple((session.view(a), session.view(b)) for a, b in names)
-    source = StereoClouds(pairs, stereo_settings(settings))
+    source = StereoClouds(pairs, settings.matching)
     for finding in check_synchrony(session):
         if finding.severity == "warning":
             say(f"note: {finding.text}")
@@ -55,13 +55,13 @@ def run(args: argparse.Namespace) -> int:
                     write_cloud(part, cloud, session.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
-    _tell(session, out, frames, counts)
+    _summarise(session, out, frames, counts)
     for text in dict.fromkeys([*session.warnings, *source.warnings]):
         say(f"note: {text}")
     return _INTERRUPTED if stop.asked else 0
 
 
-def _tell(session: Session, out: Path, frames: range, counts: list[int]) -> None:
+def _summarise(session: Session, out: Path, frames: range, counts: list[int]) -> None:
     if not counts:
         print(
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."

@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from handtrack.capture.images.frame_notes import listed
 from handtrack.errors import HandtrackError
@@ -20,10 +19,15 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack_app.commands.auto_init import first_pose_of_images, found_first_pose
-from handtrack_app.commands.compiling import compiling_told
-from handtrack_app.commands.progress import Stop, progress_bar, say, stoppable
-from handtrack_app.commands.track_options import (
+from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
+from handtrack_app.commands.terminal.progress import (
+    Stop,
+    progress_bar,
+    say,
+    saying_compiling,
+    stoppable,
+)
+from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
     first_pose,
@@ -32,7 +36,7 @@ from handtrack_app.commands.track_options import (
     parse_sources,
     writable,
 )
-from handtrack_app.residual_recorder import ResidualRecorder
+from handtrack_app.rerun.recorder import ResidualRecorder
 
 _INTERRUPTED = 130
 
@@ -40,7 +44,9 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
-    overrides: dict[str, Any] = dict(parse_settings(args.set))
+    overrides: dict[str, object] = dict(parse_settings(args.set))
+    if args.seed is not None:
+        overrides["tracker.seed"] = args.seed
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
@@ -52,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size
-    with stoppable() as stop, compiling_told():
+    with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
@@ -72,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             if recorder is not None:
                 recorder.close(keep_viewer=args.rerun)
-                _tell(recorder, args)
+                _summarise(recorder, args)
     if recorder is not None and args.rerun:
         _end_viewer(recorder, wait=code == 0)
     return code
@@ -80,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _opened(
     session: Session,
-    overrides: Mapping[str, Any],
+    overrides: Mapping[str, object],
     first: FirstPose | None,
     fits: bool,
     stop: Stop,
@@ -142,7 +148,7 @@ def _save(
         f"Saved to {place}",
         flush=True,
     )
-    for note in [*dict.fromkeys(run_.session.warnings), *_doubts(results)]:
+    for note in [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *_doubts(results)]:
         say(f"note: {note}")
     if problem:
         raise HandtrackError(problem)
@@ -185,7 +191,7 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
     return notes
 
 
-def _tell(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
+def _summarise(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
     """Say how recording went."""
     if recorder.problem:
         say(f"note: {recorder.problem}")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from handtrack.session.bundled import bundled_session
 from handtrack.session.layout import SESSION_FILE
-from handtrack_app.commands.progress import say
-from handtrack_app.guard import FIRST_PORT, choose_port
+from handtrack_app.commands.terminal.progress import say
+from handtrack_app.page.access import FIRST_PORT, choose_port
 
 
 def run(args: argparse.Namespace) -> int:

@@ -66,7 +66,7 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
 def _error(
     model: ArticulatedModel, seen: Sequence[Observation], given: Keypoints, truth: Floats
 ) -> float:
-    settings = {"tracker.escape": False, "tracker.jumps": False}
+    settings = {"tracker.escape": False, "tracker.recovery": False}
     results = tracked(model, settings, seen, fit_keypoints(model, given))
     return mean_mm(np.array([result.keypoints21 for result in results]), truth)
 

@@ -63,7 +63,7 @@ def gap_runs(seed: int, size: tuple[int, int] = (640, 480)) -> dict[bool, Gap]:
     moved = mean_mm(truth[blank.stop], truth[blank.start - 1])
     gaps = {}
     for jumps in (True, False):
-        results = tracked(model, {"tracker.jumps": jumps}, seen, poses[0])
+        results = tracked(model, {"tracker.recovery": jumps}, seen, poses[0])
         off = np.stack([r.joint_positions for r in results[blank.stop :]]) - truth[blank.stop :]
         gaps[jumps] = Gap(moved, 1e3 * np.linalg.norm(off, axis=2).mean(axis=1))
     return gaps

@@ -13,7 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_text import read_toml, toml_value
+from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
@@ -45,9 +45,10 @@ def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
 
 def write_rig(path: Path, rig: CameraRig, world_unit_m: float = 1.0) -> None:
     """Write a rig in the same form; translations are divided by world_unit_m [m]."""
-    lines: list[str] = []
-    for index, camera in enumerate(rig):
-        values = {
+    import tomlkit  # slow to import, and most commands only read
+
+    tables: dict[str, Any] = {
+        f"cam_{index}": {
             "name": camera.name,
             "size": list(camera.size),
             "matrix": camera.matrix.tolist(),
@@ -55,11 +56,10 @@ def write_rig(path: Path, rig: CameraRig, world_unit_m: float = 1.0) -> None:
             "rotation": rotation_vector(camera.rotation).tolist(),
             "translation": (camera.translation / world_unit_m).tolist(),
         }
-        lines.append(f"[cam_{index}]")
-        lines += [f"{key} = {toml_value(value)}" for key, value in values.items()]
-        lines.append("")
-    lines += ["[metadata]", "adjusted = false", ""]
-    Path(path).write_text("\n".join(lines), encoding="utf-8")
+        for index, camera in enumerate(rig)
+    }
+    text = tomlkit.dumps({**tables, "metadata": {"adjusted": False}})
+    Path(path).write_text(text, encoding="utf-8")
 
 
 def _is_camera(table: Any) -> bool:

@@ -87,7 +87,8 @@ def write_ply(path: Path, points: Floats, colors: Array | None = None) -> None:
 
 def spread_part(count: int, most: int) -> Array:
     """Return ascending indices of at most `most` of `count` things: one, at random, of each of
-    `most` stretches of equal length; all where they are few. The same each time."""
+    `most` stretches of equal length; all where they are few. A fixed pattern, part of reading a
+    file: no seed changes it."""
     if count <= most:
         return np.arange(count)
     edges = np.linspace(0, count, most + 1)

@@ -11,6 +11,13 @@ from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.constants import (
+    DOUBTFUL_CLOUD,
+    DOUBTFUL_OVERLAP,
+    DOUBTFUL_PART,
+    LOST_CLOUD,
+    LOST_OVERLAP,
+)
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import NEAR_M, NEAR_SIGMAS, Reason
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -51,7 +58,7 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     Of three and more views two must say so: a mask may lack a finger.
     """
     flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
-    worst, reason = terms.settings.tracker.doubtful_part, None
+    worst, reason = DOUBTFUL_PART, None
     for bone in np.unique(flesh.bone):
         if terms.model.is_forearm(bone):
             continue  # nobody knows how much of it a sleeve hides
@@ -112,7 +119,6 @@ def what_is_open(
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if not terms.prepared:
         return Status.TRACKED, None
-    limits = terms.settings.tracker
     found = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones)
     filled = found.model + found.mask > 0
     if not filled.any():
@@ -121,9 +127,9 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | N
     worst = int(np.argmin(share))
     camera = terms.prepared[worst].camera.name
     overlap = Reason("overlap", camera=camera, number=float(share[worst]))
-    if np.median(share[filled]) < limits.lost_overlap:
+    if np.median(share[filled]) < LOST_OVERLAP:
         return Status.LOST, overlap
-    if share[worst] < limits.doubtful_overlap:
+    if share[worst] < DOUBTFUL_OVERLAP:
         return Status.DOUBTFUL, overlap
     outside = part_outside(terms, bones)
     return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, None)
@@ -149,11 +155,10 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason |
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None
-    limits = terms.settings.tracker
     share = explained_share(terms.cloud, terms.model, bones, NEAR_M)
     reason = Reason("cloud", number=share)
-    if share < limits.lost_cloud:
+    if share < LOST_CLOUD:
         return Status.LOST, reason
-    if share < limits.doubtful_cloud:
+    if share < DOUBTFUL_CLOUD:
         return Status.DOUBTFUL, reason
     return Status.TRACKED, None

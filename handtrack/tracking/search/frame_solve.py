@@ -66,8 +66,7 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
     summary, problem, count = descend(
         task.model, settings.solver, terms, params, control.should_stop, watch
     )
-    every = settings.tracker.escape_every
-    why = why_fingers_may_be_lost(number, every, summary.cost, terms.views, task.previous)
+    why = why_fingers_may_be_lost(number, summary.cost, terms.views, task.previous)
     if why and settings.tracker.escape:
         found = with_fingers_found(terms, summary.params, control, number, why)
         if found is not summary.params:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.tracking.frame.assessment import FEWEST_FRAMES, energy_ratio
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import Fit, Round, Search
 
@@ -21,7 +22,7 @@ LOST_FINGER = Search(
     situation="a finger may be lost",
     when=(
         f"the energy is above {SUSPICIOUS_RATIO:g} times the usual; each of the first {SUSPICIOUS_FRAMES} frames; every "
-        "so many frames (`tracker.escape_every`)"
+        f"{SEARCH_EVERY}th frame (`tracker.escape`)"
     ),
     rounds=(Round(("finger shift", "finger grid"), keep=0, fits=(Fit("frame"),)),),
     measure="the frame's energy in its narrowest band, without the pull to the prediction",
@@ -31,7 +32,7 @@ LOST_FINGER = Search(
 )
 LOST_HAND = Search(
     situation="the hand may be lost",
-    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor",
+    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor (`tracker.recovery`)",
     rounds=(
         Round(("rigid grid nearby", "standing pose", "depth flips"), keep=0, enter=60, fits=(Fit("wide", 8),)),
         Round(enter=10, fits=(Fit("wide", 12),)),
@@ -145,15 +146,15 @@ def _taken(search: Search) -> str:
 
 
 def why_fingers_may_be_lost(
-    frame: int, every: int, energy: float, views: int, previous: Sequence[FrameResult]
+    frame: int, energy: float, views: int, previous: Sequence[FrameResult]
 ) -> str:
     """Return why lost fingers are looked for in a frame; empty where they are not.
 
     When it fits worse than usual, in one of the first frames, which nothing vouches for, and every so many frames: a
     finger hidden in a fist may settle wrongly with the usual energy.
     """
-    if every > 0 and frame % every == every - 1:
-        return f"every {every}th frame"
+    if frame % SEARCH_EVERY == SEARCH_EVERY - 1:
+        return f"every {SEARCH_EVERY}th frame"
     if len(previous) < SUSPICIOUS_FRAMES:
         return f"one of the first {SUSPICIOUS_FRAMES} frames"
     ratio = energy_ratio(energy, views, previous)

@@ -1,0 +1,61 @@
+"""First poses that leave something open: found by `--init auto`, or joints in images; says how sure they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses, no_hand_found
+from handtrack.session.run import TrackingRun, given_in_images
+from handtrack.session.session import Session
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack_app.commands.terminal.progress import Stop, say
+
+
+def found_first_pose(
+    session: Session, overrides: Mapping[str, object], frames: range, stop: Stop
+) -> FirstPose | None:
+    """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand."""
+    run = TrackingRun.open(session, overrides, use_init=False)
+    begun: list[float] = []
+
+    def progress(share: float, _text: str) -> None:
+        if not begun:
+            say("looking for the first pose …")
+        begun.append(share)
+
+    found = find_first_poses(run, frames, stop, progress)
+    if stop():
+        return None
+    if not found:
+        raise no_hand_found(run)
+    for line in described(found):
+        say(line)
+    return found[0].first_pose
+
+
+def first_pose_of_images(
+    session: Session, settings: TrackerSettings, first: FirstPose
+) -> FirstPose:
+    """Return the likeliest pose that joints in images mean, and tell the others."""
+    found = given_in_images(session, settings, first)
+    for line in described(found):
+        say(line)
+    return found[0].first_pose
+
+
+def described(found: list[FirstPoseCandidate]) -> list[str]:
+    """Return lines that say what was found, how sure it is, and what else it may be."""
+    best, others = found[0], found[1:]
+    lines = [f"first pose: frame {best.frame}, {_percent(best.confidence)} sure ({best.note})."]
+    lines += [f"  or: {_percent(other.confidence)}, {other.note}" for other in others]
+    if best.confidence < SURE:
+        lines.append(
+            "note: that is not sure. Look at it in the workbench (`handtrack open`), where another can be taken."
+        )
+    return lines
+
+
+def _percent(share: float) -> str:
+    return "below 1 %" if share < 0.01 else f"{100 * min(share, 0.99):.0f} %"

@@ -1,0 +1,91 @@
+"""Files and folders that a command writes: checked before anything is computed, made whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from handtrack.errors import HandtrackError
+
+
+def output_file(
+    out: Path, suffixes: tuple[str, ...], what: str, makes_folders: bool = False
+) -> Path:
+    """Return the file, which can be written. Raises HandtrackError; writes nothing.
+
+    what: a few words for the error, such as `results are`. A device, such as /dev/stdout, may have any name.
+    """
+    if out.exists() and not out.is_file() and not out.is_dir():
+        return out
+    if out.suffix.lower() not in suffixes:
+        raise HandtrackError(
+            f"--out {out}: {what} {' or '.join(suffixes)} files; expected such a name."
+        )
+    if out.is_dir():
+        raise HandtrackError(f"--out {out}: that is a folder; expected the name of a file.")
+    if not (makes_folders or out.parent.exists()):
+        raise HandtrackError(f"--out {out}: cannot be written: there is no folder {out.parent}.")
+    standing = next(path for path in (out.parent, *out.parent.resolve().parents) if path.exists())
+    try:
+        handle, name = tempfile.mkstemp(dir=standing, prefix=".handtrack_", suffix=".part")
+        os.close(handle)
+        os.unlink(name)
+    except OSError as error:
+        raise HandtrackError(
+            f"{out}: cannot be written: {standing}: {error.strerror}. Nothing was done; name another place with --out."
+        ) from None
+    return out
+
+
+def check_new(folder: Path) -> None:
+    """Raise HandtrackError unless a folder can be made at `folder`: nothing there, or an empty folder."""
+    if folder.exists() and not folder.is_dir():
+        raise HandtrackError(
+            f"--out {folder} is a file; nothing was written. Name a new folder with --out."
+        )
+    if folder.is_dir() and any(folder.iterdir()):
+        raise HandtrackError(
+            f"--out {folder} is not empty; nothing was written. Name a new folder with --out."
+        )
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill; it becomes `folder` when the block ends well, and goes otherwise.
+
+    Raises HandtrackError when something is there already, or nothing can be written there.
+    """
+    check_new(folder)
+    target = folder.resolve()
+    made = [path for path in target.parents if not path.exists()]  # the innermost first
+    part = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
+        yield part
+        part.chmod(0o777 & ~_umask())
+        if target.is_dir():
+            target.rmdir()  # it is empty
+        part.rename(target)
+        made = []
+    except OSError as error:
+        raise HandtrackError(
+            f"--out {folder}: writing there failed ({error.strerror or error}); nothing was kept. "
+            "Name another folder with --out."
+        ) from None
+    finally:
+        if part is not None:
+            shutil.rmtree(part, ignore_errors=True)
+        for parent in made:
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

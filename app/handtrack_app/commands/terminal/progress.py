@@ -1,0 +1,63 @@
+"""Progress with ETA on stderr, what is compiled, and a Ctrl-C that stops cleanly."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
+
+from tqdm import tqdm
+
+from handtrack_app.engine.compile_watch import CompileWatch
+
+
+def progress_bar(total: int, what: str) -> tqdm:
+    """Return a bar on stderr; one line every few seconds where stderr is no terminal."""
+    interval = 0.2 if sys.stderr.isatty() else 5.0
+    return tqdm(total=total, desc=what, unit="frame", mininterval=interval, dynamic_ncols=True)
+
+
+def say(text: str) -> None:
+    """Print a line about what goes on, on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class Stop:
+    """Whether the user wants to stop; called, it answers. Set by `stoppable`."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.shielded = False
+        """while true, no Ctrl-C breaks in: results are being saved"""
+
+    def __call__(self) -> bool:
+        return self.asked
+
+    def interrupt(self, *_: object) -> None:
+        """Handle one Ctrl-C."""
+        if self.asked and not self.shielded:
+            raise KeyboardInterrupt
+        if not self.asked:
+            # print is not safe in a handler
+            os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")
+        self.asked = True
+
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Give a Stop that turns true at the first Ctrl-C; the second one raises KeyboardInterrupt at once."""
+    stop = Stop()
+    before = signal.signal(signal.SIGINT, stop.interrupt)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def saying_compiling() -> AbstractContextManager[object]:
+    """Within the block, say once that kernels are compiled, if any are: that takes a while, the first time."""
+    words = "compiling kernels for this machine; only the first time, about half a minute …"
+    watch = CompileWatch(lambda _: say(words) if watch.count == 1 else None)
+    return closing(watch)

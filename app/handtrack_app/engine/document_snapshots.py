@@ -1,0 +1,218 @@
+"""Snapshots of a document: the session, the pose shown and the whole recording, as the page draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.tracking.fallback import is_simplified
+from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.document import Document, drivers, params_of
+from handtrack_app.protocol.snapshots import (
+    HAND_REACH_M,
+    CameraCard,
+    PartCard,
+    PoseSnapshot,
+    SessionSnapshot,
+    TimelineSnapshot,
+)
+
+_BODY_REACH_M = 0.9
+_PART_GRID = (20, 16)  # points around and steps along a part that is drawn
+TERM_WORDS = {
+    "coverage": "silhouettes",
+    "conic_field": "silhouettes",
+    "cloud_distance": "cloud→model",
+    "cloud_emptiness": "model→cloud",
+    "cloud_rays": "lines of sight",
+    "keypoints": "keypoints",
+    "edges": "edges",
+    "intensity": "intensity",
+    "rest": "priors",
+    "posture": "priors",
+    "motion": "priors",
+    "stabilise": "priors",
+    "collision": "priors",
+    "proportions": "priors",
+    "prior": "priors",
+}
+"""by the name of a term"""
+
+
+def session_snapshot(document: Document) -> SessionSnapshot:
+    """Return everything the page is built from."""
+    session, model = document.run.session, document.model
+    driving = {model.parameter_names[s] for s in drivers(model)}
+    flesh = model.flesh["fine"]
+    return SessionSnapshot(
+        name=session.name,
+        folder=str(session.folder),
+        fps=float(session.fps),
+        start=document.frames.start,
+        stop=document.frames.stop,
+        first_frame=document.first_frame,
+        cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
+        looked_at=looked_at(session.rig.cameras),
+        parameter_names=model.parameter_names,
+        driven=tuple(n for n in model.parameter_names if n not in driving),
+        interval=model.limits.interval.copy(),
+        own_interval=document.own_interval.copy(),
+        bone_names=model.skeleton.bone_names,
+        bone_length=model.skeleton.length,
+        ellipsoid_bone=flesh.bone,
+        radii=flesh.radii,
+        settings=dict(document.run.settings.flat()),
+        own_settings=document.own_settings,
+        has_truth=session.truth is not None,
+        tip_names=document.tip_names,
+        pose_names=document.pose_names,
+        model=model_words(model),
+        kind=model.kind,
+        parts=part_cards(model),
+        reach_m=model_reach(model),
+    )
+
+
+def looked_at(cameras: Sequence[Camera]) -> Floats:
+    """Return the point (3,) nearest to all optical axes, world [m]; for one camera, half a metre before it."""
+    system, right = 1e-3 * np.eye(3), np.zeros(3)
+    for camera in cameras:
+        centre, axis = camera.centre, camera.rotation[2]
+        across = np.eye(3) - np.outer(axis, axis)
+        system += across
+        right += across @ centre + 1e-3 * (centre + 0.5 * axis) / len(cameras)
+    return np.asarray(np.linalg.solve(system, right), dtype=float)
+
+
+def pose_snapshot(document: Document) -> PoseSnapshot:
+    """Return the hand as it is shown."""
+    model, frame = document.model, document.frame
+    bones = model.bones(params_of(model, document.shown))
+    posed = model.flesh["fine"].posed(bones)
+    result = document.results.get(frame)
+    by_hand = frame in document.by_hand
+    return PoseSnapshot(
+        frame=frame,
+        version=document.version,
+        values=document.shown.copy(),
+        bone_position=bones.position,
+        bone_rotation=bones.rotation,
+        centre=posed.centre,
+        rotation=posed.rotation,
+        tips=model.joint_positions(bones)[[model.joint_names.index(n) for n in document.tip_names]],
+        origin=_origin(document, frame),
+        status=3 if by_hand else int(result.status) if result is not None else -1,
+        energy=float(result.energy) if result is not None and not by_hand else float("nan"),
+        std=result.parameter_std if result is not None and not by_hand else None,
+        truth=truth_at(document, frame),
+        error_mm=_error_mm(document, frame, bones),
+        note=status_note(result) if result is not None and not by_hand else "",
+    )
+
+
+def _origin(document: Document, frame: int) -> str:
+    if frame in document.by_hand:
+        return "found" if document.is_found(frame) else "set"
+    return "tracked" if frame in document.results else "carried"
+
+
+def timeline_snapshot(document: Document) -> TimelineSnapshot:
+    """Return status, energy and error of every frame."""
+    count = len(document.frames)
+    status = np.full(count, -1, dtype=np.int64)
+    energy, error = np.full(count, np.nan), np.full(count, np.nan)
+    for frame, result in document.results.items():
+        i = frame - document.frames.start
+        if 0 <= i < count:
+            status[i], energy[i] = int(result.status), result.energy
+            found = result.joint_positions if result.keypoints21 is None else result.keypoints21
+            error[i] = mean_error_mm(found, truth_at(document, frame))
+    for frame, values in document.by_hand.items():
+        error[frame - document.frames.start] = _error_mm(
+            document, frame, document.model.bones(params_of(document.model, values))
+        )
+    hand = tuple(sorted(document.by_hand))
+    found = tuple(frame for frame in hand if document.is_found(frame))
+    parts = energy_parts(document.results, document.frames)
+    return TimelineSnapshot(document.frames.start, status, energy, error, hand, parts, found)
+
+
+def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
+    truth, model = truth_at(document, frame), document.model
+    if truth is None:
+        return float("nan")
+    found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+    return mean_error_mm(found, truth)
+
+
+def truth_at(document: Document, frame: int) -> Floats | None:
+    """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
+    truth = document.run.session.truth
+    points = None if truth is None else truth.keypoints21
+    if truth is not None and points is None and truth.joint_names == document.model.joint_names:
+        points = truth.joint_positions
+    if truth is None or points is None:
+        return None
+    row = np.flatnonzero(truth.frame == frame)
+    return points[row[0]] if len(row) else None
+
+
+# ---- facts of a frame
+
+
+def status_note(result: FrameResult) -> str:
+    """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
+    if is_simplified(result):
+        return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
+    return result.note[:1].upper() + result.note[1:]
+
+
+def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
+    """Return the mean distance of keypoints [mm]; NaN where there is nothing to compare."""
+    if found is None or truth is None or found.shape != truth.shape:
+        return float("nan")
+    distance = np.linalg.norm(found - truth, axis=1)
+    return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
+
+
+def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats]:
+    """Return the energy's parts (F,) of frames in words, NaN where a frame has none."""
+    parts: dict[str, Floats] = {}
+    for frame, result in results.items():
+        if frame not in frames:
+            continue
+        for name, cost in result.energies.items():
+            row = parts.setdefault(TERM_WORDS.get(name, name), np.full(len(frames), np.nan))
+            i = frame - frames.start
+            row[i] = np.nan_to_num(row[i]) + cost
+    return parts
+
+
+# ---- facts of a model
+
+
+def model_words(model: ArticulatedModel) -> str:
+    """Return whose model it is, for the page."""
+    whose = "" if model.kind == "body" else f", {model.side} hand"
+    return f"{model.name}{whose}, size {model.scale.overall:.2f}"
+
+
+def model_reach(model: ArticulatedModel) -> float:
+    """Return how far a model extends around its middle [m]: what is drawn is sized by it."""
+    return _BODY_REACH_M * model.scale.overall if model.kind == "body" else HAND_REACH_M
+
+
+def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
+    """Return a body's superquadrics as meshes; nothing for a hand."""
+    parts = model.superquadrics
+    if parts is None:
+        return ()
+    mesh = parts.mesh(*_PART_GRID)
+    vertices = np.split(mesh.local, len(parts))
+    faces = mesh.faces[: len(mesh.faces) // len(parts)]
+    return tuple(PartCard(int(b), v, faces) for b, v in zip(parts.bone, vertices, strict=True))

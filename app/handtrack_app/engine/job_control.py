@@ -1,0 +1,331 @@
+"""Job control: starts, follows and ends background jobs, one at a time, and says how they went."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from handtrack.errors import HandtrackError
+from handtrack.tracking.fallback import is_simplified
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack_app.engine.compile_watch import CompileWatch
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import (
+    pose_snapshot,
+    session_snapshot,
+    timeline_snapshot,
+)
+from handtrack_app.engine.guesses import Guesses
+from handtrack_app.engine.jobs import (
+    BackgroundJob,
+    Ended,
+    FindingJob,
+    Found,
+    Report,
+    Sized,
+    SizingJob,
+    Tracked,
+    TrackingJob,
+    Watch,
+    legs,
+)
+from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol.commands import Track
+from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
+
+_SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
+_STRIP_EVERY_S = 0.25  # and the timeline is redrawn
+_WORDS = {
+    "paused": "Paused",
+    "tracking": "Tracking",
+    "preparing": "Preparing the first frame …",
+    "sizing": "Fitting the hand's size (once a session) …",
+    "finding": "Looking for the hand …",
+}
+
+
+_NOT_FOUND = (
+    "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
+    "hand is open and wholly in view, or pose it by hand."
+)
+
+
+def one_frame(result: FrameResult) -> Notice:
+    """Return how fitting one frame went."""
+    if result.status == Status.TRACKED:
+        return Notice("done", f"Frame {result.frame} is fitted", "What was seen is explained well.")
+    if result.is_open:
+        return Notice(
+            "warning",
+            f"Frame {result.frame} fits, as far as it is seen",
+            f"In doubt: {result.note}.",
+        )
+    text = result.note or "What was seen is not explained well."
+    return Notice(
+        "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
+    )
+
+
+class JobControl:
+    """Lives on the worker's thread; only `cancel`, `pause` and `stop` may come from others."""
+
+    def __init__(
+        self,
+        document: Document,
+        store: Persistence,
+        publish: Callable[[Snapshot], None],
+        post: Callable[[Report], None],
+        watch: Watch | None = None,
+        compiles: CompileWatch | None = None,
+    ) -> None:
+        self.follow = True
+        """each tracked frame is shown"""
+        self._document, self._store = document, store
+        self._publish, self._post, self._watch = publish, post, watch
+        self._job: BackgroundJob | None = None
+        self._then: Track | None = None
+        self._tracked_now: list[FrameResult] = []
+        self._first = document.first_frame
+        self._count = 0
+        self._shown = self._stripped = 0.0
+        self._compiles = compiles or CompileWatch()
+        self._ticked = self._compiled_before = 0
+        self._shared = -1.0
+        self.guesses = Guesses(document)
+
+    @property
+    def busy(self) -> bool:
+        return self._job is not None
+
+    # ---- from any thread
+
+    def cancel(self) -> None:
+        """Ask the job to stop at its next solver step."""
+        job = self._job
+        if job is not None:
+            job.cancel()
+
+    def pause(self, on: bool) -> None:
+        """Hold the job, or let it go on."""
+        job = self._job
+        if job is not None:
+            job.pause(on)
+
+    def stop(self, timeout: float) -> None:
+        """End the job and wait for it."""
+        job = self._job
+        if job is not None:
+            job.cancel()
+            job.join(timeout)
+
+    def leave(self) -> None:
+        """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
+        job = self._job
+        if job is not None and job.kind in ("sizing", "finding"):
+            self._ended(job, Ended(job.number, cancelled=True))
+
+    # ---- starting
+
+    def track(self, order: Track) -> None:
+        """Begin to track; a hand's size that is still to be fitted comes first."""
+        document = self._document
+        self._refuse()
+        self._first = order.first
+        frames = range(
+            max(order.start, document.frames.start), min(order.stop, document.frames.stop)
+        )
+        if not frames or order.first not in document.frames:
+            raise HandtrackError(
+                f"No frames to track: {order.start} to {order.stop} of a session with frames "
+                f"{document.frames.start} to {document.frames.stop - 1}."
+            )
+        if document.size_pending and len(frames) > 1:
+            document.begin_at(order.first)
+            if document.run.first is not None:
+                self.fit_size(order)
+                return
+        start = document.start_params(order.first, order.anew)
+        held = {} if len(frames) == 1 else document.keyframes(frames)
+        if order.anew:
+            held.pop(order.first, None)  # where tracking starts by itself the pose is only a start
+        path = legs(frames, order.first, start, held)
+        if not path:
+            raise HandtrackError(
+                "All these frames are set by hand or found; there is nothing to track."
+            )
+        self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
+
+    def fit_size(self, then: Track | None = None) -> None:
+        """Begin to fit the hand's size, and afterwards perhaps to track."""
+        self._refuse()
+        if self._document.run.first is None:
+            raise HandtrackError(
+                "The hand's size is fitted from the first-frame pose on, and this session has none yet. Pose the hand "
+                "and press 'Save as first-frame pose'."
+            )
+        self._then = then
+        self._begin(SizingJob(self._next(), self._document.run, self._post))
+
+    def find(self, frame: int | None) -> None:
+        """Begin to look for the hand, in a frame or in the surest of several."""
+        self._refuse()
+        self._begin(FindingJob(self._next(), self._document.run, frame, self._post))
+
+    def _refuse(self) -> None:
+        """Raise HandtrackError where no job can begin."""
+        if self._job is not None:
+            raise HandtrackError("Tracking is already running. Cancel it first.")
+        blind = nothing_seen(self._document.run)
+        if blind:
+            raise HandtrackError(blind)
+
+    def _next(self) -> int:
+        self._count += 1
+        return self._count
+
+    def _begin(self, job: BackgroundJob) -> None:
+        self._job, self._tracked_now = job, []
+        self._compiled_before = self._ticked = self._compiles.count
+        job.start()
+        self.show_progress()
+
+    # ---- following
+
+    def take(self, report: Report) -> None:
+        """Take a report of the job; those of an earlier job are passed over."""
+        job = self._job
+        if job is None or job.number != report.job:
+            return
+        match report:
+            case Tracked():
+                self._tracked(report)
+            case Sized():
+                self._document.set_scale(report.scale)
+                self._store.note_scale()
+                self._publish(session_snapshot(self._document))
+                self._publish(pose_snapshot(self._document))
+            case Found():
+                self._found(report)
+            case Ended():
+                self._ended(job, report)
+
+    def _tracked(self, done: Tracked) -> None:
+        document, now = self._document, time.monotonic()
+        document.accept(done.result, replaces_hand=done.result.frame == self._first)
+        self._tracked_now.append(done.result)
+        self._store.note_result(done.result)
+        if self.follow and now - self._shown > _SHOW_EVERY_S:
+            self._shown = now
+            document.show(done.result.frame)
+            self._publish(pose_snapshot(document))
+        if now - self._stripped > _STRIP_EVERY_S:
+            self._stripped = now
+            self._publish(timeline_snapshot(document))
+        self.show_progress()
+
+    def _found(self, found: Found) -> None:
+        if not found.candidates:
+            self._publish(Notice("warning", "No hand found", _NOT_FOUND))
+            return
+        self.guesses.keep(found.candidates)
+        best = found.candidates[0]
+        self._document.show(best.frame)
+        snapshot = self.guesses.snapshot(is_new=True)
+        self._publish(pose_snapshot(self._document))
+        if snapshot is not None:
+            self._publish(snapshot)
+        more = len(found.candidates) - 1
+        text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
+        if more:
+            text += f" {more} other poses are below and in the scene; a click takes one."
+        self._publish(Notice("done", "The hand is found", text))
+
+    def _ended(self, job: BackgroundJob, end: Ended) -> None:
+        self._job = None
+        then, self._then = self._then, None
+        document = self._document
+        document.show(document.frame)
+        self._publish(pose_snapshot(document))
+        self._publish(timeline_snapshot(document))
+        if job.done:
+            self._store.settle()
+        self._report_end(job, end)
+        if then is not None and not end.cancelled and not end.error:
+            document.size_pending = False
+            self.track(then)
+        else:
+            self.show_progress()
+
+    def _report_end(self, job: BackgroundJob, end: Ended) -> None:
+        if end.internal:
+            self._publish(Notice.of_mistake(end.error, "Internal error while tracking"))
+        elif end.error:
+            self._publish(Notice("error", "Tracking stopped", end.error))
+        elif job.kind == "finding":
+            if end.cancelled:
+                self._publish(Notice("done", "Cancelled", ""))
+        elif job.kind == "sizing":
+            size = self._document.model.scale.overall
+            text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
+            title = "Cancelled" if end.cancelled else "Hand size fitted"
+            self._publish(Notice("done", title, text))
+        else:
+            took = time.monotonic() - job.began - job.waited
+            title = "Cancelled" if end.cancelled else "Tracking finished"
+            one = self._document.results.get(job.frames.start) if len(job.frames) == 1 else None
+            if one is not None and not end.cancelled:
+                self._publish(one_frame(one))
+                return
+            text = summary(self._tracked_now, job.total, len(job.frames) - job.total, took)
+            self._publish(Notice("done", title, text))
+
+    def tick(self) -> None:
+        """Tell what is compiled while the job's first frame waits for it; called now and then."""
+        job, count = self._job, self._compiles.count
+        if job is not None and job.share not in (0.0, self._shared):
+            self._shared = job.share
+            self.show_progress()
+        elif job is not None and not job.done and count != self._ticked:
+            self._ticked = count
+            self.show_progress()
+
+    def show_progress(self) -> None:
+        """Say what is going on."""
+        job = self._job
+        if job is None:
+            self._publish(ProgressSnapshot("idle", "Ready"))
+            return
+        state = "paused" if job.paused else "tracking" if job.done else "preparing"
+        quiet = job.kind in ("sizing", "finding") and not job.paused
+        words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
+        if state == "preparing" and self._ticked > self._compiled_before:
+            words = self._compiles.words
+        if quiet and job.words:
+            words = job.words[:1].upper() + job.words[1:]
+            done, total = round(100 * job.share), 100
+        self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+
+
+def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
+    """Return how a run of tracking went, in one sentence or two.
+
+    total: frames that were to be tracked. by_hand: frames that stayed as they were given.
+    """
+    counts = np.bincount([int(result.status) for result in results], minlength=5)
+    done = len(results)
+    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
+    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
+    poor = sum(result.poor_cloud for result in results)
+    if poor:
+        odd.append(f"{poor} in a poor cloud")
+    held = sum(is_simplified(result) for result in results)
+    if held:
+        odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
+    quality = ", ".join(odd) if odd else "none doubtful"
+    hand = f" {by_hand} set by hand or found stayed as they are." if by_hand > 1 else ""
+    if by_hand == 1:
+        hand = " One, set by hand or found, stayed as it is."
+    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"

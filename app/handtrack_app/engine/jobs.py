@@ -1,0 +1,239 @@
+"""Long work on its own thread: tracking, fitting the size, finding the hand. Posing never waits for a solver step."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import cast
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.run import Run
+
+log = logging.getLogger(__name__)
+_TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes into the size itself
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One more frame is done."""
+
+    job: int
+    result: FrameResult
+
+
+@dataclass(frozen=True)
+class Sized:
+    """The hand's size is found."""
+
+    job: int
+    scale: HandScale
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The job is over; `error` says why, if not as asked."""
+
+    job: int
+    cancelled: bool
+    error: str = ""
+    internal: bool = False
+
+
+@dataclass(frozen=True)
+class Found:
+    """Poses that explain a frame, the surest first."""
+
+    job: int
+    candidates: list[FirstPoseCandidate]
+
+
+Report = Tracked | Sized | Found | Ended
+Watch = Callable[[Run, FrameResult], None]
+"""sees the run and each tracked frame, on the job's thread"""
+
+
+class BackgroundJob:
+    """Works until done, cancelled, or failed; posts reports and at last Ended."""
+
+    kind = "job"
+
+    def __init__(self, number: int, frames: range, post: Callable[[Report], None]) -> None:
+        self.number, self.frames = number, frames
+        self.total = len(frames)
+        """frames to be done"""
+        self.done, self.began, self.waited = 0, time.monotonic(), 0.0
+        self.share, self.words = 0.0, ""
+        """of all the work, and what is done now; for jobs that do not count frames"""
+        self._first_done = self.began
+        self._post = post
+        self._stop, self._hold = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
+
+    @property
+    def paused(self) -> bool:
+        return self._hold.is_set()
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def pause(self, on: bool) -> None:
+        """Hold before the next solver step, or go on."""
+        (self._hold.set if on else self._hold.clear)()
+
+    def cancel(self) -> None:
+        """Ask the solver to stop at its next step."""
+        self._stop.set()
+
+    def join(self, timeout: float) -> None:
+        self._thread.join(timeout)
+
+    def eta_s(self) -> float:
+        """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
+        if self.done < 2:
+            return 0.0
+        spent = time.monotonic() - self._first_done - self.waited
+        return spent / (self.done - 1) * (self.total - self.done)
+
+    def work(self) -> None:
+        """Do it; ask `should_stop` between solver steps."""
+        raise NotImplementedError
+
+    def should_stop(self) -> bool:
+        if self._hold.is_set():
+            held = time.monotonic()
+            while self._hold.is_set() and not self._stop.wait(0.02):
+                pass
+            self.waited += time.monotonic() - held
+        return self._stop.is_set()
+
+    def _work_guarded(self) -> None:
+        error, internal = "", False
+        try:
+            self.work()
+        except HandtrackError as problem:
+            error = str(problem)
+        except Exception as problem:  # reported to the user: the page must go on
+            log.exception("%s failed", self.kind)
+            error, internal = f"{type(problem).__name__}: {problem}", True
+        self._post(Ended(self.number, self._stop.is_set(), error, internal))
+
+
+class TrackingJob(BackgroundJob):
+    """Tracks frames in legs, each from a pose of its own."""
+
+    kind = "tracking"
+
+    def __init__(
+        self,
+        number: int,
+        run: Run,
+        frames: range,
+        path: Sequence[Leg],
+        post: Callable[[Report], None],
+        watch: Watch | None = None,
+    ) -> None:
+        super().__init__(number, frames, post)
+        self._run, self._path, self._watch = run, path, watch
+        self.total = sum(len(leg.frames) for leg in path)
+
+    def work(self) -> None:
+        run = self._run
+        for leg in self._path:
+            for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
+                self.done += 1
+                if self.done == 1:
+                    self._first_done, self.waited = time.monotonic(), 0.0
+                self._post(Tracked(self.number, result))
+                if self._watch is not None:
+                    self._watch(run, result)
+                if self.should_stop():
+                    return
+            if self.should_stop():
+                return
+
+
+class SizingJob(BackgroundJob):
+    """Fits the hand's size to the frames near the first pose."""
+
+    kind = "sizing"
+
+    def __init__(self, number: int, run: Run, post: Callable[[Report], None]) -> None:
+        super().__init__(number, range(0), post)
+        self._run = run
+
+    def work(self) -> None:
+        scale = self._run.fit_size(self.should_stop, tell=self._progress).scale
+        if not self.should_stop():
+            self._post(Sized(self.number, scale))
+
+    def _progress(self, done: int, total: int) -> None:
+        self.share = _TRACKED_SHARE * done / max(total, 1)
+        self.words = f"Fitting the hand's size, once a session: {done} of {total} frames looked at"
+
+
+class FindingJob(BackgroundJob):
+    """Looks for the hand without a first pose: in a frame, or in the surest of several (None)."""
+
+    kind = "finding"
+
+    def __init__(
+        self, number: int, run: Run, frame: int | None, post: Callable[[Report], None]
+    ) -> None:
+        super().__init__(number, range(0), post)
+        self._run, self._frame = run, frame
+
+    def work(self) -> None:
+        run = cast(TrackingRun, self._run)  # only a session of files can be searched
+        found = find_first_poses(run, self._frame, self.should_stop, self._progress)
+        if not self.should_stop():
+            self._post(Found(self.number, found))
+
+    def _progress(self, share: float, words: str) -> None:
+        self.share, self.words = share, words
+
+
+# ---- keyframes: poses set by hand stay as they are, and tracking starts again from each
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Frames to be tracked on from one pose: forward from `first`, and backward where there are earlier ones."""
+
+    frames: range
+    first: int
+    params: Floats
+    """(P,) to start with at `first`"""
+
+
+def legs(frames: range, first: int, params: Floats, held: Mapping[int, Floats]) -> tuple[Leg, ...]:
+    """Return in which legs frames are tracked from a pose (P,) at `first`: away from it, up to the next keyframe, and on
+    from that.
+
+    held: poses (P,) set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
+    `first` is among them, tracking begins beside it.
+    """
+    later = [k for k in sorted(held) if first < k < frames.stop]
+    earlier = [k for k in sorted(held, reverse=True) if frames.start <= k < first]
+    low = earlier[0] + 1 if earlier else frames.start
+    high = later[0] if later else frames.stop
+    found = []
+    if first in held:
+        found.append(Leg(range(first + 1, high), first + 1, held[first]))
+        found.append(Leg(range(low, first), first - 1, held[first]))
+    else:
+        found.append(Leg(range(low, high), first, params))
+    for mark, following in pairwise([*later, frames.stop]):
+        found.append(Leg(range(mark + 1, following), mark + 1, held[mark]))
+    for mark, following in pairwise([*earlier, frames.start - 1]):
+        found.append(Leg(range(following + 1, mark), mark - 1, held[mark]))
+    return tuple(leg for leg in found if leg.frames)

@@ -1,0 +1,297 @@
+"""An open session: its document, files, jobs and pictures, and what each command of the page does to them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from handtrack.errors import HandtrackError
+from handtrack_app.engine.compile_watch import CompileWatch
+from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document_snapshots import (
+    pose_snapshot,
+    session_snapshot,
+    timeline_snapshot,
+)
+from handtrack_app.engine.job_control import JobControl
+from handtrack_app.engine.jobs import Report, Watch
+from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
+from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.store.tracks import export
+from handtrack_app.protocol import commands
+from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.protocol.snapshots import (
+    Download,
+    Notice,
+    PictureSnapshot,
+    PoseSnapshot,
+    Snapshot,
+)
+
+Request = commands.Command | Report
+CloudChange = (
+    commands.SetClouds | commands.UseClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
+)  # fmt: skip
+_EDITS = (
+    commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
+)
+_PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
+_QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
+
+_BY_HAND = (
+    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
+    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
+)
+_NO_POSE = {
+    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
+    + _BY_HAND.format(kind="hand", pose="Fingers"),
+    "body": _BY_HAND.format(kind="body", pose="Pose"),
+}
+
+_FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
+
+
+class OpenSession:
+    """Lives on the worker's thread."""
+
+    def __init__(
+        self,
+        document: Document,
+        publish: Callable[[Snapshot], None],
+        mail: Mailbox[Request],
+        render_thread: RenderThread,
+        watch: Watch | None,
+        compiles: CompileWatch,
+    ) -> None:
+        self.document = document
+        self.store = Persistence.open(document)
+        self._restored = self.store.restore()
+        self._publish, self._mail = publish, mail
+        self._pictures = CameraPictures(document.run.session)
+        self.jobs = JobControl(document, self.store, self._announce, mail.put, watch, compiles)
+        self._clouds = CloudService(document, render_thread)
+        self._wanted = commands.WantPictures(True, None, "plain")
+        self._stale_pictures, self._painted = False, 0.0
+        self._unsaved: int | None = None
+        self._edited = 0.0
+
+    def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
+        """Show the session and its first pose, and say what is to be known of it."""
+        document, say = self.document, self._say
+        self._show_session()
+        self._publish(self._clouds.card())
+        document.show(document.first_frame)
+        for wish in wishes:
+            self._clouds.want(wish)
+        self._show_all()
+        if self._restored:
+            say("info", "Welcome back", self._restored)
+        blind = nothing_seen(document.run)
+        if blind:
+            say("warning", "Nothing to track by yet", blind)
+        elif document.run.first is None:
+            say("info", "No first pose yet", _NO_POSE[document.model.kind])
+        for warning in filter(None, (self.store.warning, *document.run.session.warnings)):
+            say("warning", "About this session", warning)
+        self.jobs.show_progress()
+
+    # ---- commands, and reports of the jobs
+
+    def serve(self, request: Request) -> None:
+        """Do what is asked. Raises HandtrackError for what cannot be done."""
+        document, jobs = self.document, self.jobs
+        if isinstance(request, _EDITS):
+            document.version = max(document.version, request.version)
+        match request:
+            case commands.SetPose():
+                if request.version >= document.version:
+                    document.version = request.version
+                    document.set_pose(request.frame, request.values)
+                    self._edit()
+            case commands.ShowFrame():
+                self.accept_edit()
+                document.show(request.frame)
+                self._show_pose()
+            case commands.TakePose():
+                document.take_pose(request.frame, request.source)
+                self._edit()
+            case commands.PullTip():
+                document.pull_tip(request.frame, request.tip, request.target)
+                self._edit()
+            case commands.ForgetPose():
+                document.forget_pose(request.frame)
+                self.store.note("forget", {"frame": request.frame})
+                self._show_all()
+            case commands.WantPictures():
+                self._wanted, self._stale_pictures = request, True
+            case commands.Track():
+                self.accept_edit()
+                if request.stop - request.start == 1 and document.frame == request.first:
+                    self._see_arm()
+                jobs.track(request)
+            case commands.FitSize():
+                jobs.fit_size()
+            case commands.Pause():
+                jobs.show_progress()
+            case commands.Cancel():
+                jobs.leave()  # acted on in `send` already; most jobs report their end themselves
+            case commands.Follow():
+                pass  # acted on in `send`
+            case commands.SetSetting() | commands.SetLimits():
+                self._change(request)
+            case commands.SaveSettings():
+                self._require_idle()
+                self._say("done", "Settings saved", self.store.save_settings())
+                self._show_session()
+            case commands.WantCloud() | commands.WantSurface():
+                self._clouds.want(request)
+            case (
+                commands.SetClouds() | commands.UseClouds() | commands.SampleSkin() | commands.RestoreClouds()
+                | commands.SaveClouds()
+            ):  # fmt: skip
+                self._change_clouds(request)
+            case commands.SavePose():
+                self._see_arm()
+                self._say("done", "First-frame pose saved", self.store.save_first_pose())
+            case commands.SaveTrack():
+                self._say("done", "Track saved", self.store.save_track())
+            case commands.Export():
+                name, data = export(document, request.kind)
+                self._publish(Download(name, data, request.client_id))
+            case commands.FindHand():
+                self.accept_edit()
+                jobs.find(request.frame)
+            case commands.TakeGuess():
+                if jobs.guesses.take(request.frame, request.index):
+                    self.store.note_scale()
+                    self._show_session()
+                self._edit()
+            case _:
+                jobs.take(request)
+
+    def _require_idle(self) -> None:
+        if self.jobs.busy:
+            raise HandtrackError(_FIXED)
+
+    def _change_clouds(self, change: CloudChange) -> None:
+        clouds = self._clouds
+        try:
+            self._require_idle()
+            match change:
+                case commands.SetClouds():
+                    clouds.change(dict(change.values))
+                case commands.UseClouds():
+                    clouds.use(change.settings)
+                case commands.SampleSkin():
+                    self._say("done", "The skin's colour is taken", clouds.sample_skin(change))
+                case commands.RestoreClouds():
+                    clouds.restore()
+                case commands.SaveClouds():
+                    self._say("done", "Clouds' settings saved", self.store.save_clouds())
+        finally:
+            self._publish(clouds.card())  # the page shows what holds
+        if not isinstance(change, commands.SaveClouds):
+            self.store.note_clouds()
+
+    def _change(self, change: commands.SetSetting | commands.SetLimits) -> None:
+        document = self.document
+        try:
+            self._require_idle()
+            if isinstance(change, commands.SetLimits):
+                document.set_limits(change.name, change.interval)
+                self.store.note("limits", {"name": change.name, "interval": change.interval})
+            else:
+                document.replace_run(document.run.with_values({change.name: change.value}))
+                self.store.note_setting(change.name, change.value)
+        finally:
+            self._show_session()  # the page shows what holds
+        self._show_all()
+
+    def _see_arm(self) -> None:
+        if self.document.see_arm():
+            self._show_session()
+            self._show_all()
+
+    # ---- edits
+
+    def _edit(self) -> None:
+        self._unsaved, self._edited = self.document.frame, time.monotonic()
+        self._show_pose()
+
+    def accept_settled_edit(self) -> None:
+        """Accept the last edit once none came for a while."""
+        if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
+            self.accept_edit()
+
+    def accept_edit(self) -> None:
+        """Write the last edit to the journal, if it is not there yet."""
+        if self._unsaved is not None:
+            frame, self._unsaved = self._unsaved, None
+            if frame in self.document.by_hand:
+                self.store.note_pose(frame)
+            self._publish(timeline_snapshot(self.document))
+
+    # ---- showing
+
+    def _say(self, level: str, title: str, text: str) -> None:
+        self._publish(Notice(level, title, text))
+
+    def _announce(self, snapshot: Snapshot) -> None:
+        """Publish; a pose shown makes the pictures stale."""
+        self._publish(snapshot)
+        if isinstance(snapshot, PoseSnapshot):
+            self._stale_pictures = True
+            guesses = self.jobs.guesses.snapshot()
+            if guesses is not None:
+                self._publish(guesses)
+            self._clouds.show(hurried=self.jobs.busy)
+
+    def _show_session(self) -> None:
+        self._publish(session_snapshot(self.document))
+
+    def _show_pose(self) -> None:
+        self._announce(pose_snapshot(self.document))
+
+    def _show_all(self) -> None:
+        self._show_pose()
+        self._publish(timeline_snapshot(self.document))
+
+    @property
+    def rest_s(self) -> float:
+        """How long the worker may wait for a command before there is something to do."""
+        if not self._stale_pictures:
+            return 0.1
+        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+
+    def idle(self) -> None:
+        """Do what waits while no command does."""
+        if self._stale_pictures:
+            self._show_pictures()
+        else:
+            self.jobs.tick()
+
+    def _show_pictures(self) -> None:
+        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
+        self._stale_pictures, self._painted = False, time.monotonic()
+        document, maker, wanted = self.document, self._pictures, self._wanted
+        session, frame = document.run.session, document.frame
+        bones = document.model.bones(params_of(document.model, document.shown))
+        flesh = document.model.flesh["fine"].posed(bones)
+        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
+        if screen is not None:
+            residual = wanted.paint == "residual"
+            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
+            mask = next((s.mask for s in seen if s.camera.name == screen), None)
+            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
+            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
+        small = {}
+        for name in session.rig.names if wanted.thumbnails else ():
+            if len(self._mail):
+                self._stale_pictures = True
+                return
+            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
+        if small:
+            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))

@@ -1,0 +1,159 @@
+"""Camera images as the page shows them: undistorted, small for the frusta, large and painted for the screen."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes
+from handtrack.diagnostics.residual_image import field_picture, outline_picture, residual_picture
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import PosedEllipsoids
+from handtrack_app.engine.pictures.cloud_pictures import depth_picture
+from handtrack_app.engine.run import RunSession
+
+_THUMBNAIL = 240  # [px] height of a frustum's image
+_GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
+_SHEET = 620  # [px] width of a contact sheet
+_KEPT = 24  # undistorted images kept in memory
+_DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
+
+
+def smaller(camera: Camera, width: int, height: int) -> Camera:
+    """Return the undistorted camera of a picture brought to another size."""
+    factor = np.array([width / camera.size[0], height / camera.size[1]])
+    matrix = camera.matrix.copy()
+    matrix[0, 0], matrix[1, 1] = factor * (matrix[0, 0], matrix[1, 1])
+    matrix[:2, 2] = factor * (matrix[:2, 2] + 0.5) - 0.5  # pixel centres have whole coordinates
+    return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
+
+
+def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int = 2) -> Bytes:
+    """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
+    columns = min(columns, max(len(pictures), 1))
+    cell = (width - _GAP * (columns - 1)) // columns
+    rows: list[Bytes] = []
+    row: list[Bytes] = []
+    named = list(pictures.items())
+    for i, (name, picture) in enumerate(named):
+        high = round(cell * picture.shape[0] / picture.shape[1])
+        small = np.asarray(
+            cv2.resize(picture, (cell, high), interpolation=cv2.INTER_AREA), np.uint8
+        )
+        for colour, thick in (((0, 0, 0), 5), ((255, 255, 255), 2)):
+            cv2.putText(
+                small, name, (10, high - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.75, colour, thick,
+                cv2.LINE_AA,
+            )  # fmt: skip
+        row.append(small)
+        if len(row) == columns or i == len(named) - 1:
+            rows.append(_padded(row, width, cell))
+            row = []
+    return np.concatenate(rows) if rows else np.full((8, width, 3), _DARK, np.uint8)
+
+
+def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
+    strip = np.full((max(p.shape[0] for p in row) + _GAP, width, 3), _PAPER, np.uint8)
+    for i, picture in enumerate(row):
+        left = i * (cell + _GAP)
+        strip[: picture.shape[0], left : left + cell] = picture
+    return strip
+
+
+def _depth(session: RunSession, name: str, frame: int) -> Array | None:
+    """Return what a depth camera gave (H, W) [m]; None where it is none, or its lens would have to be undone."""
+    for view in session.views:
+        if view.name == name and view.depth is not None and not view.camera.is_distorted:
+            return view.depth_m(frame)
+    return None
+
+
+class CameraPictures:
+    """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
+
+    def __init__(self, session: RunSession) -> None:
+        self._session = session
+        self._maps: dict[str, tuple[Array, Array] | None] = {}
+        self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()
+
+    def camera(self, name: str) -> Camera:
+        return self._session.rig[name]
+
+    def plain(self, name: str, frame: int) -> Bytes:
+        """Return a camera's undistorted picture (H, W, 3) RGB; its silhouette where it has no images."""
+        key = (name, frame)
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        image = self._read(name, frame)
+        self._kept[key] = image
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return image
+
+    def thumbnail(
+        self, name: str, frame: int, paint: str = "plain", flesh: PosedEllipsoids | None = None
+    ) -> Bytes:
+        """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
+        image = self.plain(name, frame)
+        height, width = image.shape[:2]
+        size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
+        small = image
+        if height > _THUMBNAIL:
+            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        if paint == "plain" or flesh is None:
+            return small
+        return outline_picture(
+            small, smaller(self.camera(name), small.shape[1], small.shape[0]), flesh
+        )
+
+    def screen(
+        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None
+    ) -> Bytes:
+        """Return the large picture with the model painted over it.
+
+        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette (H, W) where there is one.
+        """
+        image = self.plain(name, frame)
+        camera = self.camera(name).without_distortion()
+        if paint == "outline":
+            return outline_picture(image, camera, flesh)
+        if paint == "residual" and mask is not None:
+            return residual_picture(image, camera, flesh, mask)
+        if paint == "field":
+            return field_picture(camera, flesh)
+        return image
+
+    def _read(self, name: str, frame: int) -> Bytes:
+        camera = self.camera(name)
+        bgr = self._session.image(name, frame)
+        if bgr is not None:
+            image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+            maps = self._undistortion(camera)
+            if maps is not None:
+                image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
+            return image  # type: ignore[return-value]
+        depth = _depth(self._session, name, frame)
+        if depth is not None:
+            return depth_picture(depth)
+        for silhouette in self._session.observation(frame, cloud=False).silhouettes:
+            if silhouette.camera.name == name:
+                grey = _DARK + (_LIGHT - _DARK) * silhouette.mask
+                return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        width, height = camera.size
+        return np.full((height, width, 3), _DARK, np.uint8)
+
+    def _undistortion(self, camera: Camera) -> tuple[Array, Array] | None:
+        if camera.name not in self._maps:
+            maps = None
+            if camera.is_distorted:
+                matrix, size = camera.matrix, camera.size
+                made = cv2.initUndistortRectifyMap(
+                    matrix, camera.distortions, np.eye(3), matrix, size, cv2.CV_16SC2
+                )
+                maps = (made[0], made[1])
+            self._maps[camera.name] = maps
+        return self._maps[camera.name]

@@ -1,0 +1,141 @@
+"""The cloud service: what the page sees of clouds and of the surface, and the settings of [clouds]."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from itertools import combinations
+
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.errors import HandtrackError
+from handtrack.session.clouds_settings import CloudSettings
+from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
+from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.protocol.commands import SampleSkin, WantCloud, WantSurface
+from handtrack_app.protocol.snapshots import CloudCard
+
+_HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
+_PAIRS = 12  # offered for stereo
+
+
+class CloudService:
+    """Lives on the worker's thread; what takes time is made on the render thread."""
+
+    def __init__(self, document: Document, render_thread: RenderThread) -> None:
+        self._document, self._render_thread = document, render_thread
+        self._wanted = WantCloud()
+        self._surface = False
+        self._shown_at = 0.0
+        self._maker = CloudRenderer()
+
+    # ---- showing
+
+    def want(self, wish: WantCloud | WantSurface) -> None:
+        """Show something else from now on."""
+        if isinstance(wish, WantSurface):
+            self._surface = wish.on
+        else:
+            self._wanted = wish
+        self.show()
+
+    def show(self, hurried: bool = False) -> None:
+        """Have made what the page wants of the pose shown. hurried: tracking runs, which comes first."""
+        cloud = self._has_clouds and (self._wanted.points or self._wanted.picture == "images")
+        stereo = self._wanted.picture == "stereo"
+        now = time.monotonic()
+        if not (self._surface or cloud or stereo) or (
+            hurried and now - self._shown_at < _HURRIED_S
+        ):
+            return
+        self._shown_at = now
+        moment, maker = self._moment(), self._maker
+        if self._surface and not hurried and "metaballs" in moment.model.flesh:
+            self._render_thread.ask("surface", lambda: maker.surface(moment))
+        if cloud and self._wanted.points:
+            self._render_thread.ask("cloud", lambda: maker.cloud(moment))
+        if cloud and self._wanted.picture == "images" and not hurried:
+            self._render_thread.ask("picture", lambda: maker.images(moment))
+        if stereo and not hurried:
+            pair = self._wanted.pair or self.card().pair
+            if pair is not None:
+                self._render_thread.ask("picture", lambda: maker.stereo(moment, pair))
+
+    def _moment(self) -> RenderInput:
+        document = self._document
+        model, session, frame = document.model, document.run.session, document.frame
+        bones = model.bones(params_of(model, document.shown))
+        before = frame - 1
+        previous = bones if document.is_posed else None
+        if before in document.by_hand or before in document.results:
+            previous = model.bones(params_of(model, document.pose_at(before)))
+        return RenderInput(
+            frame, document.version, session, model, bones, previous, session.cloud_filters,
+            self._wanted,
+        )  # fmt: skip
+
+    @property
+    def _has_clouds(self) -> bool:
+        return self._document.run.session.has_clouds
+
+    # ---- settings
+
+    @property
+    def settings(self) -> CloudSettings | None:
+        """The settings of [clouds] in force."""
+        return self._document.clouds
+
+    def change(self, values: Mapping[str, object]) -> None:
+        """Change settings of [clouds]. Raises HandtrackError, and changes nothing, for what cannot be."""
+        self.use((self.settings or CloudSettings()).with_values(values))
+
+    def use(self, settings: CloudSettings | None) -> None:
+        """Take other settings of [clouds], all of them."""
+        self._document.use_clouds(settings)
+        self.show()
+
+    def restore(self) -> None:
+        """Go back to the settings of session.toml."""
+        self.use(self._document.saved_clouds)
+
+    def sample_skin(self, order: SampleSkin) -> str:
+        """Take the skin's colour from a box of a frame's image; return a sentence about it."""
+        session, frame = self._document.run.session, order.frame
+        if order.camera not in session.rig.names:
+            raise HandtrackError(f"no camera '{order.camera}' in this session.")
+        image = session.image(order.camera, frame)
+        if image is None:
+            raise HandtrackError(
+                f"camera '{order.camera}' has no image of frame {frame} to take the skin's colour from."
+            )
+        x, y, width, height = (max(int(v), 0) for v in order.box)
+        patch = image[y : y + height, x : x + width, ::-1].reshape(-1, 3)
+        skin = fit_skin_ellipse(patch, max(float(order.size), 0.1))
+        self.change({"skin": skin})
+        red, green = skin.mean
+        return f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
+
+    def card(self) -> CloudCard:
+        """Return where clouds come from and the settings in force."""
+        document, settings = self._document, self.settings
+        session = document.run.session
+        views = session.views
+        with_images = tuple(view.name for view in views if view.settings.images is not None)
+        pairs = tuple(combinations(with_images, 2))
+        source, pair = "", None
+        if settings is not None:
+            source = "stereo" if settings.stereo else "depth" if settings.depth else "files"
+            pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
+            pair = settings.stereo[0] if settings.stereo else None
+        if pair is None and pairs:
+            pair = pairs[0]
+        return CloudCard(
+            source,
+            (settings or CloudSettings()).in_force,
+            with_images,
+            pairs[:_PAIRS],
+            pair,
+            {view.name: view.camera.size for view in views},
+            document.unsaved_clouds,
+            settings,
+        )

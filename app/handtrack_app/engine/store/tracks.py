@@ -1,0 +1,118 @@
+"""Tracks as they are stored: rows of the journal, all frames with poses set by hand as one track, files for the browser."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import EXPORTS
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack_app.engine.document import Document
+
+
+def whole_track(document: Document) -> TrackResult:
+    """Return all frames as one TrackResult; poses set by hand are keyframes."""
+    frames = dict(document.results)
+    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
+    if not frames:
+        raise HandtrackError(
+            "There is nothing to save yet: track some frames, or pose the hand, first."
+        )
+    return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
+
+
+def _keyframe(document: Document, frame: int) -> FrameResult:
+    model, values = document.model, document.by_hand[frame]
+    joints = len(model.joint_names)
+    return _complete(
+        document, frame, values, Status.KEYFRAME, float("nan"), 0,
+        np.full(len(values), np.inf), np.tile(np.eye(3), (joints, 1, 1)),
+    )  # fmt: skip
+
+
+def _complete(
+    document: Document,
+    frame: int,
+    values: Floats,
+    status: Status,
+    energy: float,
+    iterations: int,
+    std: ArrayLike,
+    spread: ArrayLike,
+) -> FrameResult:
+    model = document.model
+    values = np.asarray(values, dtype=float)
+    bones = model.bones(model.transform.solver_params(values))
+    return FrameResult(
+        frame=frame,
+        time_s=float(document.run.session.time_s(frame)),
+        parameters=values,
+        status=status,
+        energy=energy,
+        iterations=iterations,
+        parameter_std=np.asarray(std, dtype=float),
+        joint_covariance=np.asarray(spread, dtype=float),
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+    )
+
+
+def journal_row(result: FrameResult) -> dict[str, object]:
+    """Return a tracked frame as the journal keeps it."""
+    return {
+        "frame": result.frame,
+        "status": int(result.status),
+        "energy": float(result.energy),
+        "iterations": int(result.iterations),
+        "parameters": result.parameters,
+        "std": result.parameter_std,
+        "spread": np.round(result.joint_covariance, 12),
+        "energies": dict(result.energies),
+        "reason": None if result.reason is None else asdict(result.reason),
+    }
+
+
+def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
+    """Return the frame that the journal kept. Raises ValueError for one of another model."""
+    values = np.asarray(row["parameters"], dtype=float)
+    if values.shape != (len(document.model.parameter_names),):
+        raise ValueError("another model's pose")
+    found = _complete(
+        document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
+        row["std"], row["spread"],
+    )  # fmt: skip
+    energies = {k: float(v) for k, v in row.get("energies", {}).items()}
+    reason = row.get("reason")
+    if row.get("unknown"):  # an older journal: only this kind was kept
+        reason = {"kind": "open", "part": "hand"}
+    return replace(found, energies=energies, reason=Reason(**reason) if reason else None)
+
+
+def export(document: Document, kind: str) -> tuple[str, bytes]:
+    """Return name and content of a file: a kind of `handtrack export --to`, or `init`. Raises HandtrackError."""
+    stem = (
+        "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_")
+        or "session"
+    )
+    if kind == "init":
+        values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
+        text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
+        return f"{stem}_frame{document.frame}_init.json", text.encode()
+    if kind not in EXPORTS:
+        raise HandtrackError(f"no export '{kind}'; known: {', '.join(EXPORTS)}, init")
+    write, ending = EXPORTS[kind]
+    track = whole_track(document)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{stem}{ending}"
+        write(path, track)
+        return path.name, path.read_bytes()

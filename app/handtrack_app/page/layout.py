@@ -1,0 +1,135 @@
+"""Where the panels stand: pose at the left, everything else at the right, the timeline below."""
+
+from __future__ import annotations
+
+from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.panels.cloud import CloudPanel
+from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
+from handtrack_app.page.panels.export import ExportPanel
+from handtrack_app.page.panels.guesses import GuessesPanel
+from handtrack_app.page.panels.nudging import NudgePanel
+from handtrack_app.page.panels.pose import PosePanel, certainty_table
+from handtrack_app.page.panels.session import SessionPanel, head
+from handtrack_app.page.panels.timeline import TimelinePanel
+from handtrack_app.page.panels.tracking import TrackingPanel
+from handtrack_app.page.scene.stage import Stage
+from handtrack_app.protocol.palette import BRAND
+from handtrack_app.protocol.snapshots import (
+    Notice,
+    PoseSnapshot,
+    ProgressSnapshot,
+    SessionSnapshot,
+    TimelineSnapshot,
+)
+
+
+class PageLayout:
+    """Builds the panels once, and passes snapshots on to them."""
+
+    def __init__(self, page: Page, stage: Stage) -> None:
+        self.page = page
+        gui = page.gui
+        gui.configure_theme(
+            dark_mode=True,
+            show_logo=False,
+            show_share_button=False,
+            control_width="medium",
+            brand_color=BRAND,
+        )
+        self.progress = ProgressSnapshot("opening", "Opening …")
+        self.snapshot: SessionSnapshot | None = None
+        gui.add_html(STYLE_SHEET)
+        self.head = gui.add_html(head(None, self.progress))
+        tabs = gui.add_tab_group()
+        self.keys = Keys(gui)
+        self._add_keys(page)
+        self.session = SessionPanel(page, tabs.add_tab("View"), stage.look, self.keys)
+        self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
+        self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
+        self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
+        self.export = ExportPanel(page, tabs.add_tab("Export"))
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(342)
+
+        left = gui.add_panel()
+        self.guesses = GuessesPanel(page)
+        stage.take_guess = self.guesses.take
+        nudges = NudgePanel(page, stage.hand_middle, stage.axes_looked_along, self.keys)
+        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses)
+        self.limits = LimitsPanel(page, left.add_tab("Limits"))
+        certainty = left.add_tab("Certainty")
+        with certainty:
+            self.certainty = gui.add_html("")
+        left.dock_left()
+        left.set_width(310)
+
+        below = gui.add_panel()
+        self.timeline = TimelinePanel(page, below.add_tab("Timeline"))
+        below.float(x=16, y=-16, width=560)
+
+    def _add_keys(self, page: Page) -> None:
+        add, state = self.keys.add, page.state
+        add("Undo", "Z", lambda _: page.travel(back=True), "cmd/ctrl")
+        add("Redo", "Z", lambda _: page.travel(back=False), "cmd/ctrl+shift")
+        add("Play or pause", "P", lambda _: page.play(not state.playing))
+        add("Next frame", "N", lambda _: page.go_to(state.frame + 1))
+        add("Previous frame", "B", lambda _: page.go_to(state.frame - 1))
+        add("Next doubtful or lost frame", "N", lambda _: self.tracking.go_to_odd(), "shift")
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Make all panels fit a session."""
+        self.snapshot = session
+        for panel in (
+            self.session,
+            self.pose,
+            self.limits,
+            self.tracking,
+            self.settings,
+            self.timeline,
+        ):
+            panel.fit(session)
+        self.head.content = head(session, self.progress)
+
+    def show_pose(self, pose: PoseSnapshot) -> None:
+        """Show a pose in the panels."""
+        self.pose.show(pose)
+        self.timeline.show_frame(pose.frame)
+        self.certainty.content = certainty_table(self.pose.names, pose.std)
+
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
+        """Show the recording at a glance."""
+        self.timeline.show_timeline(strip)
+        self.tracking.show_timeline(strip)
+
+    def show_progress(self, progress: ProgressSnapshot) -> None:
+        """Show what the worker is doing."""
+        self.progress = progress
+        self.tracking.show(progress)
+        self.guesses.show_progress(progress)
+        self.head.content = head(self.snapshot, progress)
+
+    def show_notice(self, notice: Notice) -> None:
+        """Keep the reason of a session that cannot be opened on the page, also for those who come later."""
+        if self.progress.state == "failed" and notice.level == "error":
+            self.page.gui.add_markdown(f"**{notice.title}**\n\n{notice.text}")
+
+
+STYLE_SHEET = """<style>
+p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
+.mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {
+  border-width: 1px 0 0 0 !important; border-color: rgba(128, 128, 128, .3) !important; border-radius: 0 !important;
+  margin: .2em .6em 0 .6em !important; padding: 0 !important; }
+.mantine-Paper-root[data-with-border="true"] > .mantine-Paper-root {
+  position: static !important; transform: none !important; display: flex !important; width: 100%;
+  justify-content: space-between; align-items: center; background: none !important; margin: 0 !important;
+  padding: .45em .1em .35em .1em !important; font-weight: 600; }
+.mantine-Paper-root[data-with-border="true"] > .mantine-Paper-root:hover { opacity: .8; }
+.mantine-Paper-root[data-with-border="true"] > div > div { padding-top: 0 !important; }
+.mantine-Paper-root[data-with-border="true"] > div > div > div > div { padding-inline: 0 !important; margin-inline: 0 !important; }
+.multi-slider { margin-inline: 6px 12px; width: calc(100% - 18px) !important; }
+.mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
+.mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { width: calc(100vw - 684px) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none !important; }
+</style>"""

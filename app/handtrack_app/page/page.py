@@ -1,0 +1,176 @@
+"""What every panel is handed: the server, the user's state, the way to the engine; and the page's keys."""
+
+from __future__ import annotations
+
+import functools
+import html
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+import viser
+
+from handtrack_app.page.state import ChangeStep, PoseStep, UserState
+from handtrack_app.protocol.commands import Command, SetPose
+
+if TYPE_CHECKING:
+    from viser._messages import HotkeyKey, KeyModifier
+
+log = logging.getLogger(__name__)
+
+
+class UserEvent(Protocol):
+    """What viser tells of a widget that was used, or of a command."""
+
+    @property
+    def client(self) -> viser.ClientHandle | None: ...
+    @property
+    def client_id(self) -> int | None: ...
+    @property
+    def target(self) -> Any: ...
+
+
+Action = Callable[[UserEvent], None]
+
+
+@dataclass(frozen=True)
+class Page:
+    """The page as its panels see it."""
+
+    server: viser.ViserServer
+    state: UserState
+    send: Callable[[Command], None]
+    redraw: Callable[[], None]
+    """apply changed display options to the scene"""
+    go_to: Callable[[float], None]
+    """show a frame"""
+
+    def play(self, on: bool) -> None:
+        """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
+        if self.state.playing != on:
+            self.state.playing = on
+            self.redraw()
+
+    def draw(self, option: str, value: object) -> None:
+        """Change how something is drawn: an option of Display; None, for what no widget offers, changes nothing."""
+        if value is not None:
+            setattr(self.state.display, option, value)
+            self.redraw()
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        return self.server.gui
+
+    def edit_pose(self, changes: dict[str, float], tag: str) -> None:
+        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back."""
+        step = self.state.edit(changes, tag)
+        if step is not None:
+            self.send(SetPose(step.frame, step.values, self.state.version))
+
+    def change(self, words: str, back: tuple[Command, ...], forth: tuple[Command, ...]) -> None:
+        """Send a change of settings, limits or filters (`forth`), which undo takes back by `back`."""
+        if not self.state.tracking:  # while tracking runs, settings stay as they are
+            self.state.changes(ChangeStep(words, back, forth))
+        for command in forth:
+            self.send(command)
+
+    def travel(self, back: bool) -> None:
+        """Undo or redo the last pose, setting, limit or filter."""
+        if self.state.waits_for_settings(back):
+            self.notify(
+                "info", "Tracking runs", "Settings stay fixed until it is done or cancelled."
+            )
+            return
+        step = self.state.travel(back)
+        if step is None:
+            end = "Nothing to undo" if back else "Nothing to redo"
+            self.notify("info", end, "The history of edits ends here.")
+        elif isinstance(step, PoseStep):
+            self.send(SetPose(step.frame, step.values, self.state.version))
+        else:
+            for command in step.back if back else step.forth:
+                self.send(command)
+            self.notify("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
+
+    def notify(
+        self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
+    ) -> None:
+        """Show a notification, on one client or on all."""
+        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(
+            level, "gray"
+        )
+        close = {"info": 8.0, "done": 8.0, "warning": 15.0}.get(level)
+        clients = [client] if client is not None else list(self.server.get_clients().values())
+        for target in clients:
+            target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
+
+    def on(self, widget: Any, action: Action) -> None:
+        """Call back when a user presses a button, or changes the value of another widget."""
+        register = getattr(widget, "on_click", None) or widget.on_update
+        register(self.from_user(action))
+
+    def from_user(self, action: Action) -> Action:
+        """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
+
+        @functools.wraps(action)
+        def callback(event: UserEvent) -> None:
+            if event.client_id is None:
+                return
+            try:
+                action(event)
+            except Exception as error:
+                log.exception("callback failed")
+                self.notify(
+                    "error", "That did not work", f"{type(error).__name__}: {error}", event.client
+                )
+
+        return callback
+
+
+def put(handle: object, **values: object) -> None:
+    """Set those properties of a viser handle that differ: each one set is a message to every client."""
+    for name, value in values.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
+
+
+def number(value: object, low: float, high: float) -> float | None:
+    """Return a client's value as a number within [low, high]; None if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return None
+    return min(max(float(value), low), high)
+
+
+_MODIFIERS = {"cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift"}
+
+
+@dataclass
+class Keys:
+    """Registers commands with their keys; the palette (Ctrl-K) has them too."""
+
+    gui: viser.GuiApi
+    known: list[tuple[str, str]] = field(default_factory=list)
+    """key and what it does, in words"""
+
+    def add(
+        self, words: str, key: str, action: Action, modifier: KeyModifier | None = None
+    ) -> None:
+        """Let a key do something; `action` gets viser's event."""
+        command = self.gui.add_command(words, hotkey=cast("HotkeyKey", key), modifier=modifier)
+        command.on_trigger(action)
+        self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {key}".strip(), words))
+
+    def table(self) -> str:
+        """Return the list of keys for the page."""
+        rows = "".join(
+            f"<tr><td style='white-space:nowrap;padding-right:1em'><kbd>{html.escape(key)}</kbd></td>"
+            f"<td style='opacity:.8'>{html.escape(words)}</td></tr>"
+            for key, words in (*self.known, ("Ctrl K", "All commands, by name"))
+        )
+        return (
+            "<div style='padding:.2em .9em 0;font-size:.8em;opacity:.8'>After a list or a number was used, click into the "
+            "scene first.</div>"
+            f"<table style='padding:.2em .9em .5em;font-size:.8em;line-height:1.6'>{rows}</table>"
+        )

@@ -1,0 +1,267 @@
+"""Constraints: model, coupling, weights of the terms, and limits as ranges; all live."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from handtrack.setting import Setting
+from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.panels.knobs import KNOBS, OPEN
+from handtrack_app.page.panels.pose import GROUPS, group_of, label_of, unit_of
+from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
+from handtrack_app.protocol.snapshots import SessionSnapshot
+
+
+@dataclass
+class SettingsPanel:
+    """A widget for every setting that the tracker has and people change."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    knobs: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
+    session: SessionSnapshot | None = None
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the widgets once, then show the values in force, and which of them session.toml does not have."""
+        self.session = session
+        if not self.knobs:
+            with self.tab:
+                self._build(session)
+        for knob, widget in self.knobs.values():
+            value: Any = session.settings.get(knob.name)
+            shown = shown_value(knob, value)
+            if shown is not None and widget.value != shown:
+                widget.value = shown
+            label = f"{knob.label} •" if knob.name in self.changed else knob.label
+            put(widget, label=label)
+        self.words.content = _changed_words(self.changed)
+        self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
+
+    def _build(self, session: SessionSnapshot) -> None:
+        page, gui = self.page, self.page.gui
+        self.words = gui.add_html("", visible=False)
+        self.save = gui.add_button(
+            "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
+            hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
+        )  # fmt: skip
+        page.on(self.save, lambda _: page.send(SaveSettings()))
+        self.back = gui.add_button(
+            "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
+            hint="Undo brings the changes back.",
+        )  # fmt: skip
+        page.on(self.back, lambda _: self._restore())
+        for title, knobs in KNOBS.items():
+            known = [k for k in knobs if k.name in session.settings]
+            known = [k for k in known if k.about in ("", session.kind)]
+            if known:
+                with gui.add_folder(title, expand_by_default=title in OPEN):
+                    for knob in known:
+                        value = session.settings[knob.name]
+                        if knob.words or shown_value(knob, value) is not None:
+                            self._add(knob, value)
+        if session.kind == "hand":
+            size = gui.add_button(
+                "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
+                hint="From the frames near the first-frame pose. Done by itself before the first tracking.",
+            )  # fmt: skip
+            page.on(size, lambda _: page.send(FitSize()))
+
+    @property
+    def changed(self) -> dict[str, object]:
+        """The settings in force that session.toml does not have, by name."""
+        if self.session is None:
+            return {}
+        own = self.session.own_settings
+        return {n: v for n, v in self.session.settings.items() if n in own and own[n] != v}
+
+    def _restore(self) -> None:
+        changed, own = self.changed, self.session.own_settings if self.session else {}
+        if changed:
+            self.page.change(
+                "Settings of session.toml",
+                tuple(SetSetting(name, value) for name, value in changed.items()),
+                tuple(SetSetting(name, own[name]) for name in changed),
+            )
+
+    def _add(self, knob: Setting, value: Any) -> None:
+        gui, shown = self.page.gui, shown_value(knob, value)
+        if knob.words:
+            words = tuple(knob.words.values())
+            widget: Any = gui.add_dropdown(
+                knob.label, words, initial_value=shown or words[0], hint=knob.help
+            )
+        elif isinstance(value, bool):
+            widget = gui.add_checkbox(knob.label, value, hint=knob.help)
+        else:
+            assert knob.slider is not None, f"{knob.name} has no widget"
+            low, high, step = knob.slider
+            widget = gui.add_slider(
+                knob.label,
+                min(low, shown),
+                max(high, shown),
+                step,
+                initial_value=shown,
+                hint=knob.help,
+            )
+        self.page.on(widget, lambda event: self._changed(knob, event))
+        self.knobs[knob.name] = (knob, widget)
+
+    def _changed(self, knob: Setting, event: UserEvent) -> None:
+        value: Any = event.target.value
+        if knob.words:
+            value = next((own for own, word in knob.words.items() if word == value), None)
+        elif not isinstance(value, bool):
+            value = number(value, event.target.min, event.target.max)
+            if value is not None and knob.kind is int:
+                value = round(value)
+        if value is not None and self.session is not None:
+            before = self.session.settings[knob.name]
+            self.page.change(
+                knob.label, (SetSetting(knob.name, before),), (SetSetting(knob.name, value),)
+            )
+
+
+def _changed_words(changed: dict[str, object]) -> str:
+    """Return which settings were changed here, as the command line takes them."""
+    if not changed:
+        return ""
+    options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>Changed here (•), kept with your work. "
+        f"For one run of <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
+    )
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def shown_value(knob: Setting, value: Any) -> Any:
+    """Return how a setting's value stands on the page; None if it cannot be shown."""
+    if knob.words:
+        return knob.words.get(str(value))
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, (int, float)):
+        return int(value) if knob.kind is int else float(value)
+    return None
+
+
+@dataclass
+class LimitsPanel:
+    """A range for every joint, grouped by finger."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
+    folders: list[viser.GuiFolderHandle] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+    session: SessionSnapshot | None = None
+
+    def __post_init__(self) -> None:
+        gui = self.page.gui
+        with self.tab:
+            gui.add_html(
+                "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
+                "degrees. The solver stays inside, and so do the pose sliders.</div>"
+            )
+            self.back = gui.add_button(
+                "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE, visible=False,
+                hint="Of the joints marked •. Undo brings the changes back.",
+            )  # fmt: skip
+        self.page.on(self.back, lambda _: self._restore())
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the ranges for a session's joints, then show the limits in force."""
+        self.session = session
+        if session.parameter_names != self.names:
+            for folder in self.folders:
+                folder.remove()
+            self.names, self.ranges, self.folders = session.parameter_names, {}, []
+            with self.tab:
+                for group in GROUPS[1:]:
+                    self._add_folder(group, session)
+        for s, name in enumerate(self.names):
+            if name in self.ranges:
+                shown = degrees(session.interval[s])
+                if tuple(self.ranges[name].value) != shown:
+                    self.ranges[name].value = shown
+                self._name(name, shown)
+        self.back.visible = any(self._own(name) is not None for name in self.ranges)
+
+    def _own(self, name: str) -> tuple[float, float] | None:
+        """Return the interval [rad] that the user set; None where the model's holds."""
+        assert self.session is not None, "no ranges before a session"
+        s = self.names.index(name)
+        low, high = (float(v) for v in self.session.interval[s])
+        same = (low, high) == tuple(self.session.own_interval[s].tolist())
+        return None if same else (low, high)
+
+    def _add_folder(self, group: str, session: SessionSnapshot) -> None:
+        members = [n for n in self.names if group_of(n) == group]
+        if not members:
+            return
+        folder = self.page.gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+        self.folders.append(folder)
+        with folder:
+            for name in members:
+                low, high = degrees(session.own_interval[self.names.index(name)])
+                widget = self.page.gui.add_multi_slider(
+                    label_of(name),
+                    low - 40.0,
+                    high + 40.0,
+                    1.0,
+                    initial_value=(low, high),
+                    min_range=1.0,
+                )
+                self.page.on(widget, lambda event, name=name: self._changed(name, event))
+                self.ranges[name] = widget
+
+    def _name(self, name: str, interval: tuple[float, float]) -> None:
+        """The range itself shows no numbers: they stand in its label."""
+        label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
+            "-", "−"
+        )
+        if self._own(name) is not None:
+            label += " •"
+        put(self.ranges[name], label=label)
+
+    def _changed(self, name: str, event: UserEvent) -> None:
+        interval = clean_interval(event.target.value, event.target.min, event.target.max)
+        if interval is not None:
+            unit = unit_of(name)
+            after = SetLimits(name, (interval[0] * unit, interval[1] * unit))
+            self.page.change(f"Limits of {name}", (SetLimits(name, self._own(name)),), (after,))
+
+    def _restore(self) -> None:
+        own = {name: self._own(name) for name in self.ranges}
+        changed = {name: interval for name, interval in own.items() if interval is not None}
+        if changed:
+            self.page.change(
+                "Limits of the model",
+                tuple(SetLimits(name, interval) for name, interval in changed.items()),
+                tuple(SetLimits(name, None) for name in changed),
+            )
+
+
+def degrees(interval: Sequence[float]) -> tuple[float, float]:
+    """Return an interval [rad] in whole degrees."""
+    return (float(round(math.degrees(interval[0]))), float(round(math.degrees(interval[1]))))
+
+
+def clean_interval(values: object, low: float, high: float) -> tuple[float, float] | None:
+    """Return a client's pair within [low, high], in order; None if it is none."""
+    if not isinstance(values, (tuple, list)) or len(values) != 2:
+        return None
+    pair = [number(value, low, high) for value in values]
+    if pair[0] is None or pair[1] is None:
+        return None
+    return (min(pair[0], pair[1]), max(pair[0], pair[1]))

@@ -1,0 +1,122 @@
+"""Nudges: move and turn the hand by small steps as the user sees it, by button or key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+
+from handtrack.arrays import Floats
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack_app.page.page import Keys, Page
+
+if TYPE_CHECKING:
+    from viser._messages import KeyModifier
+
+ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
+
+
+class Nudge(NamedTuple):
+    """A step along a view's axes: to the right, down, away from the viewer; moved by a length or turned by an angle."""
+
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+NUDGES: dict[str, Nudge] = {
+    "left": Nudge(move=(-1, 0, 0)),
+    "right": Nudge(move=(1, 0, 0)),
+    "up": Nudge(move=(0, -1, 0)),
+    "down": Nudge(move=(0, 1, 0)),
+    "nearer": Nudge(move=(0, 0, -1)),
+    "farther": Nudge(move=(0, 0, 1)),
+    "roll left": Nudge(turn=(0, 0, -1)),
+    "roll right": Nudge(turn=(0, 0, 1)),
+    "tilt up": Nudge(turn=(-1, 0, 0)),
+    "tilt down": Nudge(turn=(1, 0, 0)),
+    "turn left": Nudge(turn=(0, 1, 0)),
+    "turn right": Nudge(turn=(0, -1, 0)),
+}
+
+
+def nudged(
+    root: Floats, nudge: Nudge, view: Floats, pivot: Floats, step_m: float, step_rad: float
+) -> dict[str, float]:
+    """Return root parameters by name after a nudge.
+
+    root: (6,) [m, rad]. view: (3, 3) rotation from the view's axes (x right, y down, z away) to the world.
+    pivot: (3,) world [m], the point that stays when the hand turns.
+    """
+    rotation = rotation_matrix(view @ np.array(nudge.turn, dtype=float) * step_rad)
+    moved = view @ np.array(nudge.move, dtype=float) * step_m
+    place = pivot + rotation @ (root[:3] - pivot) + moved
+    turned = rotation_vector(rotation @ rotation_matrix(root[3:6]))
+    return dict(zip(ROOT, [*place.tolist(), *turned.tolist()], strict=True))
+
+
+_STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0),
+          "50 mm, 10°": (5e-2, 10.0)}  # fmt: skip
+_ROWS: dict[str, dict[str, str]] = {
+    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
+    "Depth": {"nearer": "nearer", "farther": "farther"},
+    "Turn": {
+        "↺": "roll left", "↻": "roll right", "⤒": "tilt up", "⤓": "tilt down",
+        "⇤": "turn left", "⇥": "turn right",
+    },
+}  # fmt: skip
+_HINTS = {
+    "Move": "Across the view. Keys J L I K.",
+    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
+    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
+}
+_KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
+    ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
+    ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
+    ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
+)  # fmt: skip
+
+
+@dataclass
+class NudgePanel:
+    """Handles of the nudges."""
+
+    page: Page
+    pivot: Callable[[], Floats | None]
+    """the hand's middle (3,) world [m]"""
+    axes: Callable[[], Floats | None]
+    """the axes (3, 3) of the camera looked through, camera → world, if any"""
+    keys: Keys
+
+    def build(self) -> None:
+        """Add the buttons where the page builds now, and the keys."""
+        gui, page = self.page.gui, self.page
+        with gui.add_folder("Nudge as you see it", expand_by_default=True):
+            for label, words in _ROWS.items():
+                row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
+                page.on(row, lambda e, words=words: self.nudge(words.get(e.target.value), e.client))
+            self.step = gui.add_dropdown(
+                "Step", tuple(_STEPS), initial_value="2 mm, 2°",
+                hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",
+            )  # fmt: skip
+        for key, modifier, name in _KEYS:
+            act = page.from_user(lambda e, name=name: self.nudge(name, e.client))
+            self.keys.add(f"Nudge: {name}", key, act, modifier)
+
+    def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
+        """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
+        state, pivot = self.page.state, self.pivot()
+        nudge = NUDGES.get(name or "")
+        view = self.axes()
+        if view is None and client is not None:
+            view = vtf.SO3(np.asarray(client.camera.wxyz)).as_matrix()
+        if nudge is None or view is None or pivot is None or len(state.values) < 6:
+            return
+        step_m, step_deg = _STEPS.get(str(self.step.value), (2e-3, 2.0))
+        root = np.array(state.values[:6])
+        step_rad = float(np.deg2rad(step_deg))
+        edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)
+        self.page.edit_pose(edit, f"nudge {name}")

@@ -1,0 +1,185 @@
+"""Session: what is open, and how it is drawn: display modes, cameras, looking through one."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.panels.tracking import progress_words
+from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+
+FREE = "free view"
+_MODE_WORDS = {
+    "flesh": "Flesh",
+    "surface": "Surface",
+    "skeleton": "Skeleton",
+    "field in a camera": "Field",
+    "everything": "All",
+}
+_SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+_STATES = {
+    "idle": ("ready", "#009e73"),
+    "failed": ("failed", "#d55e00"),
+    "opening": ("opening", "#f0e442"),
+    "preparing": ("preparing", "#f0e442"),
+    "tracking": ("tracking", "#56b4e9"),
+    "paused": ("paused", "#cc79a7"),
+}
+_PAINT_WORDS = {
+    "nothing": "plain",
+    "model's outline": "outline",
+    "silhouette residual": "residual",
+    "model's field": "field",
+}
+
+
+@dataclass
+class SessionPanel:
+    """The head of the main panel and its View tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    look: Callable[..., None]
+    """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
+    keys: Keys
+    built: bool = False
+    toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the tab once for a session's cameras."""
+        if self.built:
+            return
+        self.built = True
+        page, gui, display = self.page, self.page.gui, self.page.state.display
+        cameras = tuple(card.name for card in session.cameras)
+        with self.tab:
+            blank = np.full((8, 8, 3), 36, np.uint8)
+            self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
+            self.mode = gui.add_dropdown(
+                "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
+                hint="Surface: the merged one that the solver fits to clouds; in motion, flesh stands for it.",
+            )  # fmt: skip
+            self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
+            with gui.add_folder("Cameras"):
+                self.through = gui.add_dropdown(
+                    "Look through",
+                    (FREE, *cameras),
+                    initial_value=FREE,
+                    hint="See the hand over a camera's image.",
+                )
+                self.paint = gui.add_dropdown(
+                    "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
+                    hint="Residual: orange is silhouette without model, blue is model without silhouette.",
+                )  # fmt: skip
+                self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
+                self._toggle(
+                    "Live images",
+                    "images",
+                    "Show each camera's image of this frame, in the scene and above.",
+                )
+            with gui.add_folder("Show"):
+                self._toggle(
+                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it."
+                )
+                if session.kind == "body":
+                    self._toggle(
+                        "Limbs' ends", "tips", "Drag a wrist or an ankle; its limb follows."
+                    )
+                else:
+                    self._toggle("Fingertips", "tips", "Drag a fingertip; its finger follows.")
+                if session.has_truth:
+                    self._toggle("Ground truth", "truth", "True joints, white.")
+                self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
+            self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
+            self._look_by_keys(cameras)
+            with gui.add_folder("Keys", expand_by_default=False):
+                gui.add_html(self.keys.table())
+        page.on(
+            self.speed, lambda e: setattr(page.state, "speed", _SPEEDS.get(e.target.value, 1.0))
+        )
+        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
+        page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
+        page.on(self.through, self._look)
+        page.on(self.paint, lambda e: page.draw("paint", _PAINT_WORDS.get(e.target.value)))
+        page.on(self.view, self._free)
+
+    def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
+        look = self.page.from_user
+        for i, name in enumerate(cameras[:9], start=1):
+            act = look(lambda event, name=name: self.look(name, event.client))
+            self.keys.add(f"Look through {name}", str(i), act)
+        self.keys.add("Look freely", "0", look(lambda event: self.look(None, event.client)))
+
+    def show_pictures(self, pictures: PictureSnapshot) -> None:
+        """Show what the cameras see, side by side."""
+        if not self.built:
+            return
+        wanted = self.page.state.display.images
+        if wanted and pictures.sheet is not None:
+            self.sheet.image = pictures.sheet
+        put(self.sheet, visible=wanted)
+
+    def _toggle(self, label: str, name: str, hint: str) -> None:
+        page = self.page
+        box = page.gui.add_checkbox(label, getattr(page.state.display, name), hint=hint)
+        page.on(box, lambda event: page.draw(name, bool(event.target.value)))
+        self.toggles[name] = box
+
+    def _look(self, event: UserEvent) -> None:
+        chosen = event.target.value
+        self.look(None if chosen == FREE else str(chosen), event.client)
+
+    def show_display(self) -> None:
+        """Show the display options in force."""
+        display = self.page.state.display
+        if self.built:
+            put(self.through, value=display.through or FREE)
+            put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
+
+    def _free(self, event: UserEvent) -> None:
+        self.through.value = FREE
+        self.look(None, event.client, event.target.value == "Everything")
+
+
+def _word_of(words: dict[str, str], value: str) -> str:
+    return next(word for word, own in words.items() if own == value)
+
+
+def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
+    """Return the head of the main panel: session, hand, and what is going on."""
+    word, colour = _STATES.get(progress.state, ("Busy", "#56b4e9"))
+    title, facts = "Opening …", ""
+    if session is not None:
+        title = html.escape(session.name)
+        number = len(session.cameras)
+        cameras = f"{number} camera{'s' if number != 1 else ''}"
+        counts = f"{session.stop - session.start} frames, {cameras}, {session.fps:g} frames/s"
+        facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
+    elif progress.state == "failed":
+        title = "No session"
+    return (
+        "<div style='padding:.3em .9em .5em;font-size:.85em;line-height:1.5'>"
+        "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
+        f"<span style='font-size:1.1em;font-weight:600'>{title}</span>"
+        f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
+        f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}"
+        f"{_activity(progress)}</div>"
+    )
+
+
+def _activity(progress: ProgressSnapshot) -> str:
+    """Return what goes on in words, with a bar: seen whatever tab is open."""
+    if progress.state in ("idle", "failed"):
+        return ""
+    text = html.escape(progress_words(progress))
+    share = 100.0 * progress.done / progress.total if progress.total else 0.0
+    return (
+        f"<div style='margin-top:.35em'>{text}</div>"
+        "<div style='height:4px;border-radius:2px;background:rgba(128,128,128,.3);margin-top:.3em'>"
+        f"<div style='height:4px;border-radius:2px;background:#56b4e9;width:{share:.1f}%'></div></div>"
+    )

@@ -1,0 +1,225 @@
+"""Tracking: one frame, a range, everything; progress, pause, cancel."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from handtrack_app.page.page import Page, put
+from handtrack_app.page.panels.constraints import clean_interval
+from handtrack_app.protocol.commands import Cancel, Follow, Pause, SaveTrack, Track
+from handtrack_app.protocol.palette import FOUND, STATUS
+from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
+
+_NAMED = 12  # frames that are named one by one
+
+
+@dataclass
+class TrackingPanel:
+    """Handles of the tracking tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    session: SessionSnapshot | None = None
+    progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
+    strip: TimelineSnapshot | None = None
+    starters: list[Any] = field(default_factory=list)
+    rerun: viser.GuiMarkdownHandle | None = None
+    range: viser.GuiMultiSliderHandle[int] | None = None
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the tab once for a session's frames."""
+        if self.session is not None:
+            self.session = session
+            return
+        self.session = session
+        page, gui, icon = self.page, self.page.gui, viser.Icon
+        last = max(session.stop - 1, session.start + 1)
+        with self.tab:
+            self.status = gui.add_html(_where(session))
+            self.bar = gui.add_progress_bar(0.0, visible=False)
+            self.pause = gui.add_button(
+                "Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False
+            )
+            self.cancel = gui.add_button(
+                "Cancel", icon=icon.PLAYER_STOP, color="red", visible=False
+            )
+            everything = gui.add_button(
+                "Track all frames", icon=icon.PLAYER_PLAY,
+                hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
+                "by hand elsewhere stay, and tracking starts again from each.",
+            )  # fmt: skip
+            here = gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
+                                  hint="Fit the pose you see to this frame.")  # fmt: skip
+            onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
+            with gui.add_folder("Range") as span:
+                self.range = gui.add_multi_slider(
+                    "Frames",
+                    session.start,
+                    last,
+                    1,
+                    initial_value=(session.start, last),
+                    min_range=0,
+                )
+                ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
+            self.follow = gui.add_checkbox(
+                "Follow", True, visible=False, hint="Show each frame as it is tracked."
+            )
+            self.marked = gui.add_html("", visible=False)
+            self.odd = gui.add_button(
+                "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
+                hint="Key: Shift N.",
+            )  # fmt: skip
+            save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
+                                  hint="Writes tracks/poses.npz into the session.")  # fmt: skip
+        page.on(self.odd, lambda _: self.go_to_odd())
+        page.on(everything, lambda _: self._start("all"))
+        page.on(here, lambda _: self._start("here"))
+        page.on(onward, lambda event: self._start(event.target.value))
+        page.on(ranged, lambda _: self._start("range"))
+        self.range.on_update(lambda _: self._name_range())  # whoever moved it
+        self._name_range()
+        page.on(self.pause, lambda _: page.send(Pause(self.progress.state != "paused")))
+        page.on(self.cancel, lambda _: page.send(Cancel()))
+        page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
+        page.on(save, lambda _: page.send(SaveTrack()))
+        self.starters = [everything, here, onward, span]
+
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
+        """Say which frames are set by hand, and offer the way to those that are doubtful."""
+        if self.session is None:
+            return
+        self.strip = strip
+        self.marked.content = keyframe_words(strip.by_hand, strip.found)
+        self.marked.visible = bool(strip.by_hand)
+        some = bool(len(odd_frames(strip)))
+        put(self.odd, visible=some)
+
+    def go_to_odd(self) -> None:
+        """Show the next frame that is doubtful or lost; after the last one the first again."""
+        frames = odd_frames(self.strip) if self.strip is not None else []
+        if frames:
+            here = self.page.state.frame
+            self.page.go_to(next((f for f in frames if f > here), frames[0]))
+
+    def show_rerun(self, url: str) -> None:
+        """Show where the residuals of what is tracked can be seen."""
+        words = f"[Residuals of every camera, in rerun]({url})"
+        if self.rerun is not None:
+            self.rerun.content = words
+            return
+        with self.tab:
+            self.rerun = self.page.gui.add_markdown(words)
+
+    def _follow(self, on: bool) -> None:
+        self.page.state.follow = on
+        self.page.send(Follow(on))
+
+    def _start(self, which: str) -> None:
+        order = self.order(which)
+        if order is not None:
+            self.page.play(False)
+            self.page.send(order)
+            self._follow(True)
+
+    def _name_range(self) -> None:
+        """The slider itself shows no numbers: they stand in its label."""
+        order = self.order("range")
+        if order is not None and self.range is not None:
+            self.range.label = f"{order.start}\u2060…\u2060{order.stop - 1}"
+
+    def order(self, which: str) -> Track | None:
+        """Return the tracking command of a button."""
+        session, frame = self.session, self.page.state.frame
+        if session is None or self.range is None:
+            return None
+        if which == "all":
+            return Track(session.start, session.stop, session.first_frame, anew=True)
+        if which == "here":
+            return Track(frame, frame + 1, frame)
+        if which == "forward ▶":
+            return Track(frame, session.stop, frame)
+        if which == "◀ backward":
+            return Track(session.start, frame + 1, frame)
+        pair = clean_interval(self.range.value, session.start, session.stop - 1)
+        if pair is None:
+            return None
+        first, last = int(pair[0]), int(pair[1])
+        return Track(first, last + 1, min(max(frame, first), last))
+
+    def show(self, progress: ProgressSnapshot) -> None:
+        """Show what the worker is doing; only what can be pressed now is there."""
+        if self.session is None:
+            return
+        self.progress = progress
+        busy = progress.state in ("tracking", "paused", "preparing")
+        self.bar.visible = busy
+        self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
+        self.bar.animated = progress.state in ("preparing", "tracking")
+        self.pause.visible = self.cancel.visible = self.follow.visible = busy
+        put(self.follow, value=self.page.state.follow)
+        paused = progress.state == "paused"
+        if (self.pause.label == "Resume") != paused:
+            self.pause.label = "Resume" if paused else "Pause"
+            self.pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
+        for button in self.starters:
+            if button.visible == busy:
+                button.visible = not busy
+
+
+def odd_frames(strip: TimelineSnapshot) -> list[int]:
+    """Return the frames that are doubtful or lost, but for those set right by hand."""
+    odd = [strip.start + i for i, status in enumerate(strip.status.tolist()) if status in (1, 2)]
+    return [frame for frame in odd if frame not in strip.by_hand]
+
+
+def keyframe_words(given: tuple[int, ...], found: tuple[int, ...] = ()) -> str:
+    """Return what becomes of the frames whose pose was given: set by hand, or those of them found by a search."""
+    by_hand = tuple(frame for frame in given if frame not in found)
+    parts = [
+        f"<span style='color:{colour}'>◆</span> {_named(frames)} {word}"
+        for frames, (word, colour) in ((by_hand, STATUS[3]), (found, FOUND))
+        if frames
+    ]
+    it, each = ("it", "it") if len(given) == 1 else ("them", "each")
+    one = "it" if len(given) == 1 else "one"
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>"
+        f"{'; '.join(parts)}. Tracking leaves {it}, and starts again from {each}. In the tab Pose, "
+        f"<i>Pose from: Tracked</i> lets {one} go.</div>"
+    )
+
+
+def _named(frames: tuple[int, ...]) -> str:
+    """Return the numbers of frames, in words where they are many."""
+    some = ", ".join(str(frame) for frame in frames[:_NAMED])
+    if len(frames) > _NAMED:
+        some += f" and {len(frames) - _NAMED} more"
+    return f"{'Frame' if len(frames) == 1 else 'Frames'} {some}"
+
+
+def _where(session: SessionSnapshot) -> str:
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
+        f"<span style='overflow-wrap:anywhere'>{html.escape(session.folder)}/tracks</span> as it comes.</div>"
+    )
+
+
+def progress_words(progress: ProgressSnapshot) -> str:
+    """Return what is going on, in one line."""
+    if progress.state not in ("tracking", "paused") or not progress.total:
+        return progress.text
+    words = f"{progress.text}: {progress.done} of {progress.total} frames"
+    if progress.state == "tracking" and progress.eta_s > 0:
+        words += f", {duration(progress.eta_s)} left"
+    return words
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in words."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    return f"{int(seconds // 60)} min {int(seconds % 60):02d} s"

@@ -1,0 +1,162 @@
+"""Cameras: frusta with live images, the large screen behind the hand, looking through one, marking a box in its image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+
+from handtrack.arrays import Bytes, Floats
+from handtrack_app.page.scene.viewpoint import frustum_depth
+from handtrack_app.page.state import Display
+from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
+
+# of a view through a camera: field of view, and half heights the image is moved up
+_WIDER, _RAISED = (1.4, 0.27)
+_SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
+
+
+@dataclass
+class CameraRigView:
+    """Handles of the cameras, and of the one large screen."""
+
+    cards: dict[str, CameraCard]
+    frusta: dict[str, viser.CameraFrustumHandle]
+    labels: dict[str, viser.LabelHandle]
+    screen: viser.ImageHandle
+    screen_camera: str | None = None
+    screen_depth: dict[str, float] = field(default_factory=dict)
+
+
+def add_cameras(
+    server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats
+) -> CameraRigView:
+    """Add a frustum for each camera, and the screen, hidden. hand: (3,) where the hand is at first [m]."""
+    frusta, labels = {}, {}
+    for card in session.cameras:
+        width, height = card.size
+        fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
+        frusta[card.name] = server.scene.add_camera_frustum(
+            f"{name}/{card.name}", fov=float(fov), aspect=width / height, thickness=1.5, thickness_units="screen",
+            color=(150, 158, 168), image=np.full((60, 80, 3), 40, np.uint8), format="jpeg",
+            wxyz=vtf.SO3.from_matrix(card.rotation).wxyz, position=card.centre, cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
+    screen = server.scene.add_image(
+        f"{name}_screen", np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        receive_shadow=False, visible=False,
+    )  # fmt: skip
+    view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
+    size_cameras(view, hand)
+    return view
+
+
+def size_cameras(view: CameraRigView, hand: Floats) -> None:
+    """Draw the cameras as large as they may be before a hand at `hand` (3,) [m]."""
+    for name, frustum in view.frusta.items():
+        card = view.cards[name]
+        (width, height), focal = card.size, card.matrix[1, 1]
+        down, depth = height / 2 / focal, frustum_depth(card, hand)
+        volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
+        frustum.scale = float(depth * volume)
+        view.labels[name].position = (0.0, -1.12 * down * depth, depth)
+
+
+def show_cameras(view: CameraRigView, display: Display) -> None:
+    """Apply the display options to the frusta; they are hidden while a camera is looked through: its neighbour's picture
+    could stand before the hand.
+    """
+    for name, frustum in view.frusta.items():
+        frustum.visible = display.cameras and display.through is None
+        view.labels[name].visible = frustum.visible
+        if not display.images:
+            frustum.image = None
+
+
+def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:
+    """Put small images onto the frusta."""
+    for name, image in images.items():
+        if name in view.frusta:
+            view.frusta[name].image = image
+
+
+def place_screen(
+    view: CameraRigView, camera: str | None, hand: Floats, larger: float = 1.0
+) -> None:
+    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it. larger: than a hand."""
+    view.screen_camera = camera
+    if camera is None or camera not in view.cards:
+        view.screen.visible = False
+        return
+    card = view.cards[camera]
+    away = float((hand - card.centre) @ card.rotation[:, 2])
+    depth = max(away, 0.1) + larger * _SCREEN_BEHIND
+    kept = view.screen_depth.get(camera)
+    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
+        depth = kept  # stands still while the hand stays in front of it
+    view.screen_depth[camera] = depth
+    (width, height), matrix = card.size, card.matrix
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    middle = np.array(
+        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
+    )
+    view.screen.render_width = depth * width / fx
+    view.screen.render_height = depth * height / fy
+    view.screen.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+    view.screen.position = card.centre + card.rotation @ middle
+
+
+def update_screen(view: CameraRigView, image: Bytes) -> None:
+    """Show an image on the screen."""
+    view.screen.image = image
+    view.screen.visible = True
+
+
+def look_through(client: viser.ClientHandle, card: CameraCard) -> None:
+    """Move a client's view into a camera.
+
+    It stands in the camera's centre, so hand and image match whatever way it looks: it sees somewhat more than
+    the camera and looks somewhat lower, which moves the image up and clear of the timeline.
+    """
+    half = _WIDER * card.size[1] / 2 / card.matrix[1, 1]
+    lower = vtf.SO3.from_x_radians(float(-np.arctan(_RAISED * half)))
+    with client.atomic():
+        client.camera.fov = float(2 * np.arctan(half))
+        client.camera.wxyz = (vtf.SO3.from_matrix(card.rotation) @ lower).wxyz
+        client.camera.position = card.centre
+
+
+def bare(display: Display) -> Display:
+    """Return the display options without all that stands before the image."""
+    return replace(
+        display, mode="", cloud=False, ghosts=False, handle=False, tips=False, truth=False
+    )
+
+
+def pixel_box(
+    client_camera: viser.CameraHandle,
+    card: CameraCard,
+    corners: tuple[tuple[float, float], tuple[float, float]],
+) -> tuple[int, int, int, int] | None:
+    """Return x, y, w, h [px] in a camera's undistorted image of a rectangle dragged over a view from its centre.
+
+    corners: opposite ones, as shares of the window. None for a rectangle beside the image.
+    """
+    up = np.tan(0.5 * float(client_camera.fov))
+    across = up * float(client_camera.aspect)
+    turn = vtf.SO3(np.asarray(client_camera.wxyz, dtype=float)).as_matrix()
+    places = []
+    for x, y in (
+        (a, b) for a in (corners[0][0], corners[1][0]) for b in (corners[0][1], corners[1][1])
+    ):
+        ray = card.rotation.T @ turn @ np.array([(2 * x - 1) * across, (2 * y - 1) * up, 1.0])
+        if ray[2] <= 1e-6:
+            return None
+        places.append((card.matrix @ (ray / ray[2]))[:2])
+    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    low = np.clip(np.round(low), 0, np.array(card.size) - 1)
+    high = np.clip(np.round(high), 0, card.size)
+    width, height = (high - low).astype(int)
+    return (int(low[0]), int(low[1]), int(width), int(height)) if width > 1 and height > 1 else None

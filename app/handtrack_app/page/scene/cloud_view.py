@@ -1,0 +1,71 @@
+"""The cloud of the frame shown: points coloured by their distance to the model, by their own colour, or plain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Bytes
+from handtrack_app.page.state import Display
+from handtrack_app.protocol.palette import residual_colours
+from handtrack_app.protocol.snapshots import CloudSnapshot
+
+_PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
+_LATE = 3  # frames that a cloud may stay behind the hand in playback; older ones would deceive
+
+
+@dataclass
+class CloudView:
+    """Handles of the points that stay and of those that were dropped."""
+
+    points: viser.PointCloudHandle
+    dropped: viser.PointCloudHandle
+    cloud: CloudSnapshot | None = None
+
+
+def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
+    """Add the two clouds, empty and hidden."""
+    none = np.zeros((0, 3), np.float32)
+    points, dropped = (
+        server.scene.add_point_cloud(
+            f"{name}/{part}", none, none.astype(np.uint8), point_size=0.0016, point_shape="circle",
+            precision="float32", point_shading="flat", visible=False,
+        )
+        for part in ("points", "dropped")
+    )  # fmt: skip
+    return CloudView(points, dropped)
+
+
+def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
+    """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
+    before, view.cloud = view.cloud, cloud
+    if before is None or not np.array_equal(before.points, cloud.points):
+        view.points.points = cloud.points
+    view.points.colors = cloud_colours(cloud, display.cloud_colour)
+    if before is None or not np.array_equal(before.dropped, cloud.dropped):
+        view.dropped.points = cloud.dropped
+        view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
+
+
+def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:
+    """Apply the display options; a cloud of another frame than the one shown is hidden."""
+    cloud = view.cloud
+    known = cloud is not None and abs(cloud.frame - frame) <= _LATE
+    view.points.visible = display.cloud and known
+    view.dropped.visible = display.cloud and display.cloud_dropped and known
+    size = 1e-3 * display.cloud_size_mm
+    if view.points.point_size != size:
+        view.points.point_size, view.dropped.point_size = size, 0.7 * size
+    if recolour and cloud is not None:
+        view.points.colors = cloud_colours(cloud, display.cloud_colour)
+
+
+def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes:
+    """Return the points' colours (N, 3)."""
+    if how == "own" and cloud.colors is not None:
+        return cloud.colors
+    if how == "residual" and np.isfinite(cloud.residual_mm).any():
+        return residual_colours(cloud.residual_mm)
+    return np.tile(np.array(_PLAIN, np.uint8), (len(cloud.points), 1))

@@ -1,0 +1,181 @@
+"""The model: ellipsoids as one batched mesh, bones, joints, the merged surface; and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import trimesh
+import viser
+
+from handtrack.arrays import Bytes, Floats
+from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack_app.page.page import put
+from handtrack_app.page.state import Display
+from handtrack_app.protocol.palette import SURFACE, TRUTH, colour_of, colours_of
+from handtrack_app.protocol.snapshots import (
+    HAND_REACH_M,
+    PoseSnapshot,
+    SessionSnapshot,
+    SurfaceSnapshot,
+)
+
+_BONE_RADIUS = 0.0028  # [m]
+_JOINT_RADIUS = 0.0045
+_THICKER = 0.75  # power of the model's size with which bones grow thicker
+_OVER_IMAGE, _AROUND_BONES, _AMONG_POINTS = 0.3, 0.45, 0.6  # most opacity of the flesh
+_CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
+KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)])
+
+
+@dataclass(frozen=True)
+class HandView:
+    """Handles of one hand in the scene."""
+
+    flesh: viser.BatchedMeshHandle
+    bones: viser.BatchedMeshHandle
+    joints: viser.BatchedMeshHandle
+    truth_lines: viser.LineSegmentsHandle
+    truth_points: viser.BatchedMeshHandle
+    bone_length: Floats
+    parts: tuple[viser.MeshHandle, ...] = ()
+    """of a body, drawn instead of ellipsoids"""
+    part_bone: tuple[int, ...] = ()
+
+
+def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> HandView:
+    """Add a hand's nodes below `name`, hidden until the first pose comes."""
+    scene = server.scene
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    small = trimesh.creation.icosphere(subdivisions=2)
+    rod = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=16)
+    rod.apply_translation((0.0, 0.0, 0.5))
+    rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))  # along +y
+    bones = len(session.bone_names)
+    colours = colours_of(session.bone_names, np.arange(bones))
+    thick = (session.reach_m / HAND_REACH_M) ** _THICKER
+    across = np.full(bones, thick * _BONE_RADIUS)
+    scene.add_frame(name, show_axes=False)
+
+    def batch(
+        node: str,
+        mesh: trimesh.Trimesh,
+        scales: Floats,
+        colour: Bytes | tuple[int, int, int],
+        shadow: bool = True,
+    ) -> viser.BatchedMeshHandle:
+        count = len(scales)
+        return scene.add_batched_meshes_simple(
+            f"{name}/{node}", mesh.vertices, mesh.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            np.zeros((count, 3)), batched_scales=scales.astype(np.float32), batched_colors=colour,
+            lod="off", cast_shadow=shadow, visible=False,
+        )  # fmt: skip
+
+    flesh = batch(
+        "flesh", ball, session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
+    )
+    rods = batch("bones", rod, np.stack([across, session.bone_length, across], 1), colours)
+    joints = batch(
+        "joints", small, np.full(2 * bones, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
+    )
+    lines = scene.add_line_segments(
+        f"{name}/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
+        thickness_units="screen", visible=False,
+    )  # fmt: skip
+    points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, shadow=False)
+    parts = tuple(
+        _add_part(server, f"{name}/part{i}", session, i) for i in range(len(session.parts))
+    )
+    part_bone = tuple(part.bone for part in session.parts)
+    return HandView(flesh, rods, joints, lines, points, session.bone_length, parts, part_bone)
+
+
+def _add_part(
+    server: viser.ViserServer, name: str, session: SessionSnapshot, index: int
+) -> viser.MeshHandle:
+    part = session.parts[index]
+    return server.scene.add_mesh_simple(
+        name,
+        part.vertices.astype(np.float32),
+        part.faces.astype(np.uint32),
+        color=colour_of(session.bone_names[part.bone]),
+        visible=False,
+    )
+
+
+def update_hand(view: HandView, pose: PoseSnapshot) -> None:
+    """Move the hand to a pose. Only poses are sent, never meshes."""
+    view.flesh.batched_positions = pose.centre.astype(np.float32)
+    view.flesh.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
+    tips = pose.bone_position + pose.bone_rotation[:, :, 1] * view.bone_length[:, None]
+    view.bones.batched_positions = pose.bone_position.astype(np.float32)
+    view.bones.batched_wxyzs = quaternion_wxyz(pose.bone_rotation).astype(np.float32)
+    view.joints.batched_positions = np.concatenate([pose.bone_position, tips]).astype(np.float32)
+    if view.parts:
+        turns = quaternion_wxyz(pose.bone_rotation)
+        for part, bone in zip(view.parts, view.part_bone, strict=True):
+            part.position, part.wxyz = pose.bone_position[bone], turns[bone]
+
+
+def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
+    """Show the true keypoints of the pose's frame, where there are 21 of them."""
+    truth = pose.truth
+    shown = (
+        display.truth and truth is not None and len(truth) == 21 and bool(np.isfinite(truth).all())
+    )
+    if shown and truth is not None:
+        view.truth_lines.points = truth[KEYPOINT_LINKS].astype(np.float32)
+        view.truth_points.batched_positions = truth.astype(np.float32)
+    view.truth_lines.visible = view.truth_points.visible = shown
+
+
+def show_hand(
+    view: HandView, display: Display, instead: bool = False, inside: bool = False
+) -> None:
+    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would. inside:
+    something that is to be seen is in it.
+    """
+    shown, opacity = (
+        display.flesh or (display.surface and not instead),
+        flesh_opacity(display, inside),
+    )
+    view.flesh.visible = shown and not view.parts
+    view.flesh.opacity = opacity
+    for part in view.parts:
+        put(part, visible=shown)
+        put(part, opacity=opacity)
+    view.bones.visible = view.joints.visible = display.skeleton
+
+
+def flesh_opacity(display: Display, inside: bool) -> float | None:
+    """Return how opaque flesh is: over a camera's image, and around what is inside it, it lets it be seen."""
+    most = _OVER_IMAGE if display.through is not None else 1.0
+    if display.skeleton:
+        most = min(most, _AROUND_BONES)
+    if inside:
+        most = min(most, _AMONG_POINTS)
+    opacity = min(display.opacity, most)
+    return None if opacity > 0.99 else opacity
+
+
+def remove_hand(view: HandView) -> None:
+    """Take the hand out of the scene."""
+    own = (view.flesh, view.bones, view.joints, view.truth_lines, view.truth_points)
+    for node in (*own, *view.parts):
+        node.remove()
+
+
+def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
+    """Add the mesh, hidden until the first one comes."""
+    corner = np.zeros((3, 3), np.float32)
+    return server.scene.add_mesh_simple(
+        name, corner, np.array([[0, 1, 2]], np.uint32), color=SURFACE,
+        visible=False,
+    )  # fmt: skip
+
+
+def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
+    """Take the surface of another pose."""
+    mesh.vertices = surface.vertices
+    mesh.faces = surface.faces.astype(np.uint32)

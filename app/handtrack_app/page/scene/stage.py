@@ -1,0 +1,356 @@
+"""The stage: all that stands in the scene, and how it follows snapshots and display options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Floats
+from handtrack_app.page.page import Page, put
+from handtrack_app.page.scene.camera_view import (
+    CameraRigView,
+    add_cameras,
+    bare,
+    look_through,
+    pixel_box,
+    place_screen,
+    show_cameras,
+    size_cameras,
+    update_screen,
+    update_thumbnails,
+)
+from handtrack_app.page.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
+from handtrack_app.page.scene.ghosts import GhostView, add_ghosts, show_ghosts, update_ghosts
+from handtrack_app.page.scene.handles import (
+    RootHandle,
+    TipHandles,
+    add_root_handle,
+    add_tip_handles,
+)
+from handtrack_app.page.scene.model_view import (
+    HandView,
+    add_hand,
+    add_surface,
+    flesh_opacity,
+    remove_hand,
+    show_hand,
+    update_hand,
+    update_surface,
+    update_truth,
+)
+from handtrack_app.page.scene.surroundings import Surroundings, add_surroundings
+from handtrack_app.page.scene.viewpoint import (
+    Viewpoint,
+    first_view,
+    hand_view,
+    look_from,
+    overview,
+    upward,
+)
+from handtrack_app.page.state import Display
+from handtrack_app.protocol.commands import PullTip, WantCloud, WantPictures, WantSurface
+from handtrack_app.protocol.snapshots import (
+    HAND_REACH_M,
+    CloudSnapshot,
+    GuessesSnapshot,
+    PictureSnapshot,
+    PoseSnapshot,
+    SessionSnapshot,
+    SurfaceSnapshot,
+)
+
+
+class Stage:
+    """Owns the scene's handles."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.session: SessionSnapshot | None = None
+        self.hand: HandView | None = None
+        self.cameras: CameraRigView | None = None
+        self.root: RootHandle | None = None
+        self.tips: TipHandles | None = None
+        self.view: Viewpoint | None = None
+        self.surroundings: Surroundings | None = None
+        self.pose: PoseSnapshot | None = None
+        self.cloud: CloudView = add_cloud(page.server, "/cloud")
+        self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
+        self._surface_at: tuple[int, str] | None = None
+        self._marking = False
+        """a box is to be dragged over an image: nothing stands before it"""
+        self.take_guess: Callable[[int], None] = lambda rank: None
+        self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
+        scene = page.server.scene
+        scene.world_axes.visible = False
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map("studio", environment_intensity=0.15)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the scene of a session; only the hand is rebuilt when its model changes."""
+        before = self.session
+        self.session = session
+        if self.cameras is None:
+            self.cameras = add_cameras(self.page.server, "/cameras", session, session.looked_at)
+            self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
+        if before is None or before.tip_names != session.tip_names:
+            if self.tips is not None:
+                self.tips.remove()
+            self.tips = add_tip_handles(
+                self.page.server, "/tips", session.tip_names, self._tip_moved,
+                self._larger,
+            )  # fmt: skip
+        if (
+            before is None
+            or before.bone_names != session.bone_names
+            or before.model != session.model
+        ):
+            if self.hand is not None:
+                remove_hand(self.hand)
+            self.hand = add_hand(self.page.server, "/hand", session)
+
+    def _guess_clicked(self, rank: int) -> None:
+        self.take_guess(rank)
+
+    def _root_moved(self, edit: dict[str, float]) -> None:
+        self.page.edit_pose(edit, "root handle")
+
+    def _tip_moved(self, tip: str, place: tuple[float, float, float]) -> None:
+        state = self.page.state
+        version = state.begin_edit(f"fingertip {tip}")
+        self.page.send(PullTip(state.frame, tip, place, version))
+
+    # ---- options
+
+    def apply(self) -> None:
+        """Show and hide as the display options say."""
+        display = self.display
+        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
+            return
+        with self.page.server.atomic():
+            self.tips.show(display.tips and self.pose is not None)
+            if self.pose is not None:
+                show_cloud(self.cloud, display, self.pose.frame, recolour=True)
+                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
+            self._show_flesh()
+            show_cameras(self.cameras, display)
+            if self.surroundings is not None:
+                self.surroundings.ground.visible = display.through is None
+            self.root.control.visible = display.handle and self.pose is not None
+            if self.pose is not None:
+                update_truth(self.hand, self.pose, display)
+                place_screen(self.cameras, self.screen_camera(), middle_of(self.pose), self._larger)
+
+    @property
+    def display(self) -> Display:
+        """What is drawn now."""
+        display = self.page.state.display
+        return bare(display) if self._marking else display
+
+    def _show_flesh(self) -> None:
+        """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
+        display = self.display
+        assert self.hand is not None
+        pose, state = self.pose, self.page.state
+        still = not (state.playing or state.tracking)
+        ready = still and self._surface_at is not None and display.surface
+        ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
+        points = self.cloud.points.visible and display.cloud_colour == "residual"
+        inside = points or self.ghosts.bones.visible
+        show_hand(self.hand, display, ready, inside)
+        put(self.surface, visible=ready, opacity=flesh_opacity(display, inside))
+
+    @property
+    def _larger(self) -> float:
+        """How many times larger than a hand the model is: what is drawn around it grows alike."""
+        return 1.0 if self.session is None else self.session.reach_m / HAND_REACH_M
+
+    @property
+    def _model(self) -> str:
+        return "" if self.session is None else self.session.model
+
+    def screen_camera(self) -> str | None:
+        """Return the camera whose picture stands behind the hand: the one looked through, or for fields the first."""
+        display = self.display
+        if display.through is not None:
+            return display.through
+        if display.field and self.session is not None and self.session.cameras:
+            return display.screen or self.session.cameras[0].name
+        return None
+
+    def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud]:
+        """Return which pictures, and what of surface and clouds, the display options need."""
+        display = self.page.state.display
+        paint = "field" if display.field else display.paint
+        return (
+            WantPictures(display.images, self.screen_camera(), paint),
+            WantSurface(display.surface and not self.page.state.playing),
+            WantCloud(
+                display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
+                display.cloud_wide, display.stereo_pair, display.skin_box,
+            ),
+        )  # fmt: skip
+
+    def hand_middle(self) -> Floats | None:
+        """Return the middle of the hand shown (3,) [m]."""
+        return None if self.pose is None else middle_of(self.pose)
+
+    def axes_looked_along(self) -> Floats | None:
+        """Return the axes (3, 3), camera → world, of the camera looked through."""
+        through = self.page.state.display.through
+        if through is None or self.cameras is None or through not in self.cameras.cards:
+            return None
+        return self.cameras.cards[through].rotation
+
+    # ---- snapshots
+
+    def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
+        """Move the hand."""
+        display = self.display
+        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
+            return
+        if self.session is None or len(pose.centre) != len(self.session.radii):
+            return  # of the model before
+        if len(pose.tips) != len(self.tips.controls):
+            return
+        first, self.pose = self.pose is None, pose
+        with self.page.server.atomic():
+            update_hand(self.hand, pose)
+            update_truth(self.hand, pose, display)
+            show_cloud(self.cloud, display, pose.frame)
+            show_ghosts(self.ghosts, display.ghosts, pose.frame)
+            self._show_flesh()
+            if move_handle:
+                self.root.show_at(pose.values[:6])
+                self.tips.show_at(pose.tips)
+        if first:
+            self._set_first_view(self.session, pose)
+            self.apply()
+        else:
+            place_screen(self.cameras, self.screen_camera(), middle_of(pose), self._larger)
+
+    def show_pictures(self, pictures: PictureSnapshot) -> None:
+        """Show the cameras' pictures."""
+        if self.cameras is None:
+            return
+        update_thumbnails(self.cameras, pictures.thumbnails)
+        if pictures.screen_image is not None and pictures.screen == self.cameras.screen_camera:
+            update_screen(self.cameras, pictures.screen_image)
+
+    def show_surface(self, surface: SurfaceSnapshot) -> None:
+        """Show the solver's surface, if it is that of the frame shown."""
+        if self.hand is None or self.pose is None or surface.frame != self.pose.frame:
+            return
+        with self.page.server.atomic():
+            update_surface(self.surface, surface)
+            self._surface_at = (surface.frame, self._model)
+            self._show_flesh()
+
+    def show_guesses(self, guesses: GuessesSnapshot) -> None:
+        """Draw the poses that a frame may have."""
+        with self.page.server.atomic():
+            update_ghosts(self.ghosts, guesses)
+            if self.pose is not None:
+                show_ghosts(self.ghosts, self.display.ghosts, self.pose.frame)
+                self._show_flesh()
+        if guesses.is_new and self.display.through is None:
+            self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
+
+    def _turn_to(self, hand: Floats) -> None:
+        """Look at a hand that was found somewhere (3,) [m]."""
+        if self.session is None or self.cameras is None:
+            return
+        size_cameras(self.cameras, hand)
+        for client in self.page.server.get_clients().values():
+            look_from(client, hand_view(self.session, hand))
+
+    def show_cloud(self, cloud: CloudSnapshot) -> None:
+        """Show a frame's cloud."""
+        with self.page.server.atomic():
+            update_cloud(self.cloud, cloud, self.display)
+            if self.pose is not None:
+                show_cloud(self.cloud, self.display, self.pose.frame)
+                self._show_flesh()
+
+    def forget_cloud(self) -> None:
+        """Show no cloud any more."""
+        if self.cloud.cloud is not None:
+            self.cloud.cloud = None
+            self.apply()
+
+    # ---- views
+
+    def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
+        assert self.cameras is not None
+        size_cameras(self.cameras, middle_of(pose))
+        self.view = first_view(session, middle_of(pose))
+        server = self.page.server
+        self.surroundings = add_surroundings(
+            server, middle_of(pose), upward(session), session.reach_m
+        )
+        server.scene.set_up_direction(self.view.up)
+        start = server.initial_camera
+        start.up, start.position, start.look_at = (
+            self.view.up,
+            self.view.position,
+            self.view.look_at,
+        )
+        start.fov, start.near, start.far = self.view.fov, 0.005, 50.0
+        for client in server.get_clients().values():
+            look_from(client, self.view)
+
+    def welcome(self, client: viser.ClientHandle) -> None:
+        """Give a new client the view that holds."""
+        through = self.page.state.display.through
+        if through is not None:
+            self.look(through, client)
+
+    def look(
+        self,
+        camera: str | None,
+        client: viser.ClientHandle | None,
+        everything: bool = False,
+        marking: bool = False,
+    ) -> None:
+        """Look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
+        display, self._marking = self.page.state.display, marking
+        display.through = camera
+        clients = [client] if client is not None else list(self.page.server.get_clients().values())
+        for target in clients:
+            if camera is not None and self.cameras is not None and camera in self.cameras.cards:
+                look_through(target, self.cameras.cards[camera])
+            elif self.session is not None and self.pose is not None:
+                hand = middle_of(self.pose)
+                view = overview if everything else hand_view
+                look_from(target, view(self.session, hand))
+        self.page.redraw()
+
+    def mark_box(
+        self,
+        camera: str,
+        client: viser.ClientHandle,
+        marked: Callable[[tuple[int, int, int, int]], None],
+    ) -> None:
+        """Look through a camera, and hand over the next rectangle dragged over its image."""
+        if self.cameras is None or camera not in self.cameras.cards:
+            return
+        self.look(camera, client, marking=True)
+        card = self.cameras.cards[camera]
+        client.scene.remove_rect_select_callback()
+
+        @client.scene.on_rect_select()
+        def _(event: viser.SceneRectSelectEvent) -> None:
+            client.scene.remove_rect_select_callback()
+            if not self._marking or self.page.state.display.through != camera:
+                return
+            self._marking = False
+            self.page.redraw()
+            box = pixel_box(event.client.camera, card, (event.screen_min, event.screen_max))
+            if box is not None:
+                marked(box)
+
+
+def middle_of(pose: PoseSnapshot) -> Floats:
+    """Return the middle of the hand (3,) [m]: of its ellipsoids near the palm and fingers."""
+    return np.median(pose.centre, axis=0)

@@ -1,0 +1,180 @@
+"""Where a free view stands: close to the hand, or so that hand and cameras just fill the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import viser
+
+from handtrack.arrays import Floats
+from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
+
+_LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
+# free part of the picture, in half heights; the timeline is below
+_WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.42
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a free view stands."""
+
+    position: Floats
+    look_at: Floats
+    up: Floats
+    fov: float = 0.65
+
+
+class _Axes(NamedTuple):
+    """Unit vectors (3,) of a view: to the right, upward in the picture, towards the viewer."""
+
+    right: Floats
+    top: Floats
+    away: Floats
+
+
+def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
+    wide = overview(session, hand)
+    return wide if _size(wide, hand, session.reach_m) >= _LEAST else hand_view(session, hand)
+
+
+def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return a close view of the hand. hand: (3,) its middle [m]."""
+    up = upward(session)
+    points = hand + session.reach_m * _corners()
+    frusta = [frustum_corners(card, hand) for card in session.cameras]
+    least, found = np.inf, _fitted(points, _axes(session, hand, up, 0.35), up)
+    for raised in (0.35, 0.6, 0.2, 0.9):
+        for turn in np.deg2rad((0, 20, -20, 40, -40, 60, -60)):
+            axes = _axes(session, hand, up, raised, turn)
+            view = _fitted(points, axes, up)
+            cost = abs(turn) + abs(raised - 0.35)
+            cost += sum(
+                2.0 * _hides(view, axes, corners, hand, session.reach_m) for corners in frusta
+            )
+            if cost < least:
+                least, found = cost, view
+    return found
+
+
+def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+    """Return a view of hand and cameras that shows the hand as large as can be, with no camera before it.
+
+    From the cameras' side and above, so that their pictures are seen upright, not from their backs.
+    """
+    up = upward(session)
+    frusta = [frustum_corners(card, hand) for card in session.cameras]
+    images = [corners[1:] for corners in frusta]
+    points = np.concatenate([hand + session.reach_m * _corners(), *images])
+    best, found = -np.inf, hand_view(session, hand)
+    for turn in np.deg2rad(np.arange(-75, 76, 15)):
+        for raised in (0.2, 0.4, 0.6, 0.9, 1.3):
+            axes = _axes(session, hand, up, raised, turn)
+            view = _fitted(points, axes, up)
+            score = _size(view, hand, session.reach_m) - 0.04 * abs(turn)
+            for card, corners in zip(session.cameras, frusta, strict=True):
+                score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
+                score += 0.15 * min(float(-axes.away @ card.rotation[:, 2]), 0.6) / len(frusta)
+            if score > best:
+                best, found = score, view
+    return found
+
+
+def _size(view: Viewpoint, hand: Floats, reach_m: float) -> float:
+    """Return the share of the picture's height that a hand fills."""
+    return float(reach_m / (np.linalg.norm(view.position - hand) * np.tan(view.fov / 2)))
+
+
+def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats, reach_m: float) -> bool:
+    """Return whether a drawn camera (5, 3) comes into the round place that the hand has in the picture."""
+    apex, *image = frustum
+    middle = np.mean(image, axis=0)
+    edges = [a + s * (b - a) for a in image for b in (apex, middle) for s in np.linspace(0, 1, 7)]
+    seen = np.array([hand, *edges]) - view.position
+    depth = -seen @ axes.away
+    flat = np.stack([seen @ axes.right, seen @ axes.top], axis=1) / np.maximum(depth, 1e-6)[:, None]
+    near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * reach_m / depth[0]
+    return bool(near.any())
+
+
+def upward(session: SessionSnapshot) -> Floats:
+    """Return the mean of the cameras' upward axes (3,): worlds differ."""
+    if not session.cameras:
+        return np.array([0.0, 0.0, 1.0])
+    up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
+    if np.linalg.norm(up) < 0.2:
+        up = -session.cameras[0].rotation[:, 1]
+    return up / np.linalg.norm(up)
+
+
+def frustum_depth(card: CameraCard, hand: Floats) -> float:
+    """Return how deep a camera's frustum is drawn [m]: large enough to see its image, clear of the hand."""
+    return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
+
+
+def frustum_corners(card: CameraCard, hand: Floats) -> Floats:
+    """Return the apex and the image's corners (5, 3) of a camera as it is drawn, world [m]."""
+    (width, height), matrix = card.size, card.matrix
+    deep = frustum_depth(card, hand)
+    across, down = 0.5 * width / matrix[0, 0], 0.5 * height / matrix[1, 1]
+    corners = [(0.0, 0.0, 0.0)] + [(x * across, y * down, 1.0) for x in (-1, 1) for y in (-1, 1)]
+    return card.centre + deep * np.array(corners) @ card.rotation.T
+
+
+def _corners() -> Floats:
+    return np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def _axes(
+    session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float = 0.0
+) -> _Axes:
+    """Return the axes of a view from where the cameras are, raised by a share of the way, turned about `up` [rad]."""
+    back = np.array([0.0, -1.0, 0.3])
+    if session.cameras:
+        ways = [card.centre - hand for card in session.cameras]
+        back = np.mean([way / max(np.linalg.norm(way), 1e-9) for way in ways], axis=0)
+        if np.linalg.norm(back) < 0.4:  # they stand all around
+            back = ways[0]
+    back = back - (back @ up) * up
+    length = np.linalg.norm(back)
+    if length < 0.05:  # they look straight down, or up
+        back = -session.cameras[0].rotation[:, 1] if session.cameras else np.array([1.0, 0, 0])
+        back = back - (back @ up) * up
+        length = max(float(np.linalg.norm(back)), 1e-9)
+    level = back / length
+    away = np.cos(turn) * level + np.sin(turn) * np.cross(up, level) + raised * up
+    away /= np.linalg.norm(away)
+    right = np.cross(up, away)
+    right /= max(float(np.linalg.norm(right)), 1e-9)
+    return _Axes(right, np.cross(away, right), away)
+
+
+def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewpoint:
+    """Return the nearest view along given axes that has all points (N, 3) in the free part of the picture.
+
+    A point is in it when |x − a| ≤ w (d − z) and y between −l (d − z) and h (d − z) of b, where the view stands
+    at (a, b, d): bounds linear in a, b and d, so the least d follows from the extremes.
+    """
+    t = np.tan(fov / 2)
+    wide, above, below = _WIDE * t, _ABOVE * t, _BELOW * t
+    x, y, z = (points @ axis for axis in axes)
+    right, left = np.max(x + wide * z), np.min(x - wide * z)
+    top, bottom = np.max(y + above * z), np.min(y - below * z)
+    d = max((right - left) / (2 * wide), (top - bottom) / (above + below))
+    a = 0.5 * (right + left)
+    slack = d * (above + below) - (top - bottom)
+    b = top - above * d + 0.5 * slack
+    position = a * axes.right + b * axes.top + d * axes.away
+    middle = float(points.mean(axis=0) @ axes.away)
+    return Viewpoint(position, position - (d - middle) * axes.away, up, fov)
+
+
+def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
+    """Move a client's view to a free viewpoint."""
+    with client.atomic():
+        client.camera.up_direction = view.up
+        client.camera.position = view.position
+        client.camera.look_at = view.look_at
+        client.camera.fov = view.fov

@@ -1,0 +1,225 @@
+"""What the page asks of the engine: commands, frozen and picklable, with no viser in them.
+
+The engine runs on threads today; because nothing here is shared, it can become a process without a change to the page.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from handtrack.session.clouds_settings import CloudSettings
+
+
+@dataclass(frozen=True)
+class ShowFrame:
+    """Show another frame. A newer one replaces an older one that still waits."""
+
+    frame: int
+
+
+@dataclass(frozen=True)
+class SetPose:
+    """Set the whole pose of a frame by hand. A newer one replaces an older one that still waits."""
+
+    frame: int
+    values: tuple[float, ...]
+    """(S,) joint parameters [m, rad]"""
+    version: int
+    """counts the user's edits; the answering snapshot carries it back"""
+
+
+@dataclass(frozen=True)
+class TakePose:
+    """Replace a frame's pose by another one."""
+
+    frame: int
+    source: str
+    """`start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the fingers"""
+    version: int
+
+
+@dataclass(frozen=True)
+class PullTip:
+    """Bend a finger so that its tip comes to a point. A newer one replaces an older one that still waits."""
+
+    frame: int
+    tip: str
+    target: tuple[float, float, float]
+    """world [m]"""
+    version: int
+
+
+@dataclass(frozen=True)
+class ForgetPose:
+    """Drop what was set by hand at a frame; the tracked pose shows again."""
+
+    frame: int
+    version: int
+
+
+@dataclass(frozen=True)
+class SavePose:
+    """Write the pose shown to init.json."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track frames [start, stop) from the pose at `first` (shown there, set or tracked)."""
+
+    start: int
+    stop: int
+    first: int
+    anew: bool = False
+    """start from the first-frame pose as saved, even if its frame was tracked before"""
+    version: int = 0
+    """of the user's edits, when fitting one frame is one"""
+
+
+@dataclass(frozen=True)
+class FitSize:
+    """Fit the hand's size to the frames near the first pose."""
+
+
+@dataclass(frozen=True)
+class Follow:
+    """Whether each frame is shown as it is tracked."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Hold tracking before its next frame, or go on."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """Stop tracking now; frames tracked so far stay."""
+
+
+@dataclass(frozen=True)
+class SetSetting:
+    """Change a setting by its dotted name."""
+
+    name: str
+    value: object
+
+
+@dataclass(frozen=True)
+class SaveSettings:
+    """Write the settings that session.toml does not have into it."""
+
+
+@dataclass(frozen=True)
+class SetLimits:
+    """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
+
+    name: str
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class WantPictures:
+    """Which pictures the page shows."""
+
+    thumbnails: bool
+    screen: str | None
+    """the camera whose picture is on the large screen, if any"""
+    paint: str
+    """`plain`, `outline`, `residual` or `field`"""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Send a file to one client: `csv`, `npz` or `init`."""
+
+    kind: str
+    client_id: int
+
+
+@dataclass(frozen=True)
+class SaveTrack:
+    """Write tracks/poses.npz."""
+
+
+@dataclass(frozen=True)
+class FindHand:
+    """Look for the hand without any first pose, in one frame, or in the surest of several."""
+
+    frame: int | None
+
+
+@dataclass(frozen=True)
+class TakeGuess:
+    """Set the pose of a frame to one of the list."""
+
+    frame: int
+    index: int
+    version: int
+    """of the user's edits"""
+
+
+@dataclass(frozen=True)
+class WantSurface:
+    """Whether the page shows the solver's surface."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class WantCloud:
+    """What the page shows of point clouds; nothing else is computed."""
+
+    points: bool = False
+    dropped: bool = False
+    """also the points that a filter dropped"""
+    picture: str = "none"
+    """`images`, `stereo` or `none`"""
+    wide: bool = False
+    pair: tuple[str, str] | None = None
+    """cameras of the stereo preview; None: the session's first pair"""
+    box: tuple[str, tuple[int, int, int, int]] | None = None
+    """camera and x, y, w, h [px] of the marked patch of skin"""
+
+
+@dataclass(frozen=True)
+class SetClouds:
+    """Change settings of [clouds] by name; None: as it is usual, False: off."""
+
+    values: tuple[tuple[str, object], ...]
+
+
+@dataclass(frozen=True)
+class UseClouds:
+    """Take these settings of [clouds], all of them: undo."""
+
+    settings: CloudSettings | None
+
+
+@dataclass(frozen=True)
+class SampleSkin:
+    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
+
+    frame: int
+    camera: str
+    box: tuple[int, int, int, int]
+    size: float
+
+
+@dataclass(frozen=True)
+class SaveClouds:
+    """Write the settings of [clouds] into session.toml."""
+
+
+@dataclass(frozen=True)
+class RestoreClouds:
+    """Go back to the settings of [clouds] as session.toml has them."""
+
+
+Command = (
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
+    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SaveTrack | FindHand | TakeGuess
+)  # fmt: skip

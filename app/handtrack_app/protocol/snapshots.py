@@ -1,0 +1,304 @@
+"""What the engine tells the page: snapshots, frozen and picklable, with no viser in them."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.geometry.camera import Camera
+from handtrack.session.clouds_settings import CloudSettings
+
+LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
+HAND_REACH_M = 0.11
+"""how far a hand extends around its middle"""
+
+
+@dataclass(frozen=True)
+class PartCard:
+    """A part of a body as the scene draws it: a closed mesh, fixed to a bone."""
+
+    bone: int
+    vertices: Floats
+    """(V, 3) in that bone's frame [m]"""
+    faces: Ints
+
+
+@dataclass(frozen=True)
+class CameraCard:
+    """An undistorted camera as the scene draws it."""
+
+    name: str
+    size: tuple[int, int]
+    matrix: Floats
+    rotation: Floats
+    """(3, 3) camera → world"""
+    centre: Floats
+    """(3,) world [m]"""
+
+    @classmethod
+    def of(cls, camera: Camera) -> CameraCard:
+        """Return what the scene needs of a camera."""
+        rotation = camera.rotation.T.copy()
+        return cls(camera.name, camera.size, camera.matrix.copy(), rotation, camera.centre.copy())
+
+
+@dataclass(frozen=True)
+class SessionSnapshot:
+    """What is open: everything the page is built from."""
+
+    name: str
+    folder: str
+    fps: float
+    start: int
+    stop: int
+    first_frame: int
+    cameras: tuple[CameraCard, ...]
+    looked_at: Floats
+    """(3,) where the cameras look, world [m]"""
+    parameter_names: tuple[str, ...]
+    driven: tuple[str, ...]
+    """joint parameters that follow others under this coupling"""
+    interval: Floats
+    """(S, 2) limits in force [m, rad]"""
+    own_interval: Floats
+    """(S, 2) the model's own limits"""
+    bone_names: tuple[str, ...]
+    bone_length: Floats
+    ellipsoid_bone: Ints
+    radii: Floats
+    """(E, 3) [m]"""
+    settings: dict[str, object]
+    own_settings: dict[str, object]
+    """as session.toml has them"""
+    has_truth: bool
+    model: str
+    tip_names: tuple[str, ...]
+    pose_names: tuple[str, ...]
+    """the pose library"""
+    kind: str = "hand"
+    """`hand` or `body`"""
+    parts: tuple[PartCard, ...] = ()
+    """what is drawn of a body instead of ellipsoids"""
+    reach_m: float = HAND_REACH_M
+    """how far the model extends around its middle: what is drawn is sized by it"""
+
+
+@dataclass(frozen=True)
+class PoseSnapshot:
+    """The hand at one frame, ready to draw."""
+
+    frame: int
+    version: int
+    values: Floats
+    """(S,) joint parameters [m, rad]"""
+    bone_position: Floats
+    bone_rotation: Floats
+    """(B, 3) and (B, 3, 3)"""
+    centre: Floats
+    rotation: Floats
+    """ellipsoids: (E, 3) and (E, 3, 3)"""
+    tips: Floats
+    """(T, 3) fingertips, world [m]"""
+    origin: str
+    """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
+    status: int
+    """contracts §5, or −1 where nothing was tracked"""
+    energy: float
+    std: Floats | None
+    """(S,) [m, rad]"""
+    truth: Floats | None
+    """(K, 3) true keypoints, world [m]"""
+    error_mm: float
+    """mean distance to the truth; NaN without"""
+    note: str = ""
+    """why the frame is doubtful or lost"""
+
+
+@dataclass(frozen=True)
+class PictureSnapshot:
+    """Pictures of one frame, RGB."""
+
+    frame: int
+    thumbnails: dict[str, Bytes] = field(default_factory=dict)
+    sheet: Bytes | None = None
+    """the thumbnails side by side"""
+    screen: str | None = None
+    screen_image: Bytes | None = None
+
+
+@dataclass(frozen=True)
+class TimelineSnapshot:
+    """The whole recording at a glance; rows are frames from `start`."""
+
+    start: int
+    status: Ints
+    """(F,) contracts §5; −1 untracked"""
+    energy: Floats
+    error_mm: Floats
+    """(F,) NaN where unknown"""
+    by_hand: tuple[int, ...]
+    """frames whose pose was given, by hand or by a search"""
+    terms: dict[str, Floats] = field(default_factory=dict)
+    """(F,) the energy's parts in words"""
+    found: tuple[int, ...] = ()
+    """those of `by_hand` that a search gave"""
+
+
+@dataclass(frozen=True)
+class ProgressSnapshot:
+    """What the worker is doing."""
+
+    state: str
+    """`opening`, `preparing`, `idle`, `tracking` or `paused`"""
+    text: str
+    done: int = 0
+    total: int = 0
+    eta_s: float = 0.0
+    job: str = ""
+    """`tracking`, `sizing` or `finding`, while one runs"""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something to tell the user in words."""
+
+    level: str
+    """`info`, `done`, `warning` or `error`"""
+    title: str
+    text: str
+
+    @classmethod
+    def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:
+        """Return what the user is told of a mistake of ours."""
+        what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
+        text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."
+        return cls("error", title, text)
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file for one client."""
+
+    name: str
+    data: bytes
+    client_id: int
+
+
+@dataclass(frozen=True)
+class RerunPage:
+    """Where rerun's viewer shows the residuals."""
+
+    url: str
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One pose of the list."""
+
+    share: float
+    """0 to 1: how probable it is held to be"""
+    words: str
+
+
+@dataclass(frozen=True)
+class GuessesSnapshot:
+    """Poses that explain a frame, the surest first, and their bones to be drawn."""
+
+    frame: int
+    kind: str
+    """`found` without a first pose, `carried` by the tracker, or empty: there are none"""
+    guesses: tuple[Guess, ...] = ()
+    owner: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(N,) the guess that each bone belongs to"""
+    position: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """(N, 3) where bones begin, world [m]"""
+    rotation: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """(N, 3, 3) bone → world; bones lie along y"""
+    length: Floats = field(default_factory=lambda: np.zeros(0))
+    """(N,) [m]"""
+    is_new: bool = False
+    """just found: the surest is to be taken"""
+
+
+@dataclass(frozen=True)
+class SurfaceSnapshot:
+    """The solver's surface at one pose."""
+
+    frame: int
+    version: int
+    vertices: Floats
+    """(V, 3) world [m]"""
+    faces: Ints
+
+
+@dataclass(frozen=True)
+class FilterCount:
+    """What one filter did to a cloud."""
+
+    name: str
+    text: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class CloudSnapshot:
+    """The cloud of one frame, as the tracker gets it, against the hand shown."""
+
+    frame: int
+    points: Floats
+    """(N, 3) world [m]; of very many, a random part"""
+    colors: Bytes | None
+    """(N, 3) RGB"""
+    residual_mm: Floats
+    """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
+    dropped: Floats
+    """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
+    measured: int
+    left: int
+    counts: tuple[FilterCount, ...] = ()
+    words: str = ""
+    """what is to be said of it"""
+
+
+@dataclass(frozen=True)
+class CloudPicture:
+    """The picture of the cloud panel."""
+
+    frame: int
+    image: Bytes
+    """(H, W, 3) RGB"""
+    wide: bool
+    words: str
+
+
+@dataclass(frozen=True)
+class CloudCard:
+    """Where clouds come from and the settings in force."""
+
+    source: str
+    """`stereo`, `depth`, `files`, or empty: this session has no clouds"""
+    values: dict[str, object]
+    """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
+    image_cameras: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    """pairs of cameras that can be matched"""
+    pair: tuple[str, str] | None
+    """the first pair in use"""
+    sizes: dict[str, tuple[int, int]]
+    """width and height of the cameras' images [px]"""
+    unsaved: tuple[str, ...]
+    """settings that differ from session.toml"""
+    settings: CloudSettings | None = None
+    """the settings in force as they are"""
+
+
+Snapshot = (
+    SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
+    | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
+    | GuessesSnapshot
+)  # fmt: skip

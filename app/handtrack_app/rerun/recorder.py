@@ -1,0 +1,245 @@
+"""ResidualRecorder: what each tracked frame left unexplained, painted for rerun beside the tracking.
+
+Tracking hands over poses and numbers only. An own thread reads the silhouettes again, paints them, and leaves
+pictures out when it falls behind; numbers are never left out.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.diagnostics.residual_image import predicted_image, residual_image
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.run import Run
+from handtrack_app.protocol.snapshots import Notice, RerunPage
+from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
+
+log = logging.getLogger(__name__)
+
+_BEHIND = (
+    4  # frames waiting to be painted, or painted ones to be written: the next goes without pictures
+)
+_ENTRIES = 1_000_000  # that the stream may hold: nearly all of them without pictures
+_PAUSE_S = 0.02
+
+
+class Step(NamedTuple):
+    """A state that the solver accepted."""
+
+    params: Floats
+    """(P,)"""
+    cost: float
+
+
+class ResidualRecorder:
+    """Records a run's frames for rerun: live, in a file, or both. Never makes tracking wait."""
+
+    def __init__(
+        self,
+        run: Run,
+        live: bool = False,
+        path: Path | None = None,
+        closely: int | None = None,
+    ) -> None:
+        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says.
+
+        Raises HandtrackError when the file cannot be written.
+        """
+        self.without_pictures = 0
+        """frames recorded without pictures, because painting was slower than tracking"""
+        self._run = run
+        self._closely = closely
+        self._steps: list[Step] = []
+        self._failure = ""
+        self._waiting: deque[FrameResult] = deque()
+        self._closing = False
+        self._changed = threading.Condition()
+        self._stream = RerunStream(path, live, queue=_ENTRIES)
+        self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Where the live viewer's page is; empty without one."""
+        return self._stream.url
+
+    @property
+    def problem(self) -> str:
+        """Why recording stopped, in words; empty while all is well."""
+        return self._failure or self._stream.problem
+
+    def watching(self, control: Control) -> Control:
+        """Return the control to track with, so that the frame `closely` can be recorded.
+
+        The iterations recorded are those that made the result; nothing is solved twice.
+        """
+        if self._closely is None:
+            return control
+
+        def note(frame: int, count: int, params: Floats, cost: float) -> None:
+            if frame == self._closely:
+                self._steps.append(Step(params.copy(), cost))
+
+        return replace(control, on_iteration=note)
+
+    def show(self, result: FrameResult) -> None:
+        """Hand in a tracked frame; returns at once."""
+        with self._changed:
+            if not self._closing:
+                self._waiting.append(result)
+                self._changed.notify()
+
+    def close(self, keep_viewer: bool = False) -> None:
+        """Record what waits and end. keep_viewer: leave the live viewer running until closed again."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join()
+        self._stream.close(keep_viewer)
+
+    # ---- on the painting thread
+
+    def _paint_all(self) -> None:
+        try:
+            for result in self._results():
+                self._record(result)
+        except Exception as error:  # tracking goes on without the recording
+            log.exception("recording residuals stopped")
+            self._failure = f"recording residuals stopped: {error}"
+            self._waiting.clear()
+
+    def _results(self) -> Iterator[FrameResult]:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if not self._waiting:
+                    return
+                result = self._waiting.popleft()
+            yield result
+
+    def _record(self, result: FrameResult) -> None:
+        model = self._run.model
+        painter = None
+        if result.frame == self._closely or not self._is_behind():
+            params = model.transform.solver_params(result.parameters)
+            painter = _Painter(self._run, result.frame, params)
+        else:
+            self.without_pictures += 1
+        self._stream.log(
+            FrameEntry(
+                frame=result.frame,
+                time_s=result.time_s,
+                energy=result.energy,
+                iterations=result.iterations,
+                status=int(result.status),
+                parameters=_named(model, result.parameters),
+                pictures=() if painter is None else painter.pictures(painter.params),
+                note=result.note,
+            )
+        )
+        if painter is None or result.frame != self._closely:
+            return
+        for count, step in enumerate(self._steps, start=1):
+            while self._stream.waiting > _BEHIND and not self._stream.problem:
+                threading.Event().wait(_PAUSE_S)  # every iteration was asked for: here we can wait
+            self._stream.log(
+                IterationEntry(
+                    result.frame,
+                    count,
+                    step.cost,
+                    _named(model, model.joint_params(step.params)),
+                    painter.pictures(step.params),
+                )
+            )
+
+    def _is_behind(self) -> bool:
+        return len(self._waiting) > _BEHIND or self._stream.waiting > _BEHIND
+
+
+class _Painter:
+    """Pictures of one frame at different poses: the observation and bands as the solver's last stage has them."""
+
+    def __init__(self, run: Run, frame: int, params: Floats) -> None:
+        """params: (P,) the frame's pose, which fixes the bands and where the forearm is cut off."""
+        self.params = params
+        self._model = run.model
+        use = run.settings.silhouettes.weight > 0
+        self._observation = run.session.observation(frame, silhouettes=use, cloud=False)
+        bones = run.model.bones(params)
+        self._terms = frame_terms(run.model, run.settings, self._observation, bones, None)
+        kinds = (CoverageTerm, ConicFieldTerm)
+        last = self._terms.stage(self._terms.stages - 1, bones)
+        self._term = next((term for term in last if isinstance(term, kinds)), None)
+
+    def pictures(self, params: Floats) -> tuple[CameraPictures, ...]:
+        """Return what each camera saw and what a pose (P,) predicts there; black and white beyond what counts."""
+        bones = self._model.bones(params)
+        views = []
+        for i, silhouette in enumerate(self._observation.silhouettes):
+            counts = _within(self._terms.prepared[i].valid, silhouette.mask.shape[1])
+            mask = np.where(counts, silhouette.mask, 0.0)
+            predicted = residual = None
+            if self._term is not None:
+                field = predicted_image(self._term, i, bones)
+                predicted, residual = -field, np.where(counts, residual_image(field, mask), 0.0)
+            views.append(CameraPictures(silhouette.camera.name, mask, predicted, residual))
+        return tuple(views)
+
+
+def _within(spans: Array, width: int) -> Array:
+    """Return (H, W) True within the spans (H, 2) of each row."""
+    columns = np.arange(width)
+    return (columns >= spans[:, :1]) & (columns < spans[:, 1:])
+
+
+def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
+    return dict(zip(model.parameter_names, values.tolist(), strict=True))
+
+
+class LiveRecorder:
+    """One recording, in a viewer of its own, for each state of hand and settings."""
+
+    def __init__(self, publish: Callable[[Notice | RerunPage], None]) -> None:
+        self._publish = publish
+        self._run: Run | None = None
+        self._recorder: ResidualRecorder | None = None
+        self._told_problem = False
+
+    def show(self, run: Run, result: FrameResult) -> None:
+        """Show one tracked frame. Called on the tracking thread; returns at once."""
+        recorder = self._recorder
+        if recorder is None or run is not self._run:
+            recorder = self._begin(run)
+        recorder.show(result)
+        if recorder.problem and not self._told_problem:
+            self._told_problem = True
+            self._publish(Notice("warning", "Nothing goes to rerun", recorder.problem))
+
+    def _begin(self, run: Run) -> ResidualRecorder:
+        before = self._recorder
+        if before is not None:  # it may still have pictures to paint: not on this thread
+            threading.Thread(target=before.close, name="rerun-close", daemon=True).start()
+        self._run, self._told_problem = run, False
+        self._recorder = recorder = ResidualRecorder(run, live=True)
+        self._publish(RerunPage(recorder.url))
+        return recorder
+
+    def close(self) -> None:
+        """End the recording and its viewer."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = self._run = None

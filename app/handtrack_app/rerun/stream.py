@@ -1,0 +1,283 @@
+"""RerunStream: residual pictures, energies and parameters for rerun's viewer, live or as a file.
+
+Tracking hands in plain arrays and never waits: an own thread imports rerun, paints, compresses and logs; a
+bounded queue drops the oldest entries when that thread falls behind. Whatever goes wrong here is told in
+`problem`, and tracking goes on without it.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from handtrack.arrays import Array, Bytes, Floats
+from handtrack.errors import HandtrackError
+from handtrack_app.rerun.viewer import RerunViewer
+
+if TYPE_CHECKING:
+    from rerun import FileSink, GrpcSink, RecordingStream
+    from rerun.blueprint import Blueprint, Spatial2DView
+
+log = logging.getLogger(__name__)
+
+_QUEUE = 64
+_JPEG = 75
+_CLOSING_S = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPictures:
+    """What one camera saw and what the model predicts there."""
+
+    camera: str
+    observed: Floats | Bytes | None = None
+    """(H, W) coverage by the hand, 0…1, or bytes 0…255"""
+    predicted: Floats | Bytes | None = None
+    """(H, W) likewise"""
+    residual: Floats | None = None
+    """(H, W) signed, −1…1: observed − predicted"""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEntry:
+    """One tracked frame."""
+
+    frame: int
+    time_s: float
+    energy: float
+    iterations: int
+    status: int = 0
+    energies: Mapping[str, float] = field(default_factory=dict)
+    """each term's share, by its name"""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """joint parameters [m, rad] by name"""
+    pictures: tuple[CameraPictures, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class IterationEntry:
+    """One solver iteration of a frame that is looked at closely."""
+
+    frame: int
+    iteration: int
+    energy: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    pictures: tuple[CameraPictures, ...] = ()
+
+
+class RerunStream:
+    """A recording of one tracking run, to a file, to a live viewer on loopback, or to both."""
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        live: bool = False,
+        name: str = "handtrack",
+        queue: int = _QUEUE,
+    ) -> None:
+        """Start. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
+        assert path is not None or live, "neither a file nor a viewer"
+        self.dropped = 0
+        """entries left out because rerun was slower than tracking"""
+        self.problem = ""
+        """why recording stopped, in words; empty while all is well"""
+        self._path = None if path is None else _writable(Path(path))
+        self._viewer = RerunViewer() if live else None
+        self._name = name
+        self._waiting: deque[FrameEntry | IterationEntry] = deque()
+        self._most, self._closing = queue, False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._work, name="rerun", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Where the live viewer's page is; empty without one."""
+        return "" if self._viewer is None else self._viewer.page
+
+    @property
+    def waiting(self) -> int:
+        """How many entries are not written yet."""
+        return len(self._waiting)
+
+    def log(self, entry: FrameEntry | IterationEntry) -> None:
+        """Hand in an entry; returns at once. The arrays must not be changed afterwards."""
+        with self._changed:
+            if self._closing or self.problem:
+                return
+            if len(self._waiting) >= self._most:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(entry)
+            self._changed.notify()
+
+    def close(self, keep_viewer: bool = False) -> None:
+        """Write what waits and end the recording. keep_viewer: leave the live viewer running."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(_CLOSING_S)
+        if self._thread.is_alive():
+            self.problem = self.problem or "rerun did not finish writing in time."
+        if self._viewer is not None and not keep_viewer:
+            self._viewer.stop()
+
+    def __enter__(self) -> RerunStream:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---- on the own thread: rerun's clock belongs to it
+
+    def _work(self) -> None:
+        try:
+            recording = self._begin()
+            for entry in self._entries():
+                if isinstance(entry, FrameEntry):
+                    _log_frame(recording, entry)
+                else:
+                    _log_iteration(recording, entry)
+            recording.flush(timeout_sec=_CLOSING_S / 2)
+            recording.disconnect()
+        except Exception as error:  # tracking goes on without the recording
+            log.exception("rerun recording stopped")
+            with self._changed:
+                self.problem = f"recording for rerun stopped: {error}"
+                self._waiting.clear()
+
+    def _begin(self) -> RecordingStream:
+        import rerun as rr
+
+        sinks: list[FileSink | GrpcSink] = []
+        if self._path is not None:
+            sinks.append(rr.FileSink(str(self._path)))
+        if self._viewer is not None:
+            self._viewer.start()
+            sinks.append(rr.GrpcSink(self._viewer.address))
+        recording = rr.RecordingStream(self._name, send_properties=False)
+        recording.set_sinks(*sinks, default_blueprint=_layout())
+        return recording
+
+    def _entries(self) -> Iterator[FrameEntry | IterationEntry]:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if not self._waiting:
+                    return
+                entry = self._waiting.popleft()
+            yield entry
+
+
+# ---- entries → entities ----------------------------------------------------------------------------
+
+
+def _log_frame(recording: RecordingStream, entry: FrameEntry) -> None:
+    import rerun as rr
+
+    recording.set_time("frame", sequence=entry.frame)
+    recording.set_time("time", duration=entry.time_s)
+    _log_scalars(recording, "energy", {"total": entry.energy, **entry.energies})
+    _log_scalars(recording, "parameters", entry.parameters)
+    _log_scalars(recording, "solver", {"iterations": entry.iterations, "status": entry.status})
+    _log_pictures(recording, "cameras", entry.pictures)
+    if entry.note:
+        recording.log("log", rr.TextLog(f"frame {entry.frame}: {entry.note}", level="WARN"))
+
+
+def _log_iteration(recording: RecordingStream, entry: IterationEntry) -> None:
+    recording.reset_time()
+    recording.set_time("iteration", sequence=entry.iteration)
+    root = f"closely/frame_{entry.frame}"
+    _log_scalars(recording, f"{root}/energy", {"total": entry.energy})
+    _log_scalars(recording, f"{root}/parameters", entry.parameters)
+    _log_pictures(recording, f"{root}/cameras", entry.pictures)
+    recording.reset_time()
+
+
+def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:
+    import rerun as rr
+
+    for name, value in values.items():
+        recording.log(f"{root}/{name}", rr.Scalars(float(value)))
+
+
+def _log_pictures(
+    recording: RecordingStream, root: str, pictures: tuple[CameraPictures, ...]
+) -> None:
+    import rerun as rr
+
+    for view in pictures:
+        painted = {
+            "observed": None if view.observed is None else grey(view.observed),
+            "predicted": None if view.predicted is None else grey(view.predicted),
+            "residual": None if view.residual is None else signed_colours(view.residual),
+        }
+        for kind, picture in painted.items():
+            if picture is not None:
+                image = rr.Image(picture).compress(jpeg_quality=_JPEG)
+                recording.log(f"{root}/{view.camera}/{kind}", image)
+
+
+def grey(picture: Array) -> Bytes:
+    """Return bytes (H, W) of a picture in 0…1; bytes stay as they are."""
+    if picture.dtype == np.uint8:
+        return picture
+    return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
+
+
+def signed_colours(residual: Floats) -> Bytes:
+    """Return (H, W, 3): red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
+    value = np.clip(np.nan_to_num(residual), -1.0, 1.0)
+    fade = np.rint(255 * (1 - np.abs(value))).astype(np.uint8)
+    full = np.full_like(fade, 255)
+    red, blue = np.where(value >= 0, full, fade), np.where(value <= 0, full, fade)
+    return np.stack([red, fade, blue], axis=-1)
+
+
+def _layout() -> Blueprint:
+    import rerun.blueprint as rrb
+
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Grid(*[_pictures_view(kind) for kind in ("residual", "observed", "predicted")]),
+            rrb.Vertical(
+                rrb.TimeSeriesView(origin="/energy", name="Energy"),
+                rrb.TimeSeriesView(origin="/parameters", name="Parameters [m, rad]"),
+                rrb.TextLogView(origin="/log", name="Doubtful and lost frames"),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="frame"),
+    )
+
+
+def _pictures_view(kind: str) -> Spatial2DView:
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize()
+    )
+
+
+def _writable(path: Path) -> Path:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError), path.open("rb+"):
+            return path
+        path.touch()
+    except OSError as error:
+        raise HandtrackError(
+            f"{path}: the recording for rerun cannot be written there ({error.strerror}). Name another "
+            "file, ending in .rrd."
+        ) from None
+    return path

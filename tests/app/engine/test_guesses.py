@@ -1,0 +1,211 @@
+"""Poses a frame may have: the hand found without a first pose, hypotheses as ghosts, one of them taken and undone."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.sampling.hypotheses import Hypothesis
+from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack_app.engine import jobs
+from handtrack_app.engine.guesses import Guesses
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.page.scene.ghosts import update_ghosts
+from handtrack_app.protocol import commands
+from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import fake_document
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+WAYS = ((0.03, 0.9, "no forearm in view"), (0.08, 0.06, "turned by 170°"))
+"""where the hand is along x [m], how sure, and in words"""
+
+
+def candidates(run: Any, frame: int) -> list[FirstPoseCandidate]:
+    """Return two poses of a frame, the relaxed hand in two places."""
+    found = []
+    for place, share, words in WAYS:
+        params = run.model.rest_params()
+        params[0] = place
+        found.append(FirstPoseCandidate(frame, params, share, words, run.model, 1.0))
+    return found
+
+
+@pytest.fixture
+def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """The search finds two poses once the event is set; it tells how far it is, and stops when asked."""
+    go = threading.Event()
+
+    def find(run: Any, frame: Any, should_stop: Any, on_progress: Any) -> list[Any]:
+        on_progress(0.4, "40 of 100 starts")
+        while not go.wait(0.01):
+            if should_stop():
+                return []
+        return [] if frame == 9 else candidates(run, 5 if frame is None else frame)
+
+    monkeypatch.setattr(jobs, "find_first_poses", find)
+    yield go
+    go.set()
+
+
+def press(bench: Workbench, handle: Any, option: str) -> None:
+    with WireClient(bench.port) as client:
+        client.set_value(handle, option)
+        time.sleep(0.2)
+
+
+def test_the_hand_is_found_taken_and_can_be_undone(
+    bench: Workbench, search: threading.Event
+) -> None:
+    panel, state = bench.layout.guesses, bench.state
+    before = state.values
+    press(bench, panel.find, "any frame")
+    eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
+    shown = bench.layout.progress
+    eventually(
+        lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100), "progress"
+    )
+    search.set()
+    eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")
+    eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
+    eventually(lambda: panel.takes.options == ("1", "2"), "two to take")
+    eventually(
+        lambda: "90 %" in panel.list.content and "turned by 170°" in panel.list.content, "told"
+    )
+    eventually(lambda: bool(bench.stage.ghosts.bones.visible), "ghosts")
+    eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
+    eventually(lambda: "found</span>" in bench.layout.timeline.picture.content, "marked")
+    assert "set by hand" not in bench.layout.timeline.picture.content
+    press(bench, panel.takes, "2")
+    eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
+    press(bench, bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: abs(state.values[0] - 0.03) < 1e-9, "undone")
+    press(bench, bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: np.allclose(state.values, before), "the pose before the search")
+    press(bench, panel.takes, "77")
+    bench.go_to(6)
+    eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
+    bench.go_to(5)
+    eventually(lambda: bool(bench.stage.ghosts.bones.visible), "there again")
+
+
+def test_a_found_pose_is_set_by_hand_once_it_is_edited(
+    bench: Workbench, search: threading.Event
+) -> None:
+    card, timeline = bench.layout.pose.card, bench.layout.timeline.picture
+    search.set()
+    press(bench, bench.layout.guesses.find, "any frame")
+    eventually(lambda: ">found<" in card.content, "found")
+    with WireClient(bench.port) as client:
+        client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
+        eventually(lambda: ">set by hand<" in card.content, "edited")
+        eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: ">found<" in card.content, "as it was found")
+    bench.send(commands.SetSetting("model.name", "ball6"))
+    eventually(lambda: len(bench.state.values) == 6, "a simpler model")
+    bench.send(commands.SetSetting("model.name", ""))
+    eventually(lambda: len(bench.state.values) == 26 and ">found<" in card.content, "still found")
+
+
+def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> None:
+    document = fake_document(tmp_path, size_pending=True)
+    small = document.run.with_scale(HandScale(0.8))
+    guesses = Guesses(document)
+    guesses.keep([replace(c, model=small.model) for c in candidates(document.run, 5)])
+    assert guesses.take(5, 0)
+    assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
+    assert document.is_found(5)
+    assert not guesses.take(5, 1)  # of the same size
+    store = Persistence.open(document)
+    store.note_scale()
+    store.note_pose(5)
+    store.close()
+    again = Persistence.open(fake_document(tmp_path, size_pending=True))
+    again.restore()
+    again.close()
+    assert (again.document.model.scale, again.document.size_pending) == (HandScale(0.8), True)
+    known = fake_document(tmp_path)  # its size is settled
+    others = Guesses(known)
+    others.keep([replace(c, model=small.model) for c in candidates(known.run, 5)])
+    assert not others.take(5, 0)
+    assert known.model.scale == HandScale()
+
+
+def test_a_search_can_be_cancelled_and_may_find_nothing(
+    bench: Workbench, search: threading.Event
+) -> None:
+    panel = bench.layout.guesses
+    bench.send(commands.FindHand(9))
+    eventually(lambda: bool(panel.cancel.visible), "it runs")
+    bench.send(commands.Cancel())
+    eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
+    search.set()
+    bench.send(commands.FindHand(9))
+    eventually(lambda: any(n.title == "No hand found" for n in bench._unread), "told")
+    assert panel.guesses is None
+
+
+def thickest(bench: Workbench, model: Any) -> float:
+    """Return how thick the thickest bone of a model's ghost is drawn [m]."""
+    length = model.skeleton.length
+    none, turn = np.zeros((len(length), 3)), np.tile(np.eye(3), (len(length), 1, 1))
+    owner = np.zeros(len(length), np.int64)
+    guesses = GuessesSnapshot(5, "found", (Guess(1.0, ""),), owner, none, turn, length)
+    update_ghosts(bench.stage.ghosts, guesses)
+    return float(np.max(np.array(bench.stage.ghosts.bones.batched_scales)[:, [0, 2]]))
+
+
+def test_a_forearm_makes_the_fingers_of_a_ghost_no_thicker(bench: Workbench) -> None:
+    hand = thickest(bench, load_model("hand26"))
+    assert hand == pytest.approx(thickest(bench, load_model("hand26", forearm=True)))
+    assert hand < 0.006
+    assert thickest(bench, load_model("body34")) > 3 * hand
+
+
+def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
+    document = fake_document(tmp_path)
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: document).start()
+    assert bench.wait_ready(60.0)
+    model = document.model
+    (result,) = document.run.track(range(4, 5), 4, model.rest_params())
+    one = model.transform.solver_params(result.parameters)
+    other = one + 0.1
+    spread = np.eye(len(one))
+    carried = tuple(
+        Hypothesis(params, cost, spread, weight, origin)
+        for params, cost, weight, origin in (
+            (one, 3.0, 0.7, "followed"),
+            (model.clipped(other), 4.0, 0.3, "index jumped"),
+        )
+    )
+    document.results[4] = replace(result, hypotheses=carried, parents=(0, 0))
+    bench.go_to(4)
+    panel, ghosts = bench.layout.guesses, bench.stage.ghosts
+    eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible), "ghosts")
+    assert panel.guesses is not None
+    assert [g.words for g in panel.guesses.guesses] == [
+        "followed, cost 3.0", "index jumped, cost 4.0",
+    ]  # fmt: skip
+    count = len(model.skeleton.bone_names)
+    bones = model.bones(carried[1].params)
+    np.testing.assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
+    version = bench.state.version
+    bench.stage._guess_clicked(int(panel.guesses.owner[count + 2]))
+    eventually(lambda: bench.state.version > version and 4 in document.by_hand, "taken by a click")
+    np.testing.assert_allclose(
+        document.by_hand[4], model.joint_params(carried[1].params), atol=1e-9
+    )
+    bench.layout.page.draw("ghosts", False)
+    assert not ghosts.bones.visible
+    bench.stop()

@@ -1,0 +1,73 @@
+"""Killed in the middle of posing and tracking: what was accepted is there when the session is opened again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import snapshots
+from tests.app.fake_run import FRAMES, fake_document
+from tests.conftest import REPOSITORY
+
+WORK = """
+import sys, time
+from pathlib import Path
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import commands
+from tests.app.fake_run import fake_document
+
+worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, step_s=0.4))
+worker.start()
+assert worker.wait_opened(60.0) is None
+names = worker.document.model.parameter_names
+values = list(worker.document.start)
+values[names.index("index_pip_flex")] = 0.75
+worker.send(commands.SetPose(9, tuple(values), 1))
+worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+time.sleep(1.0)
+worker.send(commands.Track(3, 12, 3))
+while len(worker.document.results) < 5:
+    time.sleep(0.01)
+print("tracking", flush=True)
+time.sleep(60)
+"""
+
+
+def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> None:
+    paths = [str(REPOSITORY), str(REPOSITORY / "app"), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    program = subprocess.Popen(
+        [sys.executable, "-c", WORK, str(tmp_path)], env=environment, stdout=subprocess.PIPE
+    )
+    assert program.stdout is not None
+    try:
+        assert program.stdout.readline().strip() == b"tracking"
+        time.sleep(0.2)
+    finally:
+        program.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+        program.wait(10)
+        program.stdout.close()
+
+    seen: list[snapshots.Snapshot] = []
+    worker = Worker(tmp_path, seen.append, fake_document)
+    worker.start()
+    assert worker.wait_opened(60.0) is None
+    document: Document | None = worker.document
+    worker.stop()
+    assert document is not None
+    names = document.model.parameter_names
+    np.testing.assert_allclose(document.by_hand[9][names.index("index_pip_flex")], 0.75)
+    assert document.run.settings.silhouettes.weight == 2.0
+    tracked = sorted(document.results)
+    assert tracked[0] == 3 and len(tracked) >= 3, "all but the last second of tracking"
+    assert tracked == list(range(3, 3 + len(tracked))) and tracked[-1] < FRAMES
+    told = [s.text for s in seen if isinstance(s, snapshots.Notice) and s.title == "Welcome back"]
+    assert len(told) == 1 and "tracked frames" in told[0]

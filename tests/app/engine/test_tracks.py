@@ -1,0 +1,38 @@
+"""A frame as the journal keeps it, and what is said of one that was fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from handtrack.tracking.frame.result import Status
+from handtrack_app.engine.job_control import one_frame
+from handtrack_app.engine.store.tracks import journal_row, result_of_row
+from tests.app.fake_run import fake_document
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_a_frame_comes_back_as_doubtful_as_it_was(tmp_path: Path, unknown: bool) -> None:
+    """What is in doubt only because too little was seen still fits, and is not looked for elsewhere."""
+    document = fake_document(tmp_path)
+    (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
+    kept = replace(result, status=Status.DOUBTFUL, unknown=unknown)
+    back = result_of_row(journal_row(kept), document)
+    assert (back.status, back.fits) == (Status.DOUBTFUL, unknown)
+    old = {k: v for k, v in journal_row(kept).items() if k != "unknown"}  # of an earlier version
+    assert not result_of_row(old, document).fits
+
+
+def test_too_little_seen_is_not_called_a_bad_fit(tmp_path: Path) -> None:
+    document = fake_document(tmp_path)
+    (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
+    note = "what was seen leaves the thumb open: ± 30 mm"
+    doubtful = replace(result, status=Status.DOUBTFUL, note=note)
+    assert one_frame(doubtful).title == "Frame 4 does not fit well"
+    told = one_frame(replace(doubtful, unknown=True))
+    assert (told.title, told.text) == (
+        "Frame 4 fits, as far as it is seen",
+        f"In doubt: {note}.",
+    )

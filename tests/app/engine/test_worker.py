@@ -1,0 +1,319 @@
+"""The worker's protocol: picklable both ways, latest wins, cancel at once, mistakes in words."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack_app.engine.worker import Worker, _kind
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.mailbox import Mailbox
+from tests.app.fake_run import FRAMES, fake_document
+
+
+class Listener:
+    """Keeps every snapshot, pickled and unpickled as a process would get it."""
+
+    def __init__(self) -> None:
+        self.seen: list[snapshots.Snapshot] = []
+        self._came = threading.Condition()
+
+    def publish(self, snapshot: snapshots.Snapshot) -> None:
+        copy = pickle.loads(pickle.dumps(snapshot))
+        with self._came:
+            self.seen.append(copy)
+            self._came.notify_all()
+
+    def wait(
+        self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 10.0
+    ) -> Any:
+        """Return the first snapshot of a kind that passes the test, waiting for it."""
+
+        def find() -> Any:
+            return next((s for s in list(self.seen) if isinstance(s, kind) and test(s)), None)
+
+        with self._came:
+            assert self._came.wait_for(lambda: find() is not None, timeout), (
+                f"no {kind.__name__} came"
+            )
+            return find()
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
+    yield from _desk(tmp_path)
+
+
+def _desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
+    listener = Listener()
+    worker = Worker(folder, listener.publish, lambda f, o: fake_document(f, o, **options))
+    worker.start()
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", 30.0)
+    yield worker, listener
+    worker.stop()
+
+
+def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
+    session, pose = listener.wait(snapshots.SessionSnapshot), listener.wait(snapshots.PoseSnapshot)
+    values = dict(zip(session.parameter_names, pose.values, strict=True)) | changes
+    return tuple(float(v) for v in values.values())
+
+
+def test_commands_are_picklable() -> None:
+    sent = [
+        commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
+        commands.Track(0, 9, 3), commands.FitSize(), commands.Follow(True), commands.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
+        commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.WantPictures(True, None, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
+    ]  # fmt: skip
+    assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
+
+
+def test_opening_shows_the_session_and_its_first_pose(desk: tuple[Worker, Listener]) -> None:
+    session = desk[1].wait(snapshots.SessionSnapshot)
+    pose = desk[1].wait(snapshots.PoseSnapshot)
+    assert (session.start, session.stop, session.first_frame) == (0, FRAMES, 3)
+    assert pose.frame == 3
+    assert pose.error_mm == pytest.approx(0.0, abs=1e-6)
+    assert len(session.cameras) == 2
+
+
+def test_newest_pose_and_frame_win_and_nothing_else_is_dropped() -> None:
+    box: Mailbox[Any] = Mailbox(_kind)
+    for version in range(5):
+        box.put(commands.SetPose(0, (), version))
+        box.put(commands.ShowFrame(version))
+        box.put(commands.Export("csv", version))
+    kept = [box.take(0.0) for _ in range(len(box))]
+    assert [c.version for c in kept if isinstance(c, commands.SetPose)] == [4]
+    assert [c.frame for c in kept if isinstance(c, commands.ShowFrame)] == [4]
+    assert [c.client_id for c in kept if isinstance(c, commands.Export)] == [0, 1, 2, 3, 4]
+
+
+def test_a_pose_is_moved_into_its_limits(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(
+        commands.SetPose(
+            3, _pose(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1
+        )
+    )
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
+    session = listener.wait(snapshots.SessionSnapshot)
+    index = session.parameter_names.index("index_mcp_flex")
+    assert pose.values[index] == pytest.approx(session.interval[index, 1])
+    assert np.isfinite(pose.centre).all()
+    assert pose.origin == "set"
+
+
+def test_a_pose_of_a_wrong_length_changes_nothing(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.SetPose(3, (1.0, 2.0), 1))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
+    np.testing.assert_allclose(pose.values, listener.wait(snapshots.PoseSnapshot).values)
+
+
+def test_tracking_gives_every_frame_and_then_is_idle(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.Track(0, FRAMES, 3))
+    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: (s.status >= 0).all())
+    assert strip.status[7] == 1
+    assert np.isfinite(strip.error_mm).all()
+    progress = [s for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot)]
+    assert max(p.done for p in progress) == FRAMES
+    assert progress[-1].state == "idle"
+
+
+def test_cancel_takes_effect_within_the_frame_under_way(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.4):
+        worker.send(commands.Track(0, FRAMES, 3))
+        begun = listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking")
+        worker.send(commands.Cancel())
+        listener.wait(snapshots.Notice, lambda n: n.title == "Cancelled")
+        assert (
+            max(s.done for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot))
+            <= begun.done + 1
+        )
+
+
+def test_pause_holds_and_goes_on(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.05):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking")
+        worker.send(commands.Pause(True))
+        paused = listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
+        time.sleep(0.3)
+        done = max(s.done for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot))
+        assert done <= paused.done + 1
+        worker.send(commands.Pause(False))
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+
+
+def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.3):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
+        waits = []
+        for version in range(1, 21):
+            asked = time.perf_counter()
+            worker.send(
+                commands.SetPose(5, _pose(listener, index_mcp_flex=0.01 * version), version)
+            )
+            listener.wait(snapshots.PoseSnapshot, lambda p, v=version: p.version == v)
+            waits.append(time.perf_counter() - asked)
+        worker.send(commands.Cancel())
+        assert max(waits) < 0.3, "a pose waited for a whole frame"
+
+
+def test_an_error_of_the_user_comes_in_words(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.SetSetting("silhouettes.wieght", 2.0))
+    notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert notice.text.startswith("no setting 'silhouettes.wieght'; known: ")
+    worker.send(commands.Track(500, 600, 3))
+    listener.wait(snapshots.Notice, lambda n: n.text.startswith("No frames to track: 500 to 600"))
+
+
+def test_a_mistake_of_ours_ends_the_job_and_not_the_worker(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, broken=True):
+        worker.send(commands.Track(0, FRAMES, 3))
+        notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+        assert "ValueError: a mistake of ours" in notice.text
+        assert "Traceback" not in notice.text
+        worker.send(commands.SetPose(3, _pose(listener), 7))
+        listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 7)
+
+
+def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.2):
+        worker.send(commands.Track(0, FRAMES, 3))
+        worker.send(commands.SetSetting("model.coupling", "21"))
+        listener.wait(
+            snapshots.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs")
+        )
+        worker.send(commands.Cancel())
+
+
+def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.SetSetting("model.coupling", "21"))
+    session = listener.wait(snapshots.SessionSnapshot, lambda s: bool(s.driven))
+    assert set(session.driven) == {"thumb_ip_flex"} | {
+        f"{f}_dip_flex" for f in ("index", "middle", "ring", "little")
+    }
+    worker.send(commands.SetPose(3, _pose(listener, index_pip_flex=0.6), 9))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 9)
+    values = dict(zip(session.parameter_names, pose.values, strict=True))
+    assert values["index_pip_flex"] == pytest.approx(0.6)
+    assert values["index_dip_flex"] == pytest.approx(0.4)
+
+
+def test_limits_are_live(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.SetLimits("index_mcp_flex", (0.0, 0.2)))
+    session = listener.wait(
+        snapshots.SessionSnapshot, lambda s: not np.array_equal(s.interval, s.own_interval)
+    )
+    index = session.parameter_names.index("index_mcp_flex")
+    np.testing.assert_allclose(session.interval[index], [0.0, 0.2])
+    worker.send(commands.SetPose(3, _pose(listener, index_mcp_flex=1.0), 4))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 4)
+    assert pose.values[index] == pytest.approx(0.2)
+    worker.send(commands.SetLimits("index_mcp_flex", None))
+    listener.wait(
+        snapshots.SessionSnapshot,
+        lambda s: s is not session and np.array_equal(s.interval, s.own_interval),
+    )
+
+
+def test_a_folder_that_is_no_session_is_told_in_words(tmp_path: Path) -> None:
+    listener = Listener()
+    worker = Worker(tmp_path / "nothing", listener.publish)
+    worker.start()
+    notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    worker.stop()
+    assert "nothing does not exist; expected a session folder" in notice.text
+
+
+def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        assert listener.wait(snapshots.SessionSnapshot, lambda s: "size 1.10" in s.model)
+        worker.send(commands.Track(0, FRAMES, 3))
+        worker.send(commands.Cancel())
+        fitted = [
+            s
+            for s in listener.seen
+            if isinstance(s, snapshots.Notice) and s.title == "Hand size fitted"
+        ]
+        assert len(fitted) == 1
+
+
+def test_a_fingertip_can_be_pulled(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    session, before = (
+        listener.wait(snapshots.SessionSnapshot),
+        listener.wait(snapshots.PoseSnapshot),
+    )
+    tip = session.tip_names.index("index_tip")
+    target = before.tips[tip] + np.array([0.0, -0.02, -0.02])
+    worker.send(commands.PullTip(3, "index_tip", tuple(target.tolist()), 5))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
+    assert np.linalg.norm(pose.tips[tip] - target) < 0.004
+    others = [i for i, name in enumerate(session.parameter_names) if not name.startswith("index")]
+    np.testing.assert_allclose(pose.values[others], before.values[others], atol=1e-9)
+
+
+def test_a_pose_of_the_library_moves_the_fingers_only(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    before = listener.wait(snapshots.PoseSnapshot)
+    worker.send(commands.TakePose(3, "fist", 5))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
+    np.testing.assert_allclose(pose.values[:6], before.values[:6])
+    assert pose.values[session_index(listener, "index_pip_flex")] > 1.0
+
+
+def session_index(listener: Listener, name: str) -> int:
+    return listener.wait(snapshots.SessionSnapshot).parameter_names.index(name)
+
+
+def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True, sizing_s=0.3):
+        document = worker.document
+        assert document is not None
+        document.run = replace(document.run, first=None)
+        worker.send(commands.SetPose(5, _pose(listener, index_mcp_flex=0.3), 1))
+        worker.send(commands.Track(0, FRAMES, 5, anew=True))
+        told = listener.wait(
+            snapshots.ProgressSnapshot, lambda p: "5 of 10 frames looked at" in p.text
+        )
+        assert (told.done, told.total) == (40, 100)
+        listener.wait(snapshots.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        assert document.run.first.frame == document.first_frame == 5
+        assert not (tmp_path / "init.json").exists()
+
+
+def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, size_pending=True, sizing_s=2.0):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "preparing")
+        asked = time.monotonic()
+        worker.send(commands.Cancel())
+        listener.wait(snapshots.Notice, lambda n: n.title == "Cancelled")
+        assert time.monotonic() - asked < 2.0, "it waited until the size was fitted"
+        time.sleep(2.2)
+        assert not [
+            s
+            for s in listener.seen
+            if isinstance(s, snapshots.Notice) and s.title == "Hand size fitted"
+        ]

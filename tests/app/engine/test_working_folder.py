@@ -1,0 +1,71 @@
+"""Whoever opens a bundled recording works on a copy; and the demo tracks that by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack.session import bundled
+from handtrack_app.engine.opening import working_folder
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
+
+
+@pytest.fixture
+def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "checkout"
+    (folder / "fist" / "tracks").mkdir(parents=True)
+    (folder / "fist" / "session.toml").write_text("[session]")
+    (folder / "fist" / "tracks" / "journal.jsonl").write_text("old")
+    monkeypatch.setattr(bundled, "_CHECKOUT", folder)
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    return folder
+
+
+def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(
+    shelf: Path, tmp_path: Path
+) -> None:
+    copy = working_folder(shelf / "fist")
+    assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
+    assert [p.name for p in copy.iterdir()] == ["session.toml"]
+    (copy / "init.json").write_text("mine")
+    assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
+
+
+def test_a_changed_recording_gets_a_new_copy(shelf: Path) -> None:
+    before = working_folder(shelf / "fist")
+    (shelf / "fist" / "session.toml").write_text("[session] # changed")
+    assert working_folder(shelf / "fist") != before
+
+
+def test_any_other_folder_is_used_as_it_is(shelf: Path, tmp_path: Path) -> None:
+    assert working_folder(tmp_path / "mine") == tmp_path / "mine"
+
+
+def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path: Path) -> None:
+    bench = Workbench(
+        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.01), demo=True
+    ).start()
+    try:
+        eventually(lambda: bench.state.playing, "it plays", 30.0)
+        strip = bench.layout.timeline.strip
+        assert strip is not None and (strip.status >= 0).all() and len(strip.status) == FRAMES
+    finally:
+        bench.stop()
+    bench = Workbench(tmp_path, port=0, opener=fake_document, demo=True).start()
+    try:
+        eventually(lambda: bench.state.playing, "it plays at once", 30.0)
+        assert not bench.worker.busy
+    finally:
+        bench.stop()
+
+
+def test_fitting_one_frame_is_told_and_can_be_undone(bench: Workbench) -> None:
+    before = bench.state.values
+    bench.layout.pose._fit()
+    eventually(lambda: any("fitted" in notice.title for notice in bench._unread), "told")
+    eventually(lambda: bench.layout.tracking.progress.state == "idle", "done")
+    step = bench.state.travel(back=True)
+    assert step is not None and step.values == before

@@ -1,0 +1,162 @@
+"""A session of a body in the workbench: its parts are drawn, its sliders stand by limb, wrists and ankles are pulled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.engine.document_snapshots import part_cards, pose_snapshot, truth_at
+from handtrack_app.engine.inverse_kinematics import reach, tip_names
+from handtrack_app.page.panels.pose import group_of, label_of
+from handtrack_app.protocol.palette import colour_of, limb_of
+from handtrack_app.workbench import Workbench
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+BODY = load_model("body34")
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory) -> Iterator[Workbench]:
+    folder = tmp_path_factory.mktemp("body") / "new"
+    what = Simulation(
+        cameras=2, frames=2, size=(96, 72), motion="still", model="body34", distance_m=3.5, images=False
+    )  # fmt: skip
+    workbench = Workbench(simulate(folder, what), port=0).start()
+    assert workbench.wait_ready(60.0)
+    yield workbench
+    workbench.stop()
+
+
+def test_its_parts_stand_on_their_bones(opened):
+    hand = opened.stage.hand
+    document = opened.worker.document
+    assert hand is not None
+    bones = document.model.bones(document.model.transform.solver_params(document.start))
+    assert len(hand.parts) == len(document.model.superquadrics) == 19
+    for part, bone in zip(hand.parts, hand.part_bone, strict=True):
+        np.testing.assert_allclose(part.position, bones.position[bone], atol=1e-6)
+        assert part.visible
+    assert not hand.flesh.visible
+
+
+def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
+    panel = opened.layout.pose
+    assert tuple(panel.sliders) == BODY.parameter_names
+    labels = [folder.label for folder in panel.folders]
+    assert labels == ["Body", "Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg"]
+    knee = panel.sliders["left_knee_flex"]
+    assert (knee.min, knee.max) == (-8, 155)
+
+
+def test_what_is_for_hands_alone_is_not_offered(opened):
+    layout = opened.layout
+    assert not layout.guesses.find.visible
+    assert "model.coupling" not in layout.settings.knobs
+    assert "silhouettes.weight" in layout.settings.knobs
+    assert layout.session.toggles["tips"].label == "Limbs' ends"
+    assert layout.session.view.options == ("Body", "Everything")
+
+
+def test_a_part_is_drawn_in_its_limbs_colour(opened):
+    hand = opened.stage.hand
+    foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))
+    assert hand.parts[foot].color == colour_of("left_foot")
+
+
+def test_a_slider_moves_the_limb(opened):
+    hand = opened.stage.hand
+    foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))
+    before = np.array(hand.parts[foot].position)
+    with WireClient(opened.port) as client:
+        client.set_value(opened.layout.pose.sliders["left_knee_flex"], 90.0)
+        eventually(
+            lambda: np.linalg.norm(np.array(hand.parts[foot].position) - before) > 0.3,
+            "the foot moved",
+        )
+
+
+def test_the_error_against_true_joints_is_told(opened):
+    document = opened.worker.document
+    assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
+    document.set_pose(0, tuple(document.start))
+    assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose
+    moved = document.start.copy()
+    moved[0] += 0.05
+    document.set_pose(0, tuple(moved))
+    assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
+    document.forget_pose(0)
+
+
+def test_names_are_grouped_and_worded_by_limb():
+    assert group_of("left_shoulder_abd") == "Left arm"
+    assert label_of("left_shoulder_abd") == "shoulder aside\u00a0°"
+    assert group_of("right_ankle_flex") == "Right leg"
+    assert group_of("spine_twist") == "Trunk"
+    assert label_of("spine_twist") == "spine twist\u00a0°"
+    assert group_of("neck_lean") == "Head"
+    assert group_of("root_tx") == "Hand"
+    assert group_of("index_mcp_flex") == "Index"
+    assert label_of("index_mcp_flex") == "MCP flex °"
+    arms = {name: colour_of(name) for name in BODY.skeleton.bone_names if "arm" in name}
+    assert len(set(arms.values())) == 2
+    assert all(limb_of(name) is None for name in load_model(forearm=True).skeleton.bone_names)
+
+
+@pytest.mark.parametrize("tip", ["left_wrist", "right_ankle"])
+def test_a_wrist_or_ankle_is_pulled_by_its_own_limb(tip):
+    assert tip_names(BODY) == ("left_wrist", "left_ankle", "right_wrist", "right_ankle")
+    params = BODY.rest_params()
+    joint = BODY.joint_names.index(tip)
+    target = BODY.joint_positions(BODY.bones(params))[joint] + [0.05, 0.12, 0.15]
+    moved = reach(BODY, params, tip, target)
+    found = BODY.joint_positions(BODY.bones(moved))[joint]
+    assert np.linalg.norm(found - target) < 0.005
+    changed = {
+        name
+        for name, a, b in zip(BODY.parameter_names, params, moved, strict=True)
+        if abs(a - b) > 1e-9
+    }
+    limb = limb_of(tip)
+    assert {limb_of(name) for name in changed} == {limb}
+
+
+@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+def test_a_finger_is_pulled_alone_whatever_is_coupled(coupling):
+    hand = load_model(coupling=coupling)
+    params = hand.rest_params()
+    joint = hand.joint_names.index("index_tip")
+    target = hand.joint_positions(hand.bones(params))[joint] + [0.0, -0.01, -0.01]
+    moved = hand.joint_params(reach(hand, params, "index_tip", target))
+    still = hand.joint_params(params)
+    for name, a, b in zip(hand.parameter_names, still, moved, strict=True):
+        assert math.isclose(a, b, abs_tol=1e-12) or name.startswith("index"), name
+    assert np.abs(moved - still).max() > 0.02
+
+
+def test_hands_have_no_parts():
+    assert part_cards(load_model()) == ()
+    cards = part_cards(BODY)
+    assert all(card.faces.max() == len(card.vertices) - 1 for card in cards)
+
+
+def test_the_command_line_simulates_and_tracks_a_body(handtrack, tmp_path: Path):
+    folder = tmp_path / "dance"
+    made = handtrack(
+        "simulate", "--model", "body34", "--motion", "still", "--frames", "2", "--cameras", "2",
+        "--size", "96", "72", "--no-images", "--out", str(folder),
+    )  # fmt: skip
+    assert made.code == 0, made.err
+    assert handtrack("track", str(folder)).code == 0
+    poses = folder / "tracks" / "poses.npz"
+    ended = handtrack("export", poses, "--to", "csv")
+    assert ended.code == 0, ended.err
+    assert "left_knee_flex" in next(folder.rglob("*.csv")).read_text()
+    ended = handtrack("evaluate", poses, "--truth", folder / "truth.npz")
+    assert ended.code == 0, ended.err

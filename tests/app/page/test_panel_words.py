@@ -1,0 +1,70 @@
+"""What the panels say: counts in singular and plural, given frames, the energy's parts of a poor cloud."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack_app.engine.document_snapshots import session_snapshot, timeline_snapshot
+from handtrack_app.engine.job_control import summary
+from handtrack_app.page.panels.session import head
+from handtrack_app.page.panels.timeline import timeline_picture
+from handtrack_app.protocol import snapshots
+from tests.app.fake_run import fake_document
+
+IDLE = snapshots.ProgressSnapshot("idle", "Ready")
+
+
+def _strip(**changed: object) -> snapshots.TimelineSnapshot:
+    none = np.full(4, np.nan)
+    return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), none, none, ()), **changed)
+
+
+def test_one_camera_is_no_cameras(tmp_path: Path) -> None:
+    session = session_snapshot(fake_document(tmp_path))
+    assert "12 frames, 2 cameras," in head(session, IDLE)
+    assert "12 frames, 1 camera," in head(replace(session, cameras=session.cameras[:1]), IDLE)
+
+
+@pytest.mark.parametrize(
+    ("by_hand", "found", "words"),
+    [((), (), ()), ((11,), (), ("set by hand",)), ((11,), (11,), ("found",)), ((11, 12), (12,), ("set by hand", "found"))],
+)  # fmt: skip
+def test_given_frames_are_named_below_the_timeline(by_hand, found, words) -> None:
+    picture = timeline_picture(_strip(by_hand=by_hand, found=found), 10)
+    assert picture.count("<path") == len(by_hand)
+    for word in ("set by hand", "found"):
+        assert (f"{word}</span>" in picture) == (word in words)
+
+
+def test_a_poor_clouds_lines_of_sight_have_their_lane() -> None:
+    parts = {"lines of sight": np.array([2.0, 3.0, 4.0, 5.0]), "priors": np.ones(4)}
+    assert "lines of sight</span>" in timeline_picture(
+        _strip(status=np.zeros(4, int), terms=parts), 11
+    )
+    alone = {"silhouettes": parts["lines of sight"], "priors": np.ones(4)}
+    assert "silhouettes</span>" not in timeline_picture(
+        _strip(status=np.zeros(4, int), terms=alone), 11
+    )
+
+
+def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
+    document = fake_document(tmp_path)
+    document.set_pose(5, tuple(document.start + np.eye(26)[0] * 0.01))
+    error = timeline_snapshot(document).error_mm
+    assert error[5] == pytest.approx(10.0)
+    assert np.isnan(error[6])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [(0, ""), (1, " One, set by hand or found, stayed as it is."), (3, " 3 set by hand or found stayed as they are.")],
+)  # fmt: skip
+def test_frames_that_were_given_are_told_after_tracking(given: int, words: str) -> None:
+    assert (
+        summary([], 0, given, 0.0)
+        == f"0 of 0 frames in 0.0 s (0 ms a frame); none doubtful.{words}"
+    )

@@ -1,0 +1,220 @@
+"""The workbench on loopback: handles follow the worker, clients' values are checked, and the hand moves at once."""
+
+from __future__ import annotations
+
+import logging
+import math
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.workbench import Workbench, log_to, run_workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+
+def test_it_listens_on_loopback_only(bench: Workbench) -> None:
+    assert bench.server.get_host() == "127.0.0.1"
+    assert bench.server.request_share_url() is None
+
+
+def test_the_hand_stands_where_the_model_says(bench: Workbench) -> None:
+    document = bench.worker.document
+    assert document is not None and bench.stage.hand is not None
+    bones = document.model.bones(document.model.transform.solver_params(document.start))
+    posed = document.model.flesh["fine"].posed(bones)
+    np.testing.assert_allclose(bench.stage.hand.flesh.batched_positions, posed.centre, atol=1e-6)
+    np.testing.assert_allclose(bench.stage.hand.flesh.batched_scales, posed.radii, atol=1e-6)
+
+
+def test_every_parameter_has_a_slider_with_its_limits(bench: Workbench) -> None:
+    document = bench.worker.document
+    assert document is not None
+    sliders = bench.layout.pose.sliders
+    assert tuple(sliders) == document.model.parameter_names
+    low, high = np.rad2deg(
+        document.model.limits.interval[document.model.parameter_names.index("index_pip_flex")]
+    )
+    assert (sliders["index_pip_flex"].min, sliders["index_pip_flex"].max) == (
+        math.floor(low),
+        math.ceil(high),
+    )
+
+
+def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> None:
+    slider, hand = bench.layout.pose.sliders["index_mcp_flex"], bench.stage.hand
+    assert hand is not None
+    before, value = np.array(hand.flesh.batched_positions), slider.value
+    with WireClient(bench.port) as client:
+        client.set_value(slider, 60.0)
+        eventually(
+            lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+            "the hand moved",
+        )
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(
+            lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+            "the hand moved back",
+        )
+        eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "abc", None, [1, 2]])
+def test_a_slider_value_that_is_no_number_does_nothing(bench: Workbench, value: object) -> None:
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    with WireClient(bench.port) as client:
+        client.set_value(slider, value)
+        time.sleep(0.15)
+        assert bench.state.version == 0
+        client.set_value(bench.layout.pose.sliders["ring_mcp_flex"], 30.0)
+        eventually(lambda: bench.state.version == 1, "the page lives on")
+    assert bench.stage.hand is not None
+    assert np.isfinite(bench.stage.hand.flesh.batched_positions).all()
+
+
+def test_a_slider_value_out_of_range_is_clamped(bench: Workbench) -> None:
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    with WireClient(bench.port) as client:
+        client.set_value(slider, 1e12)
+        eventually(lambda: bench.state.version == 1 and slider.value <= slider.max, "clamped")
+    index = bench.state.names.index("index_mcp_flex")
+    assert bench.state.values[index] <= math.radians(slider.max) + 1e-9
+
+
+def test_frames_and_ranges_from_clients_are_checked(bench: Workbench) -> None:
+    timeline, tracking = bench.layout.timeline, bench.layout.tracking
+    with WireClient(bench.port) as client:
+        client.set_value(timeline.slider, 1e9)
+        eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
+        client.set_value(timeline.slider, math.nan)
+        client.set_value(tracking.range, [math.nan, 5])
+        client.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
+        client.set_value(timeline.slider, 2)
+        eventually(lambda: bench.state.frame == 2, "the page lives on")
+    assert tracking.order("range") == commands.Track(0, FRAMES, 2)
+
+
+def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
+    with WireClient(bench.port) as client:
+        for position, wxyz in (
+            ((math.nan, 0, 0), (1, 0, 0, 0)),
+            ((0, 0, 0), (0, 0, 0, 0)),
+            ((1e9, 0, 0), (1, 0, 0, 0)),
+        ):
+            client.send({
+                "type": "TransformControlsUpdateMessage", "name": "/root",
+                "wxyz": list(wxyz), "position": list(position),
+            })  # fmt: skip
+        time.sleep(0.2)
+        assert bench.state.version == 0
+        client.send({
+            "type": "TransformControlsUpdateMessage", "name": "/root",
+            "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
+        })  # fmt: skip
+        eventually(lambda: bench.state.version == 1, "a good one moves the hand")
+        eventually(
+            lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider"
+        )
+
+
+def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
+    tracking = bench.layout.tracking
+    with WireClient(bench.port) as client:
+        client.send({
+            "type": "GuiUpdateMessage", "uuid": tracking.starters[0]._impl.uuid, "updates": {"value": True},
+        })  # fmt: skip
+        eventually(lambda: bool(tracking.cancel.visible), "cancel can be pressed")
+        eventually(
+            lambda: tracking.progress.state == "idle" and not tracking.cancel.visible, "finished"
+        )
+    timeline = bench.layout.timeline
+    eventually(
+        lambda: timeline.strip is not None and (timeline.strip.status >= 0).all(), "every frame"
+    )
+    eventually(lambda: "doubtful" in timeline.picture.content, "marked")
+
+
+def test_looking_through_a_camera_shows_its_picture(bench: Workbench) -> None:
+    bench.stage.look("side", None)
+    cameras = bench.stage.cameras
+    assert cameras is not None
+    eventually(lambda: bool(cameras.screen.visible), "the screen shows the camera's picture")
+    eventually(lambda: not cameras.frusta["side"].visible, "its frustum would be in the way")
+    bench.stage.look(None, None)
+    assert not cameras.screen.visible
+
+
+def slowest_usual(bench: Workbench) -> float:
+    """Return the 95 % quantile of the latency [s], the best of three rounds: other programs only make it longer."""
+    return min(float(np.quantile(latencies(bench, 30), 0.95)) for _ in range(3))
+
+
+def latencies(bench: Workbench, count: int) -> np.ndarray:
+    """Return seconds from a slider message on the wire to the moved hand's message back at the client."""
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    waits = []
+    with WireClient(bench.port) as client:
+        time.sleep(0.5)
+        for k in range(count):
+            sent = client.set_value(slider, 10.0 + 0.5 * k)
+            came = client.wait_for(sent, "/hand/flesh", "batched_positions")
+            assert came is not None, "the hand did not move"
+            waits.append(came - sent)
+            time.sleep(0.03)
+    return np.array(waits)
+
+
+def test_the_hand_follows_a_slider_within_a_tenth_of_a_second(bench: Workbench) -> None:
+    assert slowest_usual(bench) <= 0.1
+
+
+def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.5)).start()
+    assert bench.wait_ready(60.0)
+    bench.send(commands.Track(0, FRAMES, 0))
+    wait = slowest_usual(bench)
+    busy = bench.layout.tracking.progress.state
+    bench.stop()
+    assert busy in ("preparing", "tracking")
+    assert wait <= 0.1
+
+
+def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match="does not exist; expected a session folder"):
+        run_workbench(tmp_path / "nothing", port=0, open_browser=False)
+
+
+def test_a_request_that_is_no_browsers_prints_nothing(
+    bench: Workbench,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    log = tmp_path / "log"
+    for name in ("handtrack_app", "websockets"):
+        monkeypatch.setattr(logging.getLogger(name), "handlers", [])
+    # once it has served a page, viser itself keeps such records from every log of the process
+    monkeypatch.setattr(logging.getLogger("websockets.server"), "filters", [])
+    log_to(log)
+    with socket.create_connection(("127.0.0.1", bench.port)) as wire:
+        wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        while wire.recv(4096):
+            pass
+    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
+    logging.getLogger("websockets").handlers[0].close()
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
+    bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
+    time.sleep(0.1)
+    with WireClient(bench.port) as client:
+        eventually(
+            lambda: any("Welcome back" in str(message) for _, message in client.messages), "told"
+        )

@@ -1,0 +1,138 @@
+"""What the recorder writes for rerun, read back."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.tracking.sequence import track_frames
+from handtrack_app.rerun import recorder as residual_recorder
+from handtrack_app.rerun.recorder import ResidualRecorder
+from tests.app.command_line import CommandLine, small_recording
+from tests.app.rerun.test_stream import chunks, picture, scalars
+
+FRAMES = range(5)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> TrackingRun:
+    folder = small_recording(tmp_path_factory.mktemp("recorder") / "small")
+    return TrackingRun.open(Session.open(folder))
+
+
+@pytest.fixture(scope="module")
+def results(run: TrackingRun):
+    return list(run.track(FRAMES, *run.initial()))
+
+
+def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    recorder = ResidualRecorder(run, path=path, closely=2)
+    tracker = recorder.watched(run.tracker)
+    for result, expected in zip(
+        track_frames(tracker, run.observation, *run.initial(), FRAMES), results, strict=True
+    ):
+        recorder.show(result)
+        np.testing.assert_array_equal(result.parameters, expected.parameters)
+    recorder.close()
+    assert recorder.problem == ""
+    energies = {r.frame: r.energy for r in results}
+    assert scalars(path, "/energy/total") == pytest.approx(energies)
+    assert scalars(path, "/solver/iterations") == {r.frame: r.iterations for r in results}
+    at = run.model.parameter_names.index("index_mcp_flex")
+    bends = {r.frame: r.parameters[at] for r in results}
+    assert scalars(path, "/parameters/index_mcp_flex") == pytest.approx(bends)
+
+    root = "/closely/frame_2"
+    costs = scalars(path, f"{root}/energy/total", "iteration")
+    assert sorted(costs) == list(range(1, len(costs) + 1))
+    assert len(costs) > 1
+    assert costs[len(costs)] == pytest.approx(energies[2])
+    last = scalars(path, f"{root}/parameters/index_mcp_flex", "iteration")[len(costs)]
+    assert last == pytest.approx(bends[2])
+
+    silhouette = run.session.observation(0).silhouettes[0]
+    for entity in ("/cameras/cam0", f"{root}/cameras/cam0"):
+        observed = picture(path, f"{entity}/observed").astype(float)
+        predicted = picture(path, f"{entity}/predicted").astype(float)
+        assert observed.shape[:2] == silhouette.mask.shape
+        assert np.abs(observed - predicted).mean() < 10  # they overlap
+        residual = picture(path, f"{entity}/residual")
+        assert residual.shape == (*silhouette.mask.shape, 3)
+        assert np.median(residual) > 250  # white where nothing is left
+
+
+def test_the_residual_is_red_where_the_hand_is_missed(run: TrackingRun, results, tmp_path) -> None:
+    away = results[0].parameters.copy()
+    away[0] += 0.3
+    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
+    recorder.show(replace(results[0], parameters=away))
+    recorder.close()
+    seen = run.session.observation(0).silhouettes[0].mask > 0.99
+    residual = picture(tmp_path / "run.rrd", "/cameras/cam0/residual")[seen]
+    assert np.median(residual, axis=0) == pytest.approx([255, 0, 0], abs=30)
+
+
+def test_pictures_are_dropped_and_numbers_are_not(
+    run: TrackingRun, results, tmp_path: Path, monkeypatch
+) -> None:
+    gate = threading.Event()
+    pictures = residual_recorder._Painter.pictures
+
+    def slow(painter: residual_recorder._Painter, params: np.ndarray):
+        gate.wait(30)
+        return pictures(painter, params)
+
+    monkeypatch.setattr(residual_recorder._Painter, "pictures", slow)
+    seen = run.session.observation(0)
+    monkeypatch.setattr(run.session, "observation", lambda _: seen)
+    path = tmp_path / "run.rrd"
+    recorder = ResidualRecorder(run, path=path)
+    for frame in range(40):  # all of them come while the first one is painted
+        recorder.show(replace(results[0], frame=frame))
+    gate.set()
+    recorder.close()
+    assert recorder.problem == ""
+    assert sorted(scalars(path, "/energy/total")) == list(range(40))
+    painted = sum(batch.num_rows for batch in chunks(path, "/cameras/cam0/residual"))
+    assert recorder.without_pictures > 20
+    assert painted == 40 - recorder.without_pictures
+
+
+def test_the_command_records_and_says_where(
+    run: TrackingRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "residuals" / "run.rrd"
+    handtrack = CommandLine(capsys)
+    out = tmp_path / "poses.npz"
+    words = ["track", run.session.folder, "--out", out, "--rerun-save", path, "--rerun-frame", 1]
+    ended = handtrack(*words)
+    assert ended.code == 0
+    assert f"residuals are in {path}" in ended.err
+    assert sorted(scalars(path, "/energy/total")) == list(FRAMES)
+    assert scalars(path, "/closely/frame_1/energy/total", "iteration")
+
+
+def test_a_file_that_cannot_be_written(run: TrackingRun, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(HandtrackError, match="recording for rerun cannot be written"):
+        ResidualRecorder(run, path=tmp_path / "file" / "run.rrd")
+
+
+def test_a_failure_while_painting_is_told(run: TrackingRun, results, tmp_path, monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("no paint")
+
+    monkeypatch.setattr(residual_recorder._Painter, "pictures", fail)
+    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
+    for result in results:
+        recorder.show(result)
+    recorder.close()
+    assert recorder.problem == "recording residuals stopped: no paint"

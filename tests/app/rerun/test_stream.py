@@ -1,0 +1,171 @@
+"""Recordings for rerun, read back; and tracking that never waits for them."""
+
+from __future__ import annotations
+
+import io
+import time
+import urllib.request
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack_app.rerun import stream as rerun_stream
+from handtrack_app.rerun.stream import (
+    CameraPictures,
+    FrameEntry,
+    IterationEntry,
+    RerunStream,
+    grey,
+    signed_colours,
+)
+from handtrack_app.rerun.viewer import free_ports
+
+
+def chunks(path, entity):
+    chunk = pytest.importorskip("rerun.chunk")
+    for part in chunk.RrdReader(str(path)).stream().filter(content=entity, is_static=False):
+        yield part.to_record_batch()
+
+
+def scalars(path, entity, timeline="frame") -> dict[int, float]:
+    found = {}
+    for batch in chunks(path, entity):
+        values = batch.column("Scalars:scalars").to_pylist()
+        times = batch.column(timeline).to_pylist()
+        found |= {t: v[0] for t, v in zip(times, values, strict=True)}
+    return found
+
+
+def picture(path, entity) -> np.ndarray:
+    from PIL import Image
+
+    for batch in chunks(path, entity):
+        blob = batch.column("EncodedImage:blob")[0].as_py()[0]
+        return np.asarray(Image.open(io.BytesIO(bytes(blob))))
+    raise LookupError(entity)
+
+
+def frame_entry(frame: int, **more) -> FrameEntry:
+    return FrameEntry(frame, frame / 25, energy=10.0 + frame, iterations=3 + frame, **more)
+
+
+def half(value, left=0.0) -> np.ndarray:
+    image = np.full((48, 64), left)
+    image[:, 32:] = value
+    return image
+
+
+def test_a_recording_holds_what_was_handed_in(tmp_path):
+    path = tmp_path / "run.rrd"
+    views = (CameraPictures("cam0", half(1.0), half(0.5), half(-1.0, 0.0)),)
+    with RerunStream(path) as stream:
+        for k in range(3):
+            stream.log(
+                frame_entry(
+                    k,
+                    energies={"silhouettes": float(k)},
+                    parameters={"index_mcp_flex": 0.1 * k},
+                    pictures=views,
+                    note="too few pixels" if k == 2 else "",
+                )
+            )
+    assert stream.problem == ""
+    assert stream.dropped == 0
+    assert scalars(path, "/energy/total") == {0: 10.0, 1: 11.0, 2: 12.0}
+    assert scalars(path, "/energy/silhouettes") == {0: 0.0, 1: 1.0, 2: 2.0}
+    assert scalars(path, "/solver/iterations") == {0: 3, 1: 4, 2: 5}
+    assert scalars(path, "/parameters/index_mcp_flex") == pytest.approx({0: 0, 1: 0.1, 2: 0.2})
+    assert picture(path, "/cameras/cam0/observed")[20, [5, 60]] == pytest.approx([0, 255], abs=6)
+    assert picture(path, "/cameras/cam0/predicted")[20, 60] == pytest.approx(128, abs=6)
+    residual = picture(path, "/cameras/cam0/residual")
+    assert residual[20, 5] == pytest.approx([255, 255, 255], abs=8)
+    assert residual[20, 60] == pytest.approx([0, 0, 255], abs=8)
+    notes = [batch.column("TextLog:text").to_pylist() for batch in chunks(path, "/log")]
+    assert notes == [[["frame 2: too few pixels"]]]
+
+
+def test_iterations_of_a_frame_have_their_own_timeline(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunStream(path) as stream:
+        stream.log(frame_entry(7))
+        for k in range(4):
+            views = (CameraPictures("cam0", residual=half(0.5)),)
+            stream.log(IterationEntry(7, k, 100.0 / (k + 1), {"root_tx": 0.01 * k}, views))
+        stream.log(frame_entry(8))
+    root = "/closely/frame_7"
+    assert scalars(path, f"{root}/energy/total", "iteration") == pytest.approx(
+        {0: 100.0, 1: 50.0, 2: 100 / 3, 3: 25.0}
+    )
+    assert scalars(path, f"{root}/parameters/root_tx", "iteration")[3] == pytest.approx(0.03)
+    assert picture(path, f"{root}/cameras/cam0/residual").shape == (48, 64, 3)
+    for batch in chunks(path, f"{root}/energy/total"):
+        assert "frame" not in batch.schema.names
+    assert scalars(path, "/energy/total") == {7: 17.0, 8: 18.0}
+
+
+def test_the_oldest_entries_go_when_the_queue_is_full(tmp_path, monkeypatch):
+    begin = RerunStream._begin
+
+    def slow(stream):
+        time.sleep(0.5)
+        return begin(stream)
+
+    monkeypatch.setattr(RerunStream, "_begin", slow)
+    path = tmp_path / "run.rrd"
+    stream = RerunStream(path, queue=4)
+    began = time.monotonic()
+    for k in range(10):
+        stream.log(frame_entry(k))
+    assert time.monotonic() - began < 0.5, "logging waited for rerun"
+    stream.close()
+    assert stream.dropped == 6
+    assert sorted(scalars(path, "/energy/total")) == [6, 7, 8, 9]
+
+
+def test_a_failure_is_told_and_tracking_goes_on(tmp_path, monkeypatch, caplog):
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(rerun_stream, "_log_frame", fail)
+    stream = RerunStream(tmp_path / "run.rrd")
+    for k in range(200):
+        stream.log(frame_entry(k))
+    stream.close()
+    stream.log(frame_entry(201))
+    assert stream.problem == "recording for rerun stopped: disk full"
+
+
+def test_a_file_that_cannot_be_written_is_the_users_error(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(HandtrackError, match="recording for rerun cannot be written there"):
+        RerunStream(tmp_path / "file" / "run.rrd")
+
+
+def test_a_live_viewer_and_a_file_at_once(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunStream(path, live=True) as stream:
+        stream.log(frame_entry(3))
+        assert stream.url.startswith("http://127.0.0.1:")
+        deadline = time.monotonic() + 40
+        while stream._waiting and not stream.problem and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert stream.problem == ""
+        page = urllib.request.urlopen(stream.url.partition("?")[0], timeout=10).read()
+        assert b"<html" in page[:500].lower()
+    assert stream.problem == ""
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(stream.url.partition("?")[0], timeout=10)
+    assert scalars(path, "/energy/total") == {3: 13.0}
+
+
+def test_pictures_are_painted_for_any_input():
+    odd = np.array([[np.nan, -3.0, 0.5, 9.0]])
+    assert grey(odd).tolist() == [[0, 0, 128, 255]]
+    assert grey(np.array([[7]], dtype=np.uint8)).tolist() == [[7]]
+    colours = signed_colours(odd)
+    assert colours[0].tolist() == [[255, 255, 255], [0, 0, 255], [255, 128, 128], [255, 0, 0]]
+
+
+def test_the_viewer_gets_different_free_ports():
+    assert len(set(free_ports(3))) == 3
