@@ -145,7 +145,7 @@ def test_simulate_track_evaluate_export(handtrack: CommandLine, session: Path) -
     )
     assert json.loads(as_truth.out)["max_mm"] == 0
 
-    again = handtrack("track", session, "--seed", 3)
+    again = handtrack("track", session, "--seed", 0)  # another is among the settings that are kept
     assert again.code == 0
     assert poses.read_bytes() == first
     kept = list((poses.parent / "versions").iterdir())
