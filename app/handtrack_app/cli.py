@@ -196,7 +196,7 @@ def _add_track(commands: Any) -> None:
         help="a setting; may be repeated",
     )
     track.add_argument(
-        "--seed", type=int, default=0, help="of everything random; nothing is in this version"
+        "--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"
     )
     track.add_argument(
         "--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"
@@ -334,9 +334,6 @@ def _add_calibrate(commands: Any) -> None:
         "--no-k3", action="store_true", help="hold the third radial coefficient at 0"
     )
     calibrate.add_argument("--no-tangential", action="store_true", help="hold p1 and p2 at 0")
-    calibrate.add_argument(
-        "--skew", action="store_true", help="refused: skew is reported, not modelled"
-    )
     calibrate.add_argument(
         "--most-views",
         type=int,

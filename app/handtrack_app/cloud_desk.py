@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from itertools import combinations
-from typing import Any
 
-import numpy as np
-
-from handtrack.capture.clouds.cloud_filters import COMPONENTS, CloudFilters
+from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
-from handtrack.errors import HandtrackError, unknown_name
-from handtrack.session.clouds import cloud_filters, stereo_settings
+from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app import messages as m
 from handtrack_app.aside import Aside
@@ -22,7 +17,6 @@ from handtrack_app.document import Document, params_of
 
 _HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
-_OFF = ("near_m", "far_m", "crop_m", "voxel_m", "outlier_neighbours", "max_points", "front_m")
 
 
 class CloudDesk:
@@ -93,7 +87,7 @@ class CloudDesk:
 
     def change(self, values: Mapping[str, object]) -> None:
         """Change settings of [clouds]. Raises HandtrackError, and changes nothing, for what cannot be."""
-        self.use(changed_clouds(self.settings, values))
+        self.use((self.settings or CloudSettings()).with_values(values))
 
     def use(self, settings: CloudSettings | None) -> None:
         """Take other settings of [clouds], all of them."""
@@ -137,7 +131,7 @@ class CloudDesk:
             pair = pairs[0]
         return m.CloudCard(
             source,
-            shown_values(settings),
+            (settings or CloudSettings()).in_force,
             with_images,
             pairs[:_PAIRS],
             pair,
@@ -145,47 +139,3 @@ class CloudDesk:
             document.unsaved_clouds,
             settings,
         )
-
-
-def shown_values(settings: CloudSettings | None) -> dict[str, object]:
-    """Return the settings in force by their names in [clouds]; None is off."""
-    settings = settings or CloudSettings()
-    filters, stereo = cloud_filters(settings), stereo_settings(settings)
-    values: dict[str, object] = {f.name: getattr(filters, f.name) for f in fields(filters)}
-    return values | {
-        "stereo_method": stereo.method,
-        "stereo_window_px": getattr(stereo, f"{stereo.method}_window_px"),
-        "stereo_left_right_px": stereo.left_right_px,
-        "stereo_contrast": stereo.least_contrast,
-        "stereo_speckle_px": stereo.speckle_px,
-    }
-
-
-def changed_clouds(settings: CloudSettings | None, values: Mapping[str, object]) -> CloudSettings:
-    """Return settings of [clouds] with some replaced. Raises HandtrackError for what cannot be."""
-    known = {field.name for field in fields(CloudSettings)}
-    for name, value in values.items():
-        if name not in known:
-            raise HandtrackError(
-                f"no setting '{name}' in [clouds]; known: {', '.join(sorted(known))}"
-            )
-        numeric = isinstance(value, int | float) and not isinstance(value, bool)
-        if numeric and not (np.isfinite(value) and value > 0):  # type: ignore[operator]
-            raise HandtrackError(f"[clouds], {name}: expected a number above 0, found {value}.")
-        if value is False and name not in _OFF:
-            raise HandtrackError(f"[clouds], {name}: cannot be switched off.")
-    given: dict[str, Any] = dict(values)
-    if given.get("component", COMPONENTS[0]) not in (None, *COMPONENTS):
-        raise unknown_name("part of a cloud", str(given["component"]), COMPONENTS)
-    if given.get("front_m") is False:  # off is how it usually is
-        given["front_m"] = None
-    if given.get("stereo"):  # a session has one source of clouds
-        given |= {"files": None, "depth": ()}
-    changed = replace(settings or CloudSettings(), **given)
-    filters = cloud_filters(changed)
-    if (filters.near_m or 0.0) >= (filters.far_m or np.inf):
-        raise HandtrackError(
-            f"[clouds]: near_m = {filters.near_m:g} and far_m = {filters.far_m:g}; expected near_m < far_m."
-        )
-    stereo_settings(changed)  # says what is wrong with it
-    return changed

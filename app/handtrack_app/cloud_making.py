@@ -21,7 +21,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
-from handtrack.session.clouds import stereo_settings
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack_app import messages as m
@@ -134,7 +133,7 @@ class CloudMaker:
     def stereo(self, moment: Moment, pair: tuple[str, str]) -> m.CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.session, moment.frame
-        settings = stereo_settings(session.file.clouds or CloudSettings())
+        settings = (session.file.clouds or CloudSettings()).matching
         if self._is_painted(frame, moment.wanted, pair, settings):
             return None
         key = (pair, settings)

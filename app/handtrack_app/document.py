@@ -15,7 +15,6 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.session_file import clouds_values
 from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.energy_parts import energy_parts
@@ -285,12 +284,12 @@ class Document:
 
     def use_clouds(self, settings: CloudSettings | None) -> None:
         """Take other settings of [clouds] from now on. Raises HandtrackError, and changes nothing."""
-        self.run.session.use_clouds(settings)
+        self.run = self.run.with_clouds(settings)
 
     @property
     def unsaved_clouds(self) -> tuple[str, ...]:
         """Names of the settings of [clouds] that differ from session.toml."""
-        now, saved = (clouds_values(c or CloudSettings()) for c in (self.clouds, self.saved_clouds))
+        now, saved = ((c or CloudSettings()).table for c in (self.clouds, self.saved_clouds))
         return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))
 
     # ---- what the page sees

@@ -20,7 +20,6 @@ from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal
 from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
-from handtrack.session.session_file import clouds_values
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.document import Document
 from handtrack_app.kept_frames import journal_row, result_of_row, whole_track
@@ -91,7 +90,7 @@ class Keeper:
         """Write the settings of [clouds], or that those of session.toml hold."""
         clouds, table = self.document.clouds, None
         if clouds is not None and self.document.unsaved_clouds:
-            table = clouds_values(clouds)
+            table = clouds.table
         self.note("clouds", {"table": table})
 
     def note_result(self, result: FrameResult) -> None:
@@ -281,7 +280,7 @@ class Keeper:
             raise HandtrackError("This session has no clouds whose settings could be saved.")
         if not changed:
             return "session.toml has these settings already."
-        values = clouds_values(clouds)
+        values = clouds.table
         kept = self._edit_session("clouds", {name: values.get(name) for name in changed})
         document.saved_clouds = clouds
         self.note_clouds()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from handtrack.arrays import Bytes, Floats
 from handtrack.capture.clouds.cloud_files import read_cloud
-from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
@@ -21,7 +19,7 @@ from handtrack.capture.clouds.stereo_check import check_pair
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from handtrack.session.session_file import CloudSettings, SessionFile
+from handtrack.session.session_file import SessionFile
 from handtrack.session.views import View
 
 _TRIED = 5  # files, until one can be read
@@ -211,24 +209,6 @@ def _depth_cloud(view: View, frame: int) -> PointCloud | None:
     return depth_cloud(view.camera, depth, view.hand_pixels(frame), view.image(frame))
 
 
-def cloud_filters(settings: CloudSettings) -> CloudFilters:
-    """Return the filters of a session: those set in [clouds], the others as they are usual.
-
-    From depth images the part nearest to the camera is taken unless `component` says otherwise:
-    nothing else tells the hand from what is behind it. Files may come from anywhere: their
-    distance to the cameras is looked at only where near_m or far_m are set.
-    """
-    usual = CloudFilters()
-    if settings.depth:
-        usual = replace(usual, component="nearest")
-    if settings.files is not None:
-        usual = replace(usual, near_m=None, far_m=None)
-    names = {field.name for field in fields(CloudSettings)}
-    own = {f.name: getattr(settings, f.name) for f in fields(usual) if f.name in names}
-    chosen = {name: value for name, value in own.items() if value is not None}
-    return replace(usual, **{n: None if value is False else value for n, value in chosen.items()})
-
-
 def cloud_source(
     file: SessionFile, files: Mapping[int, Path], views: tuple[View, ...], rig: CameraRig
 ) -> CloudSource | None:
@@ -241,19 +221,5 @@ def cloud_source(
         return DepthClouds(tuple(by_name[name] for name in settings.depth))
     if settings.stereo:
         pairs = tuple((by_name[first], by_name[second]) for first, second in settings.stereo)
-        return StereoClouds(pairs, stereo_settings(settings))
+        return StereoClouds(pairs, settings.matching)
     return FileClouds(files, rig, file.session.world_unit_m)
-
-
-def stereo_settings(settings: CloudSettings) -> StereoSettings:
-    """Return how pairs are matched: what [clouds] sets, the rest as it is usual."""
-    usual = StereoSettings(settings.stereo_method)
-    given = {
-        "near_m": settings.near_m or None,
-        "far_m": settings.far_m or None,
-        f"{settings.stereo_method}_window_px": settings.stereo_window_px,
-        "left_right_px": settings.stereo_left_right_px,
-        "least_contrast": settings.stereo_contrast,
-        "speckle_px": settings.stereo_speckle_px,
-    }
-    return replace(usual, **{name: value for name, value in given.items() if value is not None})

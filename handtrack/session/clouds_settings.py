@@ -1,42 +1,27 @@
-"""[clouds] of session.toml: where point clouds come from, and the filters' settings."""
+"""[clouds] of session.toml: where point clouds come from, how pairs are matched, and which points are the hand's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from handtrack.capture.clouds.cloud_filters import COMPONENTS
-from handtrack.capture.clouds.disparity import STEREO_METHODS
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import TableReader
+from handtrack.setting import NotAcceptedError, Setting, declared
 
 _CLOUD_SOURCES = ("files", "stereo", "depth")
-_CLOUD_NUMBERS = {
-    "crop_m": "m",
-    "voxel_m": "m",
-    "near_m": "m",
-    "far_m": "m",
-    "front_m": "m",
-    "outlier_ratio": "",
-    "stereo_left_right_px": "px",
-    "stereo_contrast": "grey levels",
-}
-_CLOUD_COUNTS = (
-    "max_points",
-    "outlier_neighbours",
-    "per_voxel",
-    "stereo_window_px",
-    "stereo_speckle_px",
-)
-_CLOUD_OFF = ("near_m", "far_m", "crop_m", "voxel_m", "outlier_neighbours", "max_points")
+_STEREO = "stereo_"
+CLOUD_SETTINGS: dict[str, Setting] = {**declared(CloudFilters), **declared(StereoSettings, _STEREO)}
+"""every setting of [clouds] by its name there, beside the source"""
 
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """[clouds]: where point clouds come from (exactly one source), and the filters' settings;
-    None: the filter's own; false: off."""
+    """[clouds]: where point clouds come from (exactly one source), and what is said of filters and matching."""
 
     files: str | None = None
     """a pattern of .ply or .npz files."""
@@ -44,27 +29,73 @@ class CloudSettings:
     """pairs of cameras to match."""
     depth: tuple[str, ...] = ()
     """cameras whose depth is used."""
-    stereo_method: str = "sgbm"
-    """how pairs are matched: sgbm, or correlation."""
-    stereo_window_px: int | None = None
-    """side of the squares that are compared."""
-    stereo_left_right_px: float | None = None
-    """how far the matches from left to right and back may differ."""
-    stereo_contrast: float | None = None
-    """standard deviation around a pixel [grey levels] below which nothing is matched."""
-    stereo_speckle_px: int | None = None
-    """smaller patches that stand off from their surroundings are taken for wrong."""
-    near_m: float | bool | None = None
-    far_m: float | bool | None = None
-    crop_m: float | bool | None = None
-    skin: SkinEllipse | None = None
-    component: str | None = None
-    front_m: float | None = None
-    voxel_m: float | bool | None = None
-    per_voxel: int | None = None
-    outlier_neighbours: int | bool | None = None
-    outlier_ratio: float | None = None
-    max_points: int | bool | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """settings by name, as far as they are given; False: off. The others are as usual for the source."""
+
+    @property
+    def filters(self) -> CloudFilters:
+        """The filters: those given, the others as they are usual.
+
+        From depth images the part nearest to the camera is taken unless `component` says otherwise: nothing else tells
+        the hand from what is behind it. Files may come from anywhere: their distance to the cameras is looked at only
+        where near_m or far_m are given.
+        """
+        usual = CloudFilters()
+        if self.depth:
+            usual = replace(usual, component="nearest")
+        if self.files is not None:
+            usual = replace(usual, near_m=None, far_m=None)
+        return replace(usual, **self._given_of(CloudFilters))
+
+    @property
+    def matching(self) -> StereoSettings:
+        """How pairs are matched."""
+        given = self._given_of(StereoSettings, _STEREO)
+        ranged = {name: self.given[name] for name in ("near_m", "far_m") if self.given.get(name)}
+        return StereoSettings(**given, **ranged)
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """What stands in [clouds] for these settings, by its keys."""
+        given = {n: asdict(v) if isinstance(v, SkinEllipse) else v for n, v in self.given.items()}
+        return {key: value for key in _CLOUD_SOURCES if (value := getattr(self, key))} | given
+
+    @property
+    def in_force(self) -> dict[str, Any]:
+        """Every setting by name, given or usual; None is off."""
+        stereo = self.matching
+        values = {name: getattr(self.filters, name) for name in declared(CloudFilters)}
+        values |= {_STEREO + name: getattr(stereo, name) for name in declared(StereoSettings)}
+        return values | {f"{_STEREO}window_px": stereo.window}
+
+    def with_values(self, values: Mapping[str, Any], where: str = "[clouds]") -> CloudSettings:
+        """Return a copy with settings replaced; None: as usual, False: off. `stereo`, pairs of cameras, takes another
+        source's place. Raises HandtrackError naming `where` and the setting.
+        """
+        given, changed = dict(self.given), self
+        for name, value in values.items():
+            if name == "stereo":
+                changed = replace(self, files=None, depth=(), stereo=value)
+            elif name not in CLOUD_SETTINGS:
+                known = ", ".join(sorted(CLOUD_SETTINGS))
+                raise HandtrackError(f"no setting '{name}' in {where}; known: {known}")
+            elif value is None:
+                given.pop(name, None)
+            else:
+                given[name] = _accepted(CLOUD_SETTINGS[name], value, where)
+        changed = replace(changed, given=given)
+        near, far = changed.filters.near_m or 0.0, changed.filters.far_m or float("inf")
+        if near >= far:
+            raise HandtrackError(f"{where}: far_m = {far}; expected more than near_m = {near:g}.")
+        return changed
+
+    def _given_of(self, table: type, prefix: str = "") -> dict[str, Any]:
+        """Return what is given of a class of settings, by its fields."""
+        return {
+            name.removeprefix(prefix): None if self.given[name] is False else self.given[name]
+            for name in declared(table, prefix)
+            if name in self.given
+        }
 
 
 def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSettings:
@@ -73,38 +104,37 @@ def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSetting
     cameras: those of the session, which must have what is asked of them.
     """
     table = TableReader(values, where)
-    given = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
-    if len(given) != 1:
+    sources = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
+    if len(sources) != 1:
         raise HandtrackError(
             f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
-            f"{', '.join(given) or 'none'}."
+            f"{', '.join(sources) or 'none'}."
         )
-    filters: dict[str, Any] = {}
-    for key in (*_CLOUD_NUMBERS, *_CLOUD_COUNTS):
-        value = table.raw(key)
-        if value is False and key in _CLOUD_OFF:
-            filters[key] = False
-        elif value is not None and key in _CLOUD_COUNTS:
-            filters[key] = table.whole(key, None, 1)
-        elif value is not None:
-            filters[key] = table.number(key, above=0.0, unit=_CLOUD_NUMBERS[key])
-    if table.raw("component") is not None:
-        filters["component"] = table.choice("component", COMPONENTS, COMPONENTS[0])
-    if table.raw("skin") is not None:
-        filters["skin"] = _skin(TableReader(table.raw("skin"), f"{table.where}, skin"))
-    if (filters.get("far_m") or 1e9) <= (filters.get("near_m") or 0.0):
-        raise table.error("far_m", filters["far_m"], f"more than near_m = {filters['near_m']:g}")
+    given = {name: table.raw(name) for name in CLOUD_SETTINGS}
+    if given["skin"] is not None:
+        given["skin"] = _skin(TableReader(given["skin"], f"{table.where}, skin"))
     settings = CloudSettings(
-        files=table.text("files") if given == ["files"] else None,
-        stereo=_pairs(table, cameras) if given == ["stereo"] else (),
+        files=table.text("files") if sources == ["files"] else None,
+        stereo=_pairs(table, cameras) if sources == ["stereo"] else (),
         depth=_names(table, "depth", table.raw("depth"), cameras, "depth")
-        if given == ["depth"]
+        if sources == ["depth"]
         else (),
-        stereo_method=table.choice("stereo_method", STEREO_METHODS, STEREO_METHODS[0]),
-        **filters,
     )
     table.finish()
-    return settings
+    return settings.with_values(given, table.where)
+
+
+def _accepted(known: Setting, value: Any, where: str) -> Any:
+    if (value is False and known.optional) or isinstance(value, SkinEllipse):
+        return value
+    try:
+        if isinstance(value, str | bool) and known.kind is not str:
+            raise NotAcceptedError(known.range_words)
+        return known.accept(value)
+    except NotAcceptedError as error:
+        shown = f'"{value}"' if isinstance(value, str) else str(value)
+        shown = shown.lower() if isinstance(value, bool) else shown
+        raise HandtrackError(f"{where}: {known.name} = {shown}; expected {error}.") from None
 
 
 def _skin(table: TableReader) -> SkinEllipse:

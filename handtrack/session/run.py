@@ -18,6 +18,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_na
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
@@ -66,6 +67,7 @@ class TrackingRun:
         silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = session.settings.with_values(overrides or {})
+        session = session.with_seed(settings.tracker.seed)
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
@@ -126,8 +128,18 @@ class TrackingRun:
         settings = self.settings.with_values(overrides)
         wanted = settings.model.forearm
         forearm = self.forearm if wanted == "auto" else wanted == "true"
-        model = _model(self.session, settings, self.scale, forearm)
-        return replace(self, settings=settings, model=model, forearm=forearm)
+        session = self.session.with_seed(settings.tracker.seed)
+        model = _model(session, settings, self.scale, forearm)
+        return replace(self, session=session, settings=settings, model=model, forearm=forearm)
+
+    def with_clouds(self, clouds: CloudSettings | None) -> TrackingRun:
+        """Return the run with other settings of [clouds]. Raises HandtrackError when they cannot be used."""
+        return replace(self, session=self.session.with_clouds(clouds))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is to be known of the settings, in plain sentences: old names, and those without effect."""
+        return [*self.settings.notes, *self.settings.without_effect(self.model.kind)]
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import ImageView, Observation
-from handtrack.session.clouds import CloudSource, cloud_filters, cloud_source, stereo_settings
+from handtrack.session.clouds import CloudSource, cloud_source
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.formats.truth import Truth, read_truth
@@ -62,7 +63,7 @@ class Session:
         self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
-        self.cloud_filters = CloudFilters() if file.clouds is None else cloud_filters(file.clouds)
+        self.cloud_filters = self._filters(self.settings.tracker.seed)
         """how the hand's points are told from the others, by [clouds]."""
         self._clouds: CloudSource | None = cloud_source(file, self.cloud_files, self.views, rig)
         self._times = self._read_times()
@@ -151,7 +152,8 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        return [text for view in self.views for text in view.warnings] + clouds
+        met = [text for view in self.views for text in view.warnings] + clouds
+        return [*self.settings.notes, *met]
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""
@@ -212,21 +214,32 @@ class Session:
         """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
         return None if self._clouds is None else self._clouds.eyes
 
-    def use_clouds(self, clouds: CloudSettings | None) -> None:
-        """Take other settings of [clouds] from now on; session.toml stays as it is.
+    def with_clouds(self, clouds: CloudSettings | None) -> Session:
+        """Return this session with other settings of [clouds]; session.toml stays as it is, and what was read is shared.
 
-        Raises HandtrackError, and changes nothing, when they cannot be used.
+        Raises HandtrackError when they cannot be used.
         """
-        file, source = replace(self.file, clouds=clouds), self._clouds
-        known = self.file.clouds
+        changed, known = copy(self), self.file.clouds
+        changed.file = replace(self.file, clouds=clouds)
         if clouds is None or known is None or _sources(clouds) != _sources(known):
-            source = cloud_source(file, self.cloud_files, self.views, self.rig)
-        filters = CloudFilters() if clouds is None else cloud_filters(clouds)
-        with self._lock:
-            if source is not self._clouds:
-                self._measured.clear()
-            self._observations.clear()
-            self.file, self.cloud_filters, self._clouds = file, filters, source
+            changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
+            changed._measured = OrderedDict()
+        changed.cloud_filters = changed._filters(self.cloud_filters.seed)
+        changed._observations = OrderedDict()
+        return changed
+
+    def with_seed(self, seed: int) -> Session:
+        """Return this session with another seed of what is random: which points of a cloud stay."""
+        if seed == self.cloud_filters.seed:
+            return self
+        changed = copy(self)
+        changed.cloud_filters = self._filters(seed)
+        changed._observations = OrderedDict()
+        return changed
+
+    def _filters(self, seed: int) -> CloudFilters:
+        clouds = self.file.clouds
+        return replace(CloudFilters() if clouds is None else clouds.filters, seed=seed)
 
     def observation(
         self,
@@ -337,7 +350,7 @@ def _sources(clouds: CloudSettings) -> tuple[object, ...]:
         clouds.files,
         clouds.depth,
         clouds.stereo,
-        stereo_settings(clouds) if clouds.stereo else None,
+        clouds.matching if clouds.stereo else None,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +135,7 @@ def write_session_file(path: Path, file: SessionFile) -> None:
         "session": _items({"format": FORMAT, **vars(file.session)}),
         "hand": _items(vars(file.hand)),
         "camera": [_items(_camera_values(camera)) for camera in file.cameras],
-        "clouds": _items(clouds_values(file.clouds) if file.clouds else {}),
+        "clouds": _items(file.clouds.table if file.clouds else {}),
         "tracking": dict(file.tracking),
     }
     text = tomlkit.dumps({name: table for name, table in tables.items() if table})
@@ -151,12 +151,6 @@ def _camera_values(camera: CameraSettings) -> dict[str, Any]:
 
 def _items(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: toml_item(value) for key, value in values.items() if value is not None}
-
-
-def clouds_values(clouds: CloudSettings) -> dict[str, Any]:
-    """Return what stands in [clouds] for these settings, by its keys; what is as usual is left out."""
-    usual = asdict(CloudSettings())
-    return {key: value for key, value in asdict(clouds).items() if value != usual[key]}
 
 
 def _recording(table: TableReader, path: Path) -> RecordingSettings:

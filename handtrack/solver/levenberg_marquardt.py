@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.moving_limits import MovingLimits
+from handtrack.setting import setting
 from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
 from handtrack.terms.bone_system import JointSystem
 
@@ -27,14 +28,20 @@ class BoundedProblem(Protocol):
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How hard to try."""
+    """How hard to try on a frame.
 
-    iterations: int = 10
-    """linearisations at most"""
-    limits: str = "bounds"
-    """`bounds`: no step leaves the limits, found together with it, and those that move with another parameter are
-    followed; `projection`: a step that knows no limits is moved back to them afterwards (the 2004 paper's), which can
-    stick where joints work together"""
+    What is not declared as a setting is the same in all of tracking; callers may choose it.
+    """
+
+    iterations: int = setting(
+        30, "Linearisations a frame at most, all bands together.", label="Iterations", level="user", low=1,
+        slider=(1, 100, 1),
+    )  # fmt: skip
+    limits: Literal["bounds", "projection"] = setting(
+        "bounds", "`bounds`: no step leaves the limits, found together with it, and those that move with another parameter "
+        "are followed; `projection`: a step that knows no limits is moved back to them afterwards (the 2004 paper's), which "
+        "can stick where joints work together.",
+    )  # fmt: skip
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
     binary cameras leave weak directions"""

@@ -119,7 +119,7 @@ def steadier(settings: TrackerSettings) -> TrackerSettings:
         settings.tracker,
         prediction="none",
         escape=False,
-        jumps=False,
+        recovery=False,
     )
     calm = replace(settings.model, fallback="none")
     return replace(settings, model=calm, cloud=cloud, tracker=follow)

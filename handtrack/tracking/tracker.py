@@ -20,6 +20,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.fallback import GOOD, POOR, Agreement, agreement, held
 from handtrack.tracking.frame.appearance_terms import Before
 from handtrack.tracking.frame.assessment import assess, is_suspicious, what_is_open
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.forearm import aimed_forearm
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -62,9 +63,9 @@ class Tracker:
             observation, previous, start, should_stop, on_iteration, before, given
         )
         chosen = self.settings.tracker
-        if not chosen.jumps or chosen.hypotheses > 1 or not previous:
+        if not chosen.recovery or chosen.hypotheses > 1 or not previous:
             return result
-        plain = replace(self.settings, tracker=replace(chosen, jumps=False))
+        plain = replace(self.settings, tracker=replace(chosen, recovery=False))
         return recovered(
             self.model,
             plain,
@@ -202,8 +203,7 @@ class Tracker:
 
     def _is_due(self, frame: int) -> bool:
         """Return whether lost fingers are looked for in this frame anyway."""
-        every = self.settings.tracker.escape_every
-        return every > 0 and frame % every == every - 1
+        return frame % SEARCH_EVERY == SEARCH_EVERY - 1
 
     def _expected(self, frame: int, previous: Sequence[FrameResult]) -> Floats | None:
         if not previous:

@@ -172,6 +172,28 @@ def test_frames_out_settings_and_init(
     assert not (session / "tracks").exists()
 
 
+def test_the_seed_is_a_setting_and_old_names_are_read_with_a_note(
+    handtrack: CommandLine, session: Path, tmp_path: Path
+) -> None:
+    out, file = tmp_path / "poses.npz", session / "session.toml"
+    file.write_text(
+        file.read_text() + "\n[tracking]\ntracker.jumps = false\nsolver.damping = 0.5\n"
+    )
+    words = ["track", session, "--frames", "0:1", "--out", out]
+    ended = handtrack(*words, "--seed", 3, "--set", "prior.collision=false")
+    assert ended.code == 0
+    settings = json.loads(read_npz(out).settings)
+    assert settings["tracker.seed"] == 3
+    assert settings["tracker.recovery"] is False
+    notes = [line for line in ended.err.splitlines() if line.startswith("note: ")]
+    assert sum("'tracker.jumps' is called 'tracker.recovery' now" in note for note in notes) == 1
+    assert sum("'solver.damping' is no longer a setting" in note for note in notes) == 1
+    assert sum("prior.collision = false has no effect" in note for note in notes) == 1
+    refused = handtrack(*words, "--seed", -1)
+    assert refused.code == 2
+    assert "'tracker.seed': expected a whole number of at least 0, found -1" in refused.err
+
+
 def test_a_session_of_depth_alone(handtrack: CommandLine, data_dir: Path, tmp_path: Path) -> None:
     out = tmp_path / "poses.npz"
     session = data_dir / "sessions" / "webxr_depth_640"

@@ -21,7 +21,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.result import Status
 from handtrack_app import messages as m
 from handtrack_app.aside import Aside
-from handtrack_app.cloud_desk import CloudDesk, changed_clouds
+from handtrack_app.cloud_desk import CloudDesk
 from handtrack_app.cloud_making import CloudMaker, nothing_left
 from handtrack_app.cloud_messages import FilterCount
 from handtrack_app.exporting import summary
@@ -112,16 +112,19 @@ def test_filters_are_live_with_counts(desk: Desk) -> None:
     ("values", "words"),
     [
         ({"crop": 0.1}, "no setting 'crop' in [clouds]"),
-        ({"voxel_m": float("nan")}, "[clouds], voxel_m: expected a number above 0, found nan."),
-        ({"per_voxel": False}, "[clouds], per_voxel: cannot be switched off."),
-        ({"near_m": 2.0, "far_m": 1.0}, "expected near_m < far_m"),
-        ({"component": "hand"}, "no part of a cloud 'hand'"),
-        ({"stereo_method": "guess"}, "no stereo method 'guess'"),
+        ({"voxel_m": float("nan")}, "[clouds]: voxel_m = nan; expected a value of kind float."),
+        (
+            {"per_voxel": False},
+            "[clouds]: per_voxel = false; expected a whole number of at least 1.",
+        ),
+        ({"near_m": 2.0, "far_m": 1.0}, "far_m = 1.0; expected more than near_m = 2."),
+        ({"component": "hand"}, 'component = "hand"; expected one of all, nearest, largest'),
+        ({"stereo_method": "guess"}, 'stereo_method = "guess"; expected one of sgbm, correlation'),
     ],
 )
 def test_a_setting_that_cannot_be_changes_nothing(values: dict[str, Any], words: str) -> None:
     with pytest.raises(HandtrackError) as error:
-        changed_clouds(CloudSettings(files="c/*.ply"), values)
+        CloudSettings(files="c/*.ply").with_values(values)
     assert words in str(error.value)
 
 
@@ -230,8 +233,8 @@ def test_a_slider_says_what_the_file_says(knob: Any) -> None:
         assert knob.on_page(knob.in_file(shown)) == pytest.approx(shown, abs=1e-6)
     if low == 0:
         assert knob.in_file(0.0) is False
-    changed = replace(CloudSettings(files="c/*"), **{knob.name: knob.in_file(high)})
-    assert math.isfinite(getattr(changed, knob.name))
+    changed = CloudSettings(files="c/*").with_values({knob.name: knob.in_file(high)})
+    assert math.isfinite(changed.given[knob.name])
 
 
 def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> None:

@@ -312,7 +312,6 @@ def test_a_video_of_a_moving_board(tmp_path, capsys, rig):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--skew"], "a lens with skew is not modelled"),
         (["--camera", "left"], "--camera left: expected NAME=FILES, such as left=left*.jpg"),
         (["--camera", "left=nothing*.png"], "--camera left: nothing found at nothing*.png"),
         ([], "no camera given: --camera NAME=FILES"),

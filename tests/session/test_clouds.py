@@ -14,6 +14,7 @@ from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.examine import examine
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings, read_session_file, write_session_file
 from handtrack_app.cli import main
@@ -118,9 +119,8 @@ def test_the_filters_settings_come_from_session_toml(folder):
 
 def test_settings_read_back_as_written(folder, tmp_path):
     skin = SkinEllipse((0.45, 0.31), (4e-4, -1e-4, 3e-4), 2.0)
-    settings = CloudSettings(
-        depth=("cam1",), near_m=0.2, skin=skin, component="all", outlier_ratio=3.0
-    )
+    given = {"near_m": 0.2, "skin": skin, "component": "all", "outlier_ratio": 3.0}
+    settings = CloudSettings(depth=("cam1",), given=given)
     add_depth(folder)
     file = read_session_file(folder / "session.toml")
     write_session_file(
@@ -133,8 +133,8 @@ def test_settings_read_back_as_written(folder, tmp_path):
     ("line", "words"),
     [
         ("near_m = 2.0\nfar_m = 1.0", "far_m = 1.0; expected more than near_m = 2"),
-        ('component = "first"', 'component = "first"; expected one of "all", "nearest", "largest"'),
-        ('stereo_method = "bm"', 'expected one of "sgbm", "correlation"'),
+        ('component = "first"', 'component = "first"; expected one of all, nearest, largest'),
+        ('stereo_method = "bm"', "expected one of sgbm, correlation"),
         ("skin = { mean = [0.4] }", "skin: mean = .*expected 2 numbers"),
         ("skin = { mean = [0.4, 0.3], covariance = [1.0, 2.0, 1.0] }", "rr gg > rg²"),
         ("per_voxel = 0", "per_voxel = 0; expected a whole number of at least 1"),
@@ -206,3 +206,48 @@ def test_the_command_needs_a_pair(folder, capsys):
     assert main(["stereo", str(folder)]) == 2
     assert "there is no pair to match" in capsys.readouterr().err
     assert not (folder / "clouds").exists()
+
+
+def test_other_settings_of_clouds_are_another_run(folder, rng):
+    """The run and the session before them stay as they are; what was read is not read again."""
+    write_clouds(folder, rng)
+    add(folder, 'files = "c/*"\nmax_points = 500')
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    measured, before = run.session.measured_cloud(0), run.session.observation(0)
+    other = run.with_clouds(run.session.file.clouds.with_values({"max_points": 70}))
+    assert len(other.session.observation(0).cloud) == 70
+    assert run.session.observation(0) is before
+    assert len(before.cloud) == 500
+    assert run.session.file.clouds.given == {"max_points": 500}
+    assert other.session.measured_cloud(0) is measured
+    assert not run.with_clouds(None).session.has_clouds
+    assert run.session.has_clouds
+
+
+def test_what_is_usual_comes_with_the_source():
+    depth = CloudSettings(depth=("cam1",), given={"voxel_m": False})
+    assert depth.filters == CloudFilters(component="nearest", voxel_m=None)
+    pair = depth.with_values({"stereo": (("cam0", "cam1"),), "stereo_method": "correlation"})
+    assert pair.filters == CloudFilters(voxel_m=None)
+    assert (pair.depth, pair.matching.method, pair.matching.window) == ((), "correlation", 11)
+    assert pair.with_values({"stereo_window_px": 7}).in_force["stereo_window_px"] == 7
+    assert pair.with_values({"voxel_m": None}).filters == CloudFilters()
+    assert depth.given == {"voxel_m": False}
+
+
+def test_the_seed_decides_which_points_stay(folder, rng):
+    write_clouds(folder, rng)
+    add(folder, 'files = "c/*"\nmax_points = 500')
+    session = Session.open(folder)
+
+    def points(seed: int) -> np.ndarray:
+        run = TrackingRun.open(session, {"model.fit_size": False, "tracker.seed": seed})
+        return run.session.observation(0).cloud.points
+
+    first, again, other = points(1), points(1), points(2)
+    np.testing.assert_array_equal(first, again)
+    assert first.shape == other.shape
+    assert not np.array_equal(first, other)
+    run = TrackingRun.open(session, {"model.fit_size": False})
+    by_change = run.with_values({"tracker.seed": 2}).session.observation(0).cloud.points
+    np.testing.assert_array_equal(by_change, other)

@@ -27,7 +27,7 @@ FULL = SessionFile(
         CameraSettings("kinect", masks=DepthRange(0.2, 0.9), depth="d/*.png", depth_scale_m=0.001),
         CameraSettings("drawn"),
     ),
-    CloudSettings(stereo=(("cam0", "cam1"),), crop_m=0.1, max_points=2000),
+    CloudSettings(stereo=(("cam0", "cam1"),), given={"crop_m": 0.1, "max_points": 2000}),
     {"silhouettes": {"weight": 2.0, "term": "coverage"}, "model": {"coupling": "21"}},
 )
 BARE = SessionFile(RecordingSettings("bare", 30.0), HandSettings(), (CameraSettings("a"),))
@@ -44,8 +44,13 @@ def test_what_is_written_reads_back(file: SessionFile, tmp_path: Path) -> None:
     [
         CloudSettings(files="c/*.npz"),
         CloudSettings(depth=("kinect",)),
-        CloudSettings(files="c/*", crop_m=False, outlier_neighbours=False, near_m=False, far_m=2.0),
-        CloudSettings(stereo=(("cam0", "cam1"),), stereo_window_px=9, stereo_left_right_px=0.5),
+        CloudSettings(
+            files="c/*",
+            given={"crop_m": False, "outlier_neighbours": False, "near_m": False, "far_m": 2.0},
+        ),
+        CloudSettings(
+            stereo=(("cam0", "cam1"),), given={"stereo_window_px": 9, "stereo_left_right_px": 0.5}
+        ),
     ],
 )
 def test_every_source_of_clouds(clouds: CloudSettings, tmp_path: Path) -> None:

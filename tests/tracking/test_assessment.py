@@ -12,6 +12,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame import assessment
 from handtrack.tracking.frame.assessment import (
     assess,
     energy_ratio,
@@ -78,19 +79,22 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
     assert note.endswith("in cam0")
 
 
-def test_the_bounds_are_settings(seen):
-    bounds = {"tracker.doubtful_overlap": 0.1, "tracker.lost_overlap": 0.05}
+def test_it_is_the_bounds_that_decide(seen, monkeypatch):
+    monkeypatch.setattr(assessment, "DOUBTFUL_OVERLAP", 0.1)
+    monkeypatch.setattr(assessment, "LOST_OVERLAP", 0.05)
     # fingers are beside theirs
-    assert assessed(seen, shifted(0.016), **bounds)[0] == Status.DOUBTFUL
-    bounds["tracker.doubtful_part"] = 0.0
-    assert assessed(seen, shifted(0.016), **bounds)[0] == Status.TRACKED
+    assert assessed(seen, shifted(0.016))[0] == Status.DOUBTFUL
+    monkeypatch.setattr(assessment, "DOUBTFUL_PART", 0.0)
+    assert assessed(seen, shifted(0.016))[0] == Status.TRACKED
 
 
-def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen):
+def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen, monkeypatch):
     params = POSE.copy()
     params[MODEL.skeleton.parameter("index_mcp_flex")] -= 0.5
     params[MODEL.skeleton.parameter("index_mcp_abd")] += 0.6
-    assert assessed(seen, params, **{"tracker.doubtful_part": 0.0})[0] == Status.TRACKED
+    with monkeypatch.context() as without:
+        without.setattr(assessment, "DOUBTFUL_PART", 0.0)
+        assert assessed(seen, params)[0] == Status.TRACKED
     status, note = assessed(seen, params)
     assert status == Status.DOUBTFUL
     assert "% of the index " in note

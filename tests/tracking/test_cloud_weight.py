@@ -14,7 +14,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
-from handtrack.tracking.frame.cloud_terms import see_cloud
+from handtrack.tracking.frame.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.tracker import Tracker
 
@@ -68,3 +68,24 @@ def test_a_cloud_is_taken_as_exactly_as_it_lies_where_that_can_be_known(rng, off
     found = seen.sharpened(model, bones, 2e-3)
     assert (found.sigma_m is not None) is sharper
     assert (found is seen) is not sharper
+
+
+@pytest.mark.parametrize("doubted", [False, True])
+def test_k_shares_the_weight_between_cloud_and_model(rng, doubted):
+    """Also where depths are doubted; there, at K = 1/2, each side counts whole."""
+    model = load_model()
+    bones = model.bones(model.rest_params())
+    points, _ = sample_surface(MetaballSurface.of(model), bones, 3000, rng)
+    eye = bones.position[0] - np.array([0.0, 0.0, 0.5])
+    observation = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
+
+    def weights(k: float) -> tuple[float, float]:
+        values = {"cloud.balance": k, "cloud.doubt_depth": doubted}
+        settings = TrackerSettings().with_values(values)
+        seen = see_cloud(observation, model, bones, settings)
+        assert seen is not None
+        cloud, empty = cloud_terms(seen, model, settings, 8.0)
+        return cloud.weight, empty.weight
+
+    (cloud, empty), (more, less) = weights(0.5), weights(0.75)
+    assert (more, less) == pytest.approx((1.5 * cloud, 0.5 * empty))

@@ -21,7 +21,7 @@ from handtrack.tracking.tracker import Tracker
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
 ARM = WHOLE.skeleton.bone("forearm")
-QUICK = TrackerSettings().with_values({"tracker.escape": False, "tracker.jumps": False})
+QUICK = TrackerSettings().with_values({"tracker.escape": False, "tracker.recovery": False})
 
 
 def near_pair():

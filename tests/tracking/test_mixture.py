@@ -148,3 +148,17 @@ def test_two_cameras_leave_one_pose(body, camera, truth):
     )
     assert error.mean() < 0.02
     assert last.hypotheses[0].weight > 0.9
+
+
+def test_the_seed_decides_on_what_is_sampled(body, truth, observations):
+    """The same again gives the same; another seed looks elsewhere, and carries other hypotheses."""
+
+    def poses(seed: int) -> list[np.ndarray]:
+        start = body.transform.solver_params(truth[0])
+        chosen = {"tracker__hypotheses": 8, "tracker__seed": seed}
+        results = _track(body, observations[:3], start, **chosen)
+        return [np.array([h.params for h in result.hypotheses]) for result in results]
+
+    first, again, other = poses(0), poses(0), poses(1)
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))

@@ -72,7 +72,7 @@ def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():
         seen = np.where(np.array(hidden)[:, None] & (0 < frame < 8), np.nan, points)
         return Observation(frame, frame / 30.0, (), (Keypoints(MODEL.joint_names, seen, 0.002),))
 
-    tracker = Tracker(MODEL, TrackerSettings().with_values({"tracker.jumps": False}))
+    tracker = Tracker(MODEL, TrackerSettings().with_values({"tracker.recovery": False}))
     results = list(track_frames(tracker, observe, 0, pose, range(9)))
     tip, wrist = (MODEL.joint_names.index(name) for name in ("index_tip", "wrist"))
     std = np.sqrt([np.trace(r.joint_covariance[[tip, wrist]], axis1=1, axis2=2) for r in results])

@@ -28,8 +28,8 @@ from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
-PLAIN = TrackerSettings().with_values({"tracker.jumps": False})
-JUMPS = PLAIN.with_values({"tracker.jumps": True})
+PLAIN = TrackerSettings().with_values({"tracker.recovery": False})
+JUMPS = PLAIN.with_values({"tracker.recovery": True})
 
 
 def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):

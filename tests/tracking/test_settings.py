@@ -1,18 +1,64 @@
-"""Settings by dotted name."""
+"""Settings by dotted name: what each may be, old names, and that every one is declared once."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+from typing import Literal
+
 import pytest
 
+from docs.settings_page import settings_page
 from handtrack.errors import HandtrackError
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.session.clouds_settings import CLOUD_SETTINGS
+from handtrack.setting import NotAcceptedError, declared, setting
+from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED
+from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
+from handtrack_app.panels.knobs import KNOBS
 
-CONTRACT = ("silhouettes.term", "silhouettes.weight", "model.name", "model.coupling", "solver.iterations",
-            "tracker.jumps", "tracker.smoothing")  # fmt: skip
+CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
+            "solver.iterations", "tracker.jumps", "tracker.smoothing")  # fmt: skip
 
 
 def test_the_names_that_scripts_rely_on_exist():
-    assert set(CONTRACT) <= set(TrackerSettings().flat())
+    assert {RENAMED.get(name, name) for name in CONTRACT} <= set(TrackerSettings().flat())
+
+
+def test_there_are_no_more_settings_than_people_can_use():
+    levels = [known.level for known in (*SETTINGS.values(), *CLOUD_SETTINGS.values())]
+    assert levels.count("user") <= 26
+    assert levels.count("expert") <= 40
+    assert len(levels) <= 64
+
+
+def test_page_and_docs_show_what_is_declared_and_nothing_else():
+    on_page = [known.name for folder in KNOBS.values() for known in folder]
+    assert sorted(on_page) == sorted(n for n, known in SETTINGS.items() if known.level == "user")
+    in_docs = re.findall(r"^\| `([a-z_.]+)` \| (user|expert)", settings_page(), re.MULTILINE)
+    assert dict(in_docs) == {n: s.level for n, s in (SETTINGS | CLOUD_SETTINGS).items()}
+    assert len(in_docs) == len(SETTINGS) + len(CLOUD_SETTINGS)
+
+
+@pytest.mark.parametrize("name", SETTINGS | CLOUD_SETTINGS)
+def test_a_declaration_is_whole(name):
+    known = (SETTINGS | CLOUD_SETTINGS)[name]
+    assert known.help.endswith(".")
+    if known.default is not None:
+        assert known.accept(known.default) == known.default
+    if known.choices and known.words:
+        assert set(known.words) == set(known.choices)
+    if known.level == "user":
+        assert known.label
+        assert known.words or known.kind is bool or known.slider
+    if known.slider is not None:
+        low, high, _ = (end * known.page_unit for end in known.slider)
+        assert (
+            low < (known.default if known.default is not None else high) <= high
+            or low == known.default
+        )
+        if not known.optional:
+            assert known.accept(low) == low
+        assert known.accept(high) == high
 
 
 def test_strings_are_read_as_their_kind():
@@ -20,22 +66,92 @@ def test_strings_are_read_as_their_kind():
         {
             "solver.iterations": "12",
             "silhouettes.bands_mm": "6, 1.5",
-            "tracker.jumps": "true",
+            "tracker.recovery": "true",
             "tracker.smoothing": "false",
             "silhouettes.term": "conic_field",
             "model.coupling": 21,
+            "model.forearm": True,
         }
     )
     assert settings.solver.iterations == 12
     assert settings.silhouettes.bands_mm == (6.0, 1.5)
-    assert settings.tracker.jumps is True
+    assert settings.tracker.recovery is True
     assert settings.tracker.smoothing == 0.0
     assert settings.model.coupling == "21"
+    assert settings.model.forearm == "true"
 
 
 def test_flat_and_with_values_are_inverse():
     settings = TrackerSettings().with_values({"prior.rest_sigma_deg": 10})
     assert TrackerSettings().with_values(settings.flat()) == settings
+
+
+def test_old_names_are_read_with_a_note():
+    settings = TrackerSettings().with_values({"tracker.jumps": "false", "mixture.seed": 3})
+    assert settings.tracker.recovery is False
+    assert settings.tracker.seed == 3
+    assert settings.notes == (
+        "the setting 'tracker.jumps' is called 'tracker.recovery' now; it was read as that.",
+        "the setting 'mixture.seed' is called 'tracker.seed' now; it was read as that.",
+    )
+
+
+def test_a_name_of_today_wins_over_an_old_one_beside_it():
+    both = {"tracker.recovery": True, "tracker.jumps": False}
+    assert TrackerSettings().with_values(both).tracker.recovery is True
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_what_is_no_setting_any_more_is_told_and_changes_nothing(name):
+    changed = TrackerSettings().with_values({name: 0.125})
+    assert changed == TrackerSettings()
+    (note,) = changed.notes
+    assert name in note
+    assert "what was given for it is not used" in note
+
+
+def test_what_means_nothing_to_the_model_is_told():
+    settings = TrackerSettings().with_values({"prior.collision": False, "model.narrowing": False})
+    assert settings.without_effect("hand") == [
+        "prior.collision = false has no effect: it is about a body, and the model is a hand."
+    ]
+    assert [text.split()[0] for text in settings.without_effect("body")] == ["model.narrowing"]
+
+
+@dataclass(frozen=True)
+class _Declared:
+    share: float = setting(0.5, "From 0 to 1.", low=0.0, high=1.0)
+    width: float | None = setting(2.0, "Above 0, or off.", above=0.0, unit="mm")
+    count: int = setting(3, "One at least.", low=1)
+    steps: tuple[float, ...] = setting((4.0, 2.0), "Several.", above=0.0)
+    way: Literal["on", "off"] = setting("on", "A choice.")
+    plain: float = 1.0
+    """no setting"""
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad", "expected"),
+    [
+        ("share", (0, 1, "0.5"), (-0.01, 1.01), "a number from 0 to 1"),
+        ("width", (1e-9,), (0, -1), "a number above 0 [mm]"),
+        ("count", (1, 2.0), (0,), "a whole number of at least 1"),
+        ("steps", ("1", [3, 2]), ("1,0", []), "numbers above 0"),
+        ("way", ("on",), ("of", True), "one of on, off"),
+    ],
+)
+def test_a_value_is_within_its_bounds(name, good, bad, expected):
+    known = declared(_Declared)[name]
+    for value in good:
+        known.accept(value)
+    for value in bad:
+        with pytest.raises(NotAcceptedError) as caught:
+            known.accept(value)
+        assert str(caught.value) == expected
+
+
+def test_what_is_not_declared_is_no_setting():
+    assert "plain" not in declared(_Declared)
+    assert [n for n, s in declared(_Declared, "a.").items() if s.optional] == ["a.width"]
 
 
 @pytest.mark.parametrize(
@@ -45,12 +161,15 @@ def test_flat_and_with_values_are_inverse():
         ({"solver": 1}, "no setting 'solver'"),
         ({"solver.iterations": "many"}, "setting 'solver.iterations': expected a value of kind int, found 'many'"),
         ({"solver.iterations": 2.5}, "expected a value of kind int, found 2.5"),
+        ({"solver.iterations": 0}, "expected a whole number of at least 1, found 0"),
         ({"silhouettes.weight": "nan"}, "expected a value of kind float, found 'nan'"),
-        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number of at least 0, found -1.0"),
+        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number of at least 0, found -1"),
         ({"silhouettes.term": "edges"}, "expected one of coverage, conic_field, found 'edges'"),
-        ({"silhouettes.bands_mm": "4,0"}, "expected widths above 0"),
-        ({"tracker.jumps": "perhaps"}, "expected a value of kind bool"),
+        ({"silhouettes.bands_mm": "4,0"}, "expected numbers above 0 [mm]"),
+        ({"cloud.balance": 1.1}, "expected a number from 0 to 1, found 1.1"),
+        ({"tracker.jumps": "perhaps"}, "setting 'tracker.recovery': expected a value of kind bool"),
         ({"model.coupling": "20"}, "expected one of 26, 21, 18, found '20'"),
+        ({f"model.spread_{f}": 0 for f in ("index", "middle", "ring", "little")}, "no finger would ever spread"),
     ],
 )  # fmt: skip
 def test_errors_name_the_setting_and_what_is_known(values, message):

@@ -57,11 +57,6 @@ class _Input:
 def run(args: argparse.Namespace) -> int:
     """Find the board, calibrate, write calibration.toml and the report; print the report."""
     board = parse_board(args.board)
-    if args.skew:
-        raise HandtrackError(
-            "--skew: a lens with skew is not modelled. OpenCV ignores the matrix's skew silently, and so would "
-            "every file that other programs read; the report says which skew would fit. Calibrate without it."
-        )
     if args.bayer and args.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
     for option, count in (("--most-views", args.most_views), ("--most-images", args.most_images)):

@@ -12,7 +12,7 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
-from handtrack.session.clouds import StereoClouds, stereo_settings
+from handtrack.session.clouds import StereoClouds
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     settings = session.file.clouds or CloudSettings()
     names = settings.stereo or _pairs(session)
     pairs = tuple((session.view(a), session.view(b)) for a, b in names)
-    source = StereoClouds(pairs, stereo_settings(settings))
+    source = StereoClouds(pairs, settings.matching)
     for finding in check_synchrony(session):
         if finding.severity == "warning":
             say(f"note: {finding.text}")

@@ -41,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     session = Session.open(args.session)
     overrides: dict[str, Any] = dict(parse_settings(args.set))
+    if args.seed is not None:
+        overrides["tracker.seed"] = args.seed
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
@@ -140,7 +142,7 @@ def _save(
         f"Saved to {place}",
         flush=True,
     )
-    for note in [*dict.fromkeys(run_.session.warnings), *_doubts(results)]:
+    for note in [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *_doubts(results)]:
         say(f"note: {note}")
     if problem:
         raise HandtrackError(problem)

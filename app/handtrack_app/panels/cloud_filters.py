@@ -8,6 +8,8 @@ from typing import Any
 
 import viser
 
+from handtrack.session.clouds_settings import CLOUD_SETTINGS
+from handtrack.setting import Setting
 from handtrack_app.messages import CloudCard
 from handtrack_app.panels.page import Page, number
 
@@ -19,61 +21,48 @@ Set = Callable[..., None]
 class FilterKnob:
     """How one number of [clouds] is drawn."""
 
-    name: str
-    label: str
-    hint: str
-    span: tuple[float, float, float]
-    """low, high, step on the page"""
-    unit: float = 1.0
-    """what 1 on the page is in session.toml"""
-    whole: bool = False
-    odd: bool = False
+    known: Setting
+
+    @property
+    def name(self) -> str:
+        return self.known.name
+
+    @property
+    def hint(self) -> str:
+        return f"{self.known.help} 0: off." if self.span[0] == 0 else self.known.help
+
+    @property
+    def span(self) -> tuple[float, float, float]:
+        """Low, high and step on the page."""
+        assert self.known.slider is not None, f"{self.name} has no slider"
+        return self.known.slider
 
     def on_page(self, value: object) -> float:
         """Return where the slider stands for a setting; off is 0."""
         if not isinstance(value, int | float) or isinstance(value, bool):
             return self.span[0]
-        shown = min(max(value / self.unit, self.span[0]), self.span[1])
-        return round(shown) if self.whole else round(shown, 4)
+        shown = min(max(value / self.known.page_unit, self.span[0]), self.span[1])
+        return round(shown) if self.known.kind is int else round(shown, 4)
 
     def in_file(self, shown: float) -> float | int | bool:
         """Return the setting for a slider's value; False at 0."""
         if shown <= 0:
             return False
-        if self.odd:
-            return 2 * int(shown // 2) + 1
-        return round(shown) if self.whole else round(shown * self.unit, 6)
+        if self.known.kind is float:
+            return round(shown * self.known.page_unit, 6)
+        odd = self.span[2] == 2
+        return 2 * int(shown // 2) + 1 if odd else round(shown)
 
 
-CROP = (
-    FilterKnob("near_m", "Nearest cm", "Points nearer to every camera are dropped; 0: none.", (0, 100, 1), 0.01),
-    FilterKnob("far_m", "Farthest cm", "Points farther from every camera are dropped; 0: none.", (0, 400, 5), 0.01),
-    FilterKnob("crop_m", "To hand mm", "Largest distance to the hand of the frame before; 0: any.",
-               (0, 300, 5), 0.001),
-    FilterKnob("front_m", "Deep mm", "Of the nearest part, how far behind its front end it may reach; 0: any.",
-               (0, 500, 5), 0.001),
-)  # fmt: skip
-THIN = (
-    FilterKnob("voxel_m", "Cell mm", "Side of the cells in which points are thinned; 0: no thinning.",
-               (0, 15, 0.25), 0.001),
-    FilterKnob("per_voxel", "Points a cell", "Points that stay in each cell.", (1, 20, 1), whole=True),
-    FilterKnob("outlier_neighbours", "Neighbours", "Points whose neighbours are far are outliers; 0: none are.",
-               (0, 40, 1), whole=True),
-    FilterKnob("outlier_ratio", "Outlier ×", "Times the usual distance to the neighbours.", (1.0, 8.0, 0.1)),
-    FilterKnob("max_points", "At most", "A random part of this many points stays; 0: all.", (0, 20000, 250),
-               whole=True),
-)  # fmt: skip
-STEREO = (
-    FilterKnob("stereo_window_px", "Window px", "Side of the squares that are compared; odd.", (3, 31, 2), whole=True,
-               odd=True),
-    FilterKnob("stereo_left_right_px", "Left-right px", "How far the matches both ways may differ.", (0.25, 6, 0.25)),
-    FilterKnob("stereo_contrast", "Contrast", "Grey levels around a pixel below which nothing is matched.",
-               (0.1, 12, 0.1)),
-    FilterKnob("stereo_speckle_px", "Speckle px", "Smaller patches that stand off are dropped.", (1, 600, 1),
-               whole=True),
-)  # fmt: skip
-_PARTS = {"all": "all", "nearest to a camera": "nearest", "largest": "largest"}
-_METHODS = {"semi-global (SGBM)": "sgbm", "correlation (2004)": "correlation"}
+def _knobs(*names: str) -> tuple[FilterKnob, ...]:
+    return tuple(FilterKnob(CLOUD_SETTINGS[name]) for name in names)
+
+
+CROP = _knobs("near_m", "far_m", "crop_m", "front_m")
+THIN = _knobs("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
+STEREO = _knobs("stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px")
+_PARTS = {word: value for value, word in CLOUD_SETTINGS["component"].words.items()}
+_METHODS = {word: value for value, word in CLOUD_SETTINGS["stereo_method"].words.items()}
 
 
 @dataclass
@@ -87,7 +76,7 @@ class Sliders:
     def add(self, knob: FilterKnob) -> None:
         """Add a slider where the page builds now."""
         low, high, step = knob.span
-        widget = self.page.gui.add_slider(knob.label, low, high, step, low, hint=knob.hint)
+        widget = self.page.gui.add_slider(knob.known.label, low, high, step, low, hint=knob.hint)
         widget.on_update(self.page.from_user(lambda event: self._changed(knob, event.target)))
         self.known[knob.name] = (knob, widget)
 
@@ -119,7 +108,7 @@ class FilterKnobs:
             self.part = gui.add_dropdown(
                 "Part",
                 tuple(_PARTS),
-                hint="Of the parts that hang together, which one is the hand.",
+                hint=CLOUD_SETTINGS["component"].help,
             )
             self.sliders.add(CROP[3])
         with thin:

@@ -10,8 +10,9 @@ from typing import Any
 
 import viser
 
+from handtrack.setting import Setting
 from handtrack_app.messages import FitSize, SaveSettings, SessionSnapshot, SetLimits, SetSetting
-from handtrack_app.panels.knobs import KNOBS, OPEN, Knob
+from handtrack_app.panels.knobs import KNOBS, OPEN
 from handtrack_app.panels.page import Page, number
 from handtrack_app.panels.pose import GROUPS, group_of, label_of, unit_of
 
@@ -22,7 +23,7 @@ class SettingsPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    knobs: dict[str, tuple[Knob, Any]] = field(default_factory=dict)
+    knobs: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
     session: SessionSnapshot | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -57,12 +58,12 @@ class SettingsPanel:
         self.back.on_click(page.from_user(lambda _: self._restore()))
         for title, knobs in KNOBS.items():
             known = [k for k in knobs if k.name in session.settings]
-            known = [k for k in known if not (k.hands and session.kind == "body")]
+            known = [k for k in known if k.about in ("", session.kind)]
             if known:
                 with gui.add_folder(title, expand_by_default=title in OPEN):
                     for knob in known:
                         value = session.settings[knob.name]
-                        if knob.choices or shown_value(knob, value) is not None:
+                        if knob.words or shown_value(knob, value) is not None:
                             self._add(knob, value)
         if session.kind == "hand":
             size = gui.add_button(
@@ -88,35 +89,36 @@ class SettingsPanel:
                 tuple(SetSetting(name, own[name]) for name in changed),
             )
 
-    def _add(self, knob: Knob, value: Any) -> None:
+    def _add(self, knob: Setting, value: Any) -> None:
         gui, shown = self.page.gui, shown_value(knob, value)
-        if knob.choices:
-            words = tuple(knob.choices)
+        if knob.words:
+            words = tuple(knob.words.values())
             widget: Any = gui.add_dropdown(
-                knob.label, words, initial_value=shown or words[0], hint=knob.hint
+                knob.label, words, initial_value=shown or words[0], hint=knob.help
             )
         elif isinstance(value, bool):
-            widget = gui.add_checkbox(knob.label, value, hint=knob.hint)
+            widget = gui.add_checkbox(knob.label, value, hint=knob.help)
         else:
-            low, high, step = knob.span or (0.0, 100.0, 0.1)
+            assert knob.slider is not None, f"{knob.name} has no widget"
+            low, high, step = knob.slider
             widget = gui.add_slider(
                 knob.label,
                 min(low, shown),
                 max(high, shown),
                 step,
                 initial_value=shown,
-                hint=knob.hint,
+                hint=knob.help,
             )
         widget.on_update(self.page.from_user(lambda event: self._changed(knob, event)))
         self.knobs[knob.name] = (knob, widget)
 
-    def _changed(self, knob: Knob, event: viser.GuiEvent) -> None:
+    def _changed(self, knob: Setting, event: viser.GuiEvent) -> None:
         value: Any = event.target.value
-        if knob.choices:
-            value = knob.choices.get(value)
+        if knob.words:
+            value = next((own for own, word in knob.words.items() if word == value), None)
         elif not isinstance(value, bool):
             value = number(value, event.target.min, event.target.max)
-            if value is not None and knob.span is not None and isinstance(knob.span[2], int):
+            if value is not None and knob.kind is int:
                 value = round(value)
         if value is not None and self.session is not None:
             before = self.session.settings[knob.name]
@@ -142,16 +144,14 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def shown_value(knob: Knob, value: Any) -> Any:
+def shown_value(knob: Setting, value: Any) -> Any:
     """Return how a setting's value stands on the page; None if it cannot be shown."""
-    if knob.choices:
-        return next((word for word, own in knob.choices.items() if own == str(value)), None)
+    if knob.words:
+        return knob.words.get(str(value))
     if isinstance(value, bool):
         return value
     if isinstance(value, (int, float)):
-        return (
-            int(value) if knob.span is not None and isinstance(knob.span[2], int) else float(value)
-        )
+        return int(value) if knob.kind is int else float(value)
     return None
 
 

@@ -68,7 +68,7 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
 def _error(
     model: ArticulatedModel, seen: Sequence[Observation], given: Keypoints, truth: Floats
 ) -> float:
-    settings = TrackerSettings().with_values({"tracker.escape": False, "tracker.jumps": False})
+    settings = TrackerSettings().with_values({"tracker.escape": False, "tracker.recovery": False})
     start = fit_keypoints(model, given)
     results = track_frames(
         Tracker(model, settings), lambda f, _: seen[f], 0, start, range(len(seen))

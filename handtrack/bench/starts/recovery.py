@@ -62,7 +62,7 @@ def gap_run(seed: int, jumps: bool) -> Gap:
             return Observation(frame, frame / 25.0)
         return mask_views(filmed, poses[frame], rig.cameras, frame)
 
-    settings = TrackerSettings().with_values({"tracker.jumps": jumps})
+    settings = TrackerSettings().with_values({"tracker.recovery": jumps})
     results = list(track_frames(Tracker(model, settings), observe, 0, poses[0], range(count)))
     truth = np.stack([filmed.joint_positions(filmed.bones(x)) for x in poses])
     found = np.stack([r.joint_positions for r in results])

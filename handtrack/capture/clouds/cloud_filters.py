@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -17,11 +18,11 @@ from scipy.spatial import KDTree
 from handtrack.arrays import Array, Floats, Ints
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.setting import setting
 
 HandDistance = Callable[[Floats], Floats]
 """points (N, 3) world [m] → distance (N,) [m] to the hand of the frame before."""
 
-COMPONENTS = ("all", "nearest", "largest")
 _AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
@@ -48,29 +49,55 @@ class FilterReport:
 class CloudFilters:
     """The filters' settings, by their names in [clouds] of session.toml; None switches one off."""
 
-    near_m: float | None = 0.1
-    """points nearer to every camera are dropped."""
-    far_m: float | None = 1.5
-    """points farther from every camera are dropped."""
-    crop_m: float | None = 0.1
-    """largest distance to the hand of the frame before; without such a hand nothing is cropped."""
-    skin: SkinEllipse | None = None
-    """colours that count as skin; clouds without colours pass."""
-    component: str = "all"
-    """of the parts that hang together: all, the nearest to the cameras, or the largest."""
-    front_m: float | None = None
-    """how much farther than its nearest end the nearest part may reach; cuts a hand held out from
-    the body it hangs on."""
-    voxel_m: float | None = 0.0025
-    """side of the cells of the thinning."""
-    per_voxel: int = 1
-    """points that stay in each cell."""
-    outlier_neighbours: int | None = 8
-    """neighbours whose mean distance is looked at."""
-    outlier_ratio: float = 2.5
-    """mean distance, in units of the cloud's median one, from which a point is an outlier."""
-    max_points: int | None = 4000
-    """a random part of this many stays."""
+    near_m: float | None = setting(
+        0.1, "Points nearer to every camera are dropped.", label="Nearest cm", unit="m", above=0.0,
+        slider=(0, 100, 1), page_unit=0.01,
+    )  # fmt: skip
+    far_m: float | None = setting(
+        1.5, "Points farther from every camera are dropped.", label="Farthest cm", unit="m", above=0.0,
+        slider=(0, 400, 5), page_unit=0.01,
+    )  # fmt: skip
+    crop_m: float | None = setting(
+        0.1, "Largest distance to the hand of the frame before; without such a hand nothing is cropped.",
+        label="To hand mm", unit="m", above=0.0, slider=(0, 300, 5), page_unit=0.001,
+    )  # fmt: skip
+    skin: SkinEllipse | None = setting(
+        None, "Colours that count as skin, `mean`, `covariance` and `size` of an ellipse; clouds without colours pass.",
+        label="Skin",
+    )  # fmt: skip
+    component: Literal["all", "nearest", "largest"] = setting(
+        "all", "Of the parts that hang together, which one is the hand: all, the nearest to the cameras, or the largest. "
+        "From depth images it is the nearest unless this says otherwise.", label="Part",
+        words={"all": "all", "nearest": "nearest to a camera", "largest": "largest"},
+    )  # fmt: skip
+    front_m: float | None = setting(
+        None, "How much farther than its nearest end the nearest part may reach; cuts a hand held out from the body it "
+        "hangs on.", label="Deep mm", unit="m", above=0.0, slider=(0, 500, 5), page_unit=0.001,
+    )  # fmt: skip
+    voxel_m: float | None = setting(
+        0.0025, "Side of the cells in which points are thinned.", label="Cell mm", unit="m", above=0.0,
+        slider=(0, 15, 0.25), page_unit=0.001,
+    )  # fmt: skip
+    per_voxel: int = setting(
+        1, "Points that stay in each cell.", label="Points a cell", low=1, slider=(1, 20, 1)
+    )
+    outlier_neighbours: int | None = setting(
+        8, "Neighbours whose mean distance is looked at, to drop points that lie alone.", label="Neighbours", low=1,
+        slider=(0, 40, 1),
+    )  # fmt: skip
+    outlier_ratio: float = setting(
+        2.5, "Mean distance, in units of the cloud's median one, from which a point is an outlier.", label="Outlier ×",
+        above=0.0, slider=(1.0, 8.0, 0.1),
+    )  # fmt: skip
+    max_points: int | None = setting(
+        4000,
+        "A random part of this many points stays.",
+        label="At most",
+        low=1,
+        slider=(0, 20000, 250),
+    )
+    seed: int = 0
+    """of what is thinned at random; the tracker's `seed` sets it"""
 
     def apply(
         self,
@@ -160,7 +187,7 @@ class CloudFilters:
                 True,
                 "voxel",
                 f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm",
-                lambda c: thinned(c.points, voxel, self.per_voxel),
+                lambda c: thinned(c.points, voxel, self.per_voxel, self.seed),
             )
         neighbours = self.outlier_neighbours
         if neighbours is not None:
@@ -168,7 +195,7 @@ class CloudFilters:
                 True,
                 "outliers",
                 f"mean distance to {neighbours} neighbours below {self.outlier_ratio:g} times the usual",
-                lambda c: inliers(c.points, neighbours, self.outlier_ratio),
+                lambda c: inliers(c.points, neighbours, self.outlier_ratio, self.seed),
             )
         most = self.max_points
         if most is not None:
@@ -176,7 +203,7 @@ class CloudFilters:
                 True,
                 "most",
                 f"at most {most}, at random",
-                lambda c: random_part(len(c), most),
+                lambda c: random_part(len(c), most, self.seed),
             )
         return steps
 
@@ -242,9 +269,9 @@ def nearest_part(
     return inside
 
 
-def thinned(points: Floats, voxel_m: float, per_voxel: int = 1) -> Array:
+def thinned(points: Floats, voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array:
     """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
-    order = np.random.default_rng(0).permutation(len(points))
+    order = np.random.default_rng(seed).permutation(len(points))
     cells = cell_numbers(points, voxel_m)[order]
     by_cell = np.argsort(cells, kind="stable")
     sorted_cells = cells[by_cell]
@@ -255,16 +282,16 @@ def thinned(points: Floats, voxel_m: float, per_voxel: int = 1) -> Array:
     return keep
 
 
-def random_part(count: int, most: int) -> Array:
-    """Return a mask (count,) with at most `most` true, evenly at random, the same each time."""
+def random_part(count: int, most: int, seed: int = 0) -> Array:
+    """Return a mask (count,) with at most `most` true, evenly at random, the same for one seed."""
     keep = np.ones(count, bool)
     if count > most:
         keep[:] = False
-        keep[np.random.default_rng(0).choice(count, most, replace=False)] = True
+        keep[np.random.default_rng(seed).choice(count, most, replace=False)] = True
     return keep
 
 
-def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
+def inliers(points: Floats, neighbours: int, ratio: float, seed: int = 0) -> Array:
     """Return which points (N, 3) have their neighbours about as near as points usually have.
 
     The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
@@ -272,7 +299,7 @@ def inliers(points: Floats, neighbours: int, ratio: float) -> Array:
     """
     if len(points) <= neighbours:
         return np.ones(len(points), bool)  # too few to tell
-    seen = random_part(len(points), _TREE_MOST)
+    seen = random_part(len(points), _TREE_MOST, seed)
     tree = KDTree(points[seen])
     distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
     return distance <= ratio * np.median(distance)

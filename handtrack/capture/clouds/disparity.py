@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.clouds.correlation import correlate
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.setting import setting
 
-STEREO_METHODS = ("sgbm", "correlation")
+_WINDOW_PX = {"sgbm": 5, "correlation": 11}  # the paper's windows need more to go by
 _STEP = 16  # SGBM's disparities come in multiples of that, and in 16ths of a pixel
 _UNIT = 16
 _CONTRAST_PX = 9
@@ -25,27 +26,39 @@ REJECTED = ("", "left and right disagree", "no contrast", "speckle", "outside th
 class StereoSettings:
     """How a pair of images is matched."""
 
-    method: str = "sgbm"
-    """sgbm: OpenCV's semi-global matching. correlation: windows alone, as the paper."""
-    sgbm_window_px: int = 5
-    """side of SGBM's blocks."""
-    correlation_window_px: int = 11
-    """side of the correlation's windows; larger is denser and rounder."""
-    left_right_px: float = 1.0
-    """how far the matches left → right and right → left may differ."""
-    speckle_px: int = 80
-    """a patch of fewer pixels that stands off from its surroundings is taken for wrong."""
-    least_contrast: float = 1.0
-    """standard deviation around a pixel [grey levels] below which there is nothing to match:
-    what is found there is made up."""
+    method: Literal["sgbm", "correlation"] = setting(
+        "sgbm", "How pairs are matched: OpenCV's semi-global matching, or windows alone, as in the 2004 paper.",
+        label="Method", words={"sgbm": "semi-global (SGBM)", "correlation": "correlation (2004)"},
+    )  # fmt: skip
+    window_px: int | None = setting(
+        None, "Side of the squares that are compared, odd; larger is denser and rounder. Unless set, 5 for sgbm and 11 for "
+        "correlation.", label="Window px", unit="px", low=1, slider=(3, 31, 2),
+    )  # fmt: skip
+    left_right_px: float = setting(
+        1.0, "How far the matches from left to right and back may differ.", label="Left-right px", unit="px", above=0.0,
+        slider=(0.25, 6, 0.25),
+    )  # fmt: skip
+    contrast: float = setting(
+        1.0, "Standard deviation around a pixel below which nothing is matched: what is found there is made up.",
+        label="Contrast", unit="grey levels", above=0.0, slider=(0.1, 12, 0.1),
+    )  # fmt: skip
+    speckle_px: int = setting(
+        80, "A patch of fewer pixels that stands off from its surroundings is taken for wrong.", label="Speckle px",
+        unit="px", low=1, slider=(1, 600, 1),
+    )  # fmt: skip
     near_m: float = 0.2
     """nearest depth searched for."""
     far_m: float = 1.5
     """farthest depth searched for."""
 
+    @property
+    def window(self) -> int:
+        """Side of the squares that are compared [px]."""
+        return self.window_px or _WINDOW_PX[self.method]
+
     def __post_init__(self) -> None:
-        if self.method not in STEREO_METHODS:
-            raise unknown_name("stereo method", self.method, STEREO_METHODS)
+        if self.method not in _WINDOW_PX:
+            raise unknown_name("stereo method", self.method, tuple(_WINDOW_PX))
         if not 0 < self.near_m < self.far_m:
             raise HandtrackError(
                 f"stereo searches from near_m = {self.near_m:g} to far_m = {self.far_m:g} m; "
@@ -81,16 +94,15 @@ def disparity(
 def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSettings) -> Matches:
     """Return what `disparity` does, and why the other matches were thrown away."""
     if settings.method == "correlation":
-        window = settings.correlation_window_px
-        both = correlate(_grey(left), _grey(right), least, most, window)
+        both = correlate(_grey(left), _grey(right), least, most, settings.window)
         found, back = both.left, both.right
     else:
-        found = _sgbm(left, right, least, most, settings.sgbm_window_px)
-        back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.sgbm_window_px)
+        found = _sgbm(left, right, least, most, settings.window)
+        back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.window)
         back = back[:, ::-1]
     matched = np.isfinite(found)
     rejected = np.zeros(found.shape, np.uint8)
-    rejected[_contrast(_grey(left)) < settings.least_contrast] = 2
+    rejected[_contrast(_grey(left)) < settings.contrast] = 2
     rejected[~consistent(found, back, settings.left_right_px)] = 1
     found = np.where(rejected == 0, found, np.float32(np.nan))
     kept = without_speckles(found, settings.speckle_px)

@@ -145,8 +145,7 @@ class StereoMatcher:
         small = [_smaller(image[rows]) for image in (left, right)]
         settings = StereoSettings(
             self.settings.method,
-            sgbm_window_px=_COARSE_WINDOW_PX,
-            correlation_window_px=_COARSE_WINDOW_PX,
+            _COARSE_WINDOW_PX,
             speckle_px=_COARSE_LEAST // 2,
         )
         low, high = least // _COARSE, -(-most // _COARSE)

@@ -30,6 +30,12 @@ from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.images.texture_agreement import contradicts
 from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.frame.constants import (
+    EDGE_CORRELATION_PX,
+    EDGE_SEARCH_PX,
+    TEXTURE_CORRELATION_PX,
+    TEXTURE_SMOOTH_PX,
+)
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _MM = 1e-3
@@ -141,7 +147,7 @@ def _edges(
     pictures: Sequence[DepthPicture],
 ) -> OutlineEdgesTerm:
     chosen = settings.edges
-    search = at_stage(chosen.search_px, stage)
+    search = at_stage(EDGE_SEARCH_PX, stage)
     sigma = max(search / _SIGMAS, chosen.sigma_px)
     found = []
     for view, picture in zip(seen.images, pictures, strict=True):
@@ -152,7 +158,7 @@ def _edges(
     return OutlineEdgesTerm(
         found,
         sigma_px=sigma,
-        stretch_px=chosen.correlation_px,
+        stretch_px=EDGE_CORRELATION_PX,
         weight=chosen.weight,
         from_unexplained=_compared(settings),
     )
@@ -167,12 +173,12 @@ def _texture(
     pictures: Sequence[DepthPicture],
 ) -> CarriedTextureTerm:
     chosen = settings.intensity
-    smoothing = at_stage(chosen.smooth_px, stage)
+    smoothing = at_stage(TEXTURE_SMOOTH_PX, stage)
     i = next(i for i, view in enumerate(seen.images) if view.camera is carried.camera)
     texture = still_visible(carried.texture(smoothing), start, pictures[i], seen.step_m)
     at = carried.camera.project(start.to_world(texture.bone, texture.local))
     now = smooth_image(seen.images[i].pixels, smoothing, at, 8.0 + 4.0 * smoothing)
-    share = min(1.0, (_SPACING_PX / max(chosen.correlation_px, smoothing)) ** 2)
+    share = min(1.0, (_SPACING_PX / max(TEXTURE_CORRELATION_PX, smoothing)) ** 2)
     return CarriedTextureTerm(
         [(exposed_as(texture, start, now), now)],
         chosen.sigma,
@@ -190,8 +196,8 @@ def _compared(settings: TrackerSettings) -> bool:
 def appearance_stages(settings: TrackerSettings) -> int:
     """Return how many stages the schedule of edges and texture has."""
     return max(
-        len(settings.edges.search_px) if settings.edges.weight > 0 else 1,
-        len(settings.intensity.smooth_px) if settings.intensity.weight > 0 else 1,
+        len(EDGE_SEARCH_PX) if settings.edges.weight > 0 else 1,
+        len(TEXTURE_SMOOTH_PX) if settings.intensity.weight > 0 else 1,
     )
 
 

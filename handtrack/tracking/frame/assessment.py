@@ -12,6 +12,13 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.cloud_terms import explained_share
+from handtrack.tracking.frame.constants import (
+    DOUBTFUL_CLOUD,
+    DOUBTFUL_OVERLAP,
+    DOUBTFUL_PART,
+    LOST_CLOUD,
+    LOST_OVERLAP,
+)
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult, Status
 
@@ -56,7 +63,7 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> str:
     Of three and more views two must say so: a mask may lack a finger.
     """
     flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
-    worst, words = terms.settings.tracker.doubtful_part, ""
+    worst, words = DOUBTFUL_PART, ""
     for bone in np.unique(flesh.bone):
         if terms.model.is_forearm(bone):
             continue  # nobody knows how much of it a sleeve hides
@@ -122,7 +129,6 @@ def what_is_open(model: ArticulatedModel, joint_covariance: Floats, most_mm: flo
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
     if not terms.prepared:
         return Status.TRACKED, ""
-    limits = terms.settings.tracker
     found = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones)
     filled = found.model + found.mask > 0
     if not filled.any():
@@ -131,9 +137,9 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
     worst = int(np.argmin(share))
     camera = terms.prepared[worst].camera.name
     overlap = f"model and silhouette overlap by {100 * share[worst]:.0f} % in {camera}"
-    if np.median(share[filled]) < limits.lost_overlap:
+    if np.median(share[filled]) < LOST_OVERLAP:
         return Status.LOST, overlap
-    if share[worst] < limits.doubtful_overlap:
+    if share[worst] < DOUBTFUL_OVERLAP:
         return Status.DOUBTFUL, overlap
     outside = part_outside(terms, bones)
     return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, "")
@@ -161,13 +167,12 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, str]:
     if terms.cloud is None:
         return Status.TRACKED, ""
-    limits = terms.settings.tracker
     share = explained_share(terms.cloud, terms.model, bones, _NEAR_M)
     reason = (
         f"{100 * share:.0f} % of the cloud's points lie within {1e3 * _NEAR_M:g} mm of the model"
     )
-    if share < limits.lost_cloud:
+    if share < LOST_CLOUD:
         return Status.LOST, reason
-    if share < limits.doubtful_cloud:
+    if share < DOUBTFUL_CLOUD:
         return Status.DOUBTFUL, reason
     return Status.TRACKED, ""

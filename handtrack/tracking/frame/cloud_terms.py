@@ -152,7 +152,7 @@ def cloud_terms(
     """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
 
     E1 and E2 ask after the same error, from either side, so their weights add up to one. A line of sight that meets the
-    hand, and a piece of the hand that no line meets, are two observations: each counts whole.
+    hand, and a piece of the hand that no line meets, are two observations: at K = ½ each counts whole.
     """
     chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
     if _is_doubted(seen.views, settings):
@@ -161,9 +161,10 @@ def cloud_terms(
             _eye(seen.views),
             MetaballSurface.of(model),
             along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
-            weight=chosen.weight * seen.share,
+            weight=2.0 * chosen.balance * chosen.weight * seen.share,
         )
-        return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, 1.0)]
+        empty = 2.0 * (1.0 - chosen.balance)
+        return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, empty)]
     robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
     points = CloudDistanceTerm(
         seen.prepared,

@@ -19,6 +19,7 @@ from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.solver.covariance import covariance
+from handtrack.tracking.frame.constants import APART_MM, JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
 from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.posture import agility
@@ -90,7 +91,7 @@ class MixtureStep:
         rough = self._minima(coarse(terms), self._turned(start), 4, should_stop, True)
         starts = np.concatenate([start[None], rough.params])
         near = self._minima(terms, starts, 4, should_stop, True)
-        found, eye, descents = [near], _eye(observation), self.settings.mixture.descents
+        found, eye, descents = [near], _eye(observation), MIXTURE_DESCENTS
         for _ in range(_FIRST_ROUNDS):
             if eye is None or not self.chains:
                 break
@@ -136,7 +137,7 @@ class MixtureStep:
         """
         rng = self._rng(observation)
         eye = _eye(observation)
-        share = self.settings.mixture.jump_share if self.chains and eye is not None else 0.0
+        share = JUMP_SHARE if self.chains and eye is not None else 0.0
         votes = [self._votes(component) for component in components]
         leaves = self._leaves(components, votes, eye, rng) if share and eye is not None else {}
         proposals = []
@@ -145,7 +146,7 @@ class MixtureStep:
             # where a limb passes through the image plane, its flips are near enough to need no jump
             nearby = [starts for (at, _), starts in leaves.items() if at == i]
             starts = np.concatenate([component.belief.mean[None], *nearby])
-            most = max(self.settings.mixture.descents // len(components), 2)
+            most = max(MIXTURE_DESCENTS // len(components), 2)
             found = self._minima(terms, starts, most, should_stop)
             log = np.log1p(-share) + np.log(max(component.weight, _WEIGHTLESS))
             log += log_normal(component.belief.place_covariance)
@@ -196,7 +197,7 @@ class MixtureStep:
         leaves: dict[tuple[int, int], list[Floats]] = {}
         mixture = self.settings.mixture
         quick = by_keypoints_alone(components[0].terms)
-        draws = mixture.draws if quick else min(mixture.draws, mixture.descents)
+        draws = mixture.draws if quick else min(mixture.draws, MIXTURE_DESCENTS)
         for i in _drawn(weights / weights.sum(), draws, rng):
             belief = components[i].belief
             c = int(rng.choice(len(self.chains), p=votes[i]))
@@ -262,9 +263,7 @@ class MixtureStep:
         if not is_first:
             volume = 0.5 * self._size * np.log(2.0 * np.pi)
             log[known] += volume - 0.5 * np.linalg.slogdet(hessian[known])[1]
-        kept = known[
-            distinct(params[known], -log[known], np.deg2rad(self.settings.mixture.merge_deg))
-        ]
+        kept = known[distinct(params[known], -log[known], np.deg2rad(MERGE_DEG))]
         quick = by_keypoints_alone(proposals[0].terms)
         most = self.settings.mixture.carried if quick else 0
         kept = [int(row) for row in kept[self._apart(params[kept], most)]]
@@ -295,7 +294,7 @@ class MixtureStep:
         what nearly looks like a heavier one is no alternative yet. Then the heaviest of the others: where a limb passes
         through the image plane, alternatives begin as small differences.
         """
-        limit = 1e-3 * self.settings.mixture.apart_mm
+        limit = 1e-3 * APART_MM
         shown = self.settings.tracker.hypotheses
         kept: list[int] = []
         shapes: list[Floats] = []
@@ -320,7 +319,7 @@ class MixtureStep:
         return speed
 
     def _rng(self, observation: Observation) -> np.random.Generator:
-        return np.random.default_rng([self.settings.mixture.seed, observation.frame])
+        return np.random.default_rng([self.settings.tracker.seed, observation.frame])
 
 
 def _drawn(weights: Floats, draws: int, rng: np.random.Generator) -> Ints:

@@ -14,6 +14,12 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.cloud_terms import explained_share
+from handtrack.tracking.frame.constants import (
+    DOUBTFUL_CLOUD,
+    DOUBTFUL_OVERLAP,
+    LOST_CLOUD,
+    LOST_OVERLAP,
+)
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.laid_shapes import Laid, StartSource
@@ -85,15 +91,15 @@ def fit_quality(
     model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats
 ) -> float:
     """Return 0 to 1: 0 where tracking would call the pose (P,) lost, ½ where doubtful, 1 as far above that again."""
-    bones, limits = model.bones(params), settings.tracker
+    bones = model.bones(params)
     terms = frame_terms(model, settings, seen, bones, None)
     qualities = []
     if terms.prepared:
         overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
-        qualities.append(_between(overlap, limits.lost_overlap, limits.doubtful_overlap))
+        qualities.append(_between(overlap, LOST_OVERLAP, DOUBTFUL_OVERLAP))
     if terms.cloud is not None:
         share = explained_share(terms.cloud, model, bones, _NEAR_M)
-        qualities.append(_between(share, limits.lost_cloud, limits.doubtful_cloud))
+        qualities.append(_between(share, LOST_CLOUD, DOUBTFUL_CLOUD))
     return min(qualities, default=0.0)
 
 

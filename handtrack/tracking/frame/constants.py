@@ -1,0 +1,38 @@
+"""Numbers of tracking that were settings and that nobody had to set, each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+EDGE_SEARCH_PX = (16.0, 8.0, 4.0)
+"""[px] how far to either side of the predicted outline edges are looked for, stage after stage: a finger's breadth in a VGA
+image, then halved (docs/appearance.md)"""
+EDGE_CORRELATION_PX = 10.0
+"""[px] along how much of an outline an edge's error stays the same: what outlines have in mm, in an image a pixel of which
+is a millimetre of the hand"""
+TEXTURE_SMOOTH_PX = (4.0, 2.0, 1.0)
+"""[px] by how much images are smoothed, stage after stage: coarse to fine as in the 2003 paper, section 2"""
+TEXTURE_CORRELATION_PX = 6.0
+"""[px] over how much of the image a texture's error stays the same; chosen by hand"""
+
+SEARCH_EVERY = 16
+"""[frames] after which lost fingers are looked for however well a frame fits, since a finger hidden in a fist may settle
+wrongly (docs/experiments.md, recordings of other hands)"""
+
+DOUBTFUL_OVERLAP = 0.65
+"""a frame is doubtful if model and mask overlap less in its worst camera (intersection over union); chosen by hand"""
+LOST_OVERLAP = 0.45
+"""a frame is lost if they overlap less in the middle one of its cameras (median); chosen by hand"""
+DOUBTFUL_PART = 0.5
+"""a frame in which less of two neighbouring bones lies inside a silhouette is doubtful (docs/experiments.md, a body)"""
+DOUBTFUL_CLOUD = 0.7
+"""a frame with a smaller share of its points within 6 mm of the surface is doubtful; chosen by hand"""
+LOST_CLOUD = 0.35
+"""a frame with a smaller share than this is lost; chosen by hand, half of the other"""
+
+JUMP_SHARE = 0.1
+"""how probable it is that a hypothesis jumps between two frames (docs/mixture.md); chosen by hand"""
+MIXTURE_DESCENTS = 12
+"""samples a frame that are optimised, where it is not by keypoints alone: then all are; chosen for time alone"""
+MERGE_DEG = 2.0
+"""[°] two minima closer than this, root mean square over all angles, are one"""
+APART_MM = 40.0
+"""[mm] by which hypotheses that are shown differ at least, mean over the joints relative to the root"""
