@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -192,10 +191,12 @@ def test_clouds_are_saved_key_by_key(tmp_path: Path) -> None:
     added = path.read_text(encoding="utf-8").replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
     path.write_text(added, encoding="utf-8")
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
-    document.use_clouds(replace(document.clouds, voxel_m=None, skin=skin, near_m=False))
+    document.use_clouds(
+        document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
+    )
     said = keeper.save_clouds()
     assert said.startswith("[clouds] of session.toml: voxel_m, ")
-    expected = replace(document.clouds, per_voxel=3)
+    expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text(encoding="utf-8")
     assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")
