@@ -13,6 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
@@ -93,7 +94,7 @@ def write_first_pose(path: Path, pose: FirstPose) -> None:
     else:
         rows = _written(pose.xyz)
         data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
-    Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    replace_text(Path(path), json.dumps(data, indent=1) + "\n")
 
 
 def _written(points: Floats) -> list[list[float] | None]:
