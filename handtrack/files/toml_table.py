@@ -1,117 +1,107 @@
-"""Checked reading of one TOML table: types, ranges, and no unknown key."""
+"""One TOML table as a frozen dataclass: its fields' types say which kinds and ranges are taken, and no other key is.
+
+A field's type is what msgspec converts to; a `Meta` in it carries the limits, and the words that an error says of them.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import msgspec
+from msgspec import Meta
 
 from handtrack.errors import HandtrackError, listed_names
 
+T = TypeVar("T")
 
-class TableReader:
-    """Hands out a table's values one by one; whatever nobody asked for is an unknown key.
+FULL = Meta(min_length=1, description="a text in quotes")
+"""for a text that is not empty"""
 
-    where: file and table for the errors, such as `session.toml, [hand]`. Every method raises
-    HandtrackError.
+
+def above(least: float, unit: str = "") -> Meta:
+    """Return what a finite number greater than `least` is."""
+    words = f"a number above {least:g}" + (f" [{unit}]" if unit else "")
+    return Meta(gt=least, le=sys.float_info.max, description=words)
+
+
+def at_least(least: int) -> Meta:
+    """Return what a whole number of at least `least` is."""
+    return Meta(ge=least, description=f"a whole number of at least {least}")
+
+
+def one_of(known: Sequence[str]) -> Meta:
+    """Return what one of some texts is."""
+    names = ", ".join(f'"{name}"' for name in known)
+    return Meta(pattern=f"^({'|'.join(known)})$", description=f"one of {names}")
+
+
+def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), **ready: Any) -> T:
+    """Return a table's values as a dataclass, some of which are `ready` already.
+
+    where: file and table for the errors, such as `session.toml, [hand]`. also: keys that the caller reads. Raises HandtrackError: for a key that the
+    dataclass lacks, for one that it needs, for a value of another kind or range, and with the words of a ValueError that
+    the dataclass itself raises, because values do not go together.
     """
-
-    def __init__(self, table: Any, where: str) -> None:
-        if not isinstance(table, Mapping):
-            raise HandtrackError(f"{where}: expected a table of settings, found {_shown(table)}.")
-        self._table = dict(table)
-        self._known: list[str] = []
-        self.where = where
-
-    def raw(self, key: str) -> Any:
-        """Return the value as it stands, None when absent."""
-        self._known.append(key)
-        return self._table.get(key)
-
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return a text; without a default the key is required."""
-        value = self._required(key, default)
-        if not isinstance(value, str) or not value:
-            raise self.error(key, value, "a text in quotes")
-        return value
-
-    def choice(self, key: str, known: tuple[str, ...], default: str) -> str:
-        """Return one of the known texts."""
-        value = self._required(key, default)
-        if value not in known:
-            names = ", ".join(f'"{name}"' for name in known)
-            raise self.error(key, value, f"one of {names}")
-        return value
-
-    def flag(self, key: str, default: bool) -> bool:
-        """Return true or false."""
-        value = self._required(key, default)
-        if not isinstance(value, bool):
-            raise self.error(key, value, "true or false")
-        return value
-
-    def number(
-        self,
-        key: str,
-        default: float | None = None,
-        above: float = -math.inf,
-        unit: str = "",
-    ) -> float:
-        """Return a finite number greater than `above`; without a default the key is required."""
-        value = self._required(key, default)
-        expected = f"a number above {above:g}" if math.isfinite(above) else "a number"
-        if not _is_number(value) or value <= above:
-            raise self.error(key, value, expected + (f" [{unit}]" if unit else ""))
-        return float(value)
-
-    def whole(self, key: str, default: int | None = None, least: int = 0) -> int:
-        """Return an integer of at least `least`; without a default the key is required."""
-        value = self._required(key, default)
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise self.error(key, value, f"a whole number of at least {least}")
-        return value
-
-    def whole_list(self, key: str, default: tuple[int, ...] | None, names: str) -> tuple[int, ...]:
-        """Return integers, as many as `names` has words, such as `x y w h`."""
-        value = self._required(key, default)
-        count = len(names.split())
-        form = f"{count} whole numbers [{', '.join(names.split())}]"
-        if not isinstance(value, list | tuple) or len(value) != count:
-            raise self.error(key, value, form)
-        if any(isinstance(v, bool) or not isinstance(v, int) for v in value):
-            raise self.error(key, value, form)
-        return tuple(value)
-
-    def finish(self) -> None:
-        """Refuse the keys that nobody asked for, naming the known ones."""
-        for key in self._table:
-            if key not in self._known:
-                known = list(dict.fromkeys(self._known))
-                raise HandtrackError(
-                    f"{self.where}: unknown key '{key}'; {listed_names(key, known, 'known keys')}"
-                )
-
-    def error(self, key: str, value: Any, expected: str) -> HandtrackError:
-        """Return the error for a value that is not as expected."""
-        return HandtrackError(f"{self.where}: {key} = {_shown(value)}; expected {expected}.")
-
-    def _required(self, key: str, default: Any) -> Any:
-        value = self.raw(key)
-        if value is not None:
-            return value
-        if default is None:
-            there = ", ".join(map(str, self._table)) or "none"
-            raise HandtrackError(f"{self.where}: the key '{key}' is missing; keys there: {there}.")
-        return default
+    table = checked_table(table, where)
+    known = [*also, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
+    for key in table:
+        if key not in known:
+            raise HandtrackError(
+                f"{where}: unknown key '{key}'; {listed_names(key, known, 'known keys')}"
+            )
+    types = get_type_hints(kind, include_extras=True)
+    values = {
+        key: _converted(value, types[key], f"{where}: {key}")
+        for key, value in table.items()
+        if key not in ready and key not in also
+    }
+    for field in fields(kind):  # type: ignore[arg-type]
+        if field.default is MISSING and field.default_factory is MISSING:
+            required({**table, **ready}, field.name, where)
+    try:
+        return kind(**values, **ready)
+    except ValueError as error:
+        raise HandtrackError(f"{where}: {error}") from None
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def checked_table(table: Any, where: str) -> dict[str, Any]:
+    """Return a table. Raises HandtrackError for anything else."""
+    if not isinstance(table, Mapping):
+        raise HandtrackError(f"{where}: expected a table of settings, found {shown(table)}.")
+    return dict(table)
 
 
-def _shown(value: Any) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
+def required(table: Mapping[str, Any], key: str, where: str) -> Any:
+    """Return the value of a key. Raises HandtrackError where there is none."""
+    if key not in table:
+        there = ", ".join(map(str, table)) or "none"
+        raise HandtrackError(f"{where}: the key '{key}' is missing; keys there: {there}.")
+    return table[key]
+
+
+def shown(value: Any) -> str:
+    """Return a value as TOML writes it, for errors."""
     if isinstance(value, bool):
         return str(value).lower()
-    return str(value)
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _converted(value: Any, kind: Any, what: str) -> Any:
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        expected = " or ".join(_words(kind))
+        raise HandtrackError(f"{what} = {shown(value)}; expected {expected}.") from None
+
+
+def _words(kind: Any) -> list[str]:
+    """Return what is expected of a kind, in words; the outermost description counts."""
+    for meta in getattr(kind, "__metadata__", ()):
+        if meta.description:
+            return [meta.description]
+    if kind is bool:
+        return ["true or false"]
+    return [words for part in get_args(kind) if part is not type(None) for words in _words(part)]

@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from handtrack.arrays import Floats
@@ -19,6 +20,7 @@ from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
+from handtrack.model.definition import Definition
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
@@ -26,7 +28,6 @@ from handtrack.model.surfaces.superquadrics import read_superquadrics
 from handtrack.model.transform import Follows, build_transform
 
 MODELS = ("hand26", "glove9", "ball6", "body34")
-KINDS = ("hand", "body")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
 
@@ -113,14 +114,18 @@ def _read_definition(name: str) -> dict[str, Any]:
                 f"no model '{name}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml)."
             )
         table = read_toml(path, "a model's definition")
-    missing = [
-        key for key in ("name", "length_mm", "bone", "joints", "ellipsoids") if key not in table
-    ]
-    if missing:
-        raise HandtrackError(f"model definition {name}: the key '{missing[0]}' is missing.")
-    if table.get("kind", "hand") not in KINDS:
-        raise unknown_name("kind", table["kind"], KINDS, f"the model definition {name}")
-    return table
+    try:
+        definition = msgspec.convert(table, Definition)
+    except msgspec.ValidationError as error:
+        raise HandtrackError(f"model definition {name}: {error}.") from None
+    bones = [bone["name"] for bone in definition["bone"]]
+    used = [bone["parent"] for bone in definition["bone"] if "parent" in bone]
+    used += [bone for bone, _ in definition["joints"].values()]
+    used += [row["bone"] for rows in definition["ellipsoids"].values() for row in rows]
+    for bone in used:
+        if bone not in bones:
+            raise unknown_name("bone", bone, bones, f"the model definition {name}")
+    return dict(definition)
 
 
 def _mirror(points: Any, side: str) -> Floats:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import FULL, checked_table, read_table, shown
 from handtrack.setting import NotAcceptedError, Setting, declared
 
 _CLOUD_SOURCES = ("files", "stereo", "depth")
@@ -19,16 +21,26 @@ CLOUD_SETTINGS: dict[str, Setting] = {**declared(CloudFilters), **declared(Stere
 """every setting of [clouds] by its name there, beside the source"""
 
 
-@dataclass(frozen=True)
-class CloudSettings:
-    """[clouds]: where point clouds come from (exactly one source), and what is said of filters and matching."""
+_PAIRS = 'pairs of camera names, such as [["cam0", "cam1"]]'
+_NAMES = 'a list of camera names, such as ["cam0"]'
 
-    files: str | None = None
+
+@dataclass(frozen=True)
+class CloudSource:
+    """Where point clouds come from: exactly one of these."""
+
+    files: Annotated[str, FULL] | None = None
     """a pattern of .ply or .npz files."""
-    stereo: tuple[tuple[str, str], ...] = ()
+    stereo: Annotated[tuple[tuple[str, str], ...], Meta(min_length=1, description=_PAIRS)] = ()
     """pairs of cameras to match."""
-    depth: tuple[str, ...] = ()
+    depth: Annotated[tuple[str, ...], Meta(min_length=1, description=_NAMES)] = ()
     """cameras whose depth is used."""
+
+
+@dataclass(frozen=True)
+class CloudSettings(CloudSource):
+    """[clouds]: where point clouds come from, and what is said of filters and matching."""
+
     given: Mapping[str, Any] = field(default_factory=dict)
     """settings by name, as far as they are given; False: off. The others are as usual for the source."""
 
@@ -103,25 +115,36 @@ def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSetting
 
     cameras: those of the session, which must have what is asked of them.
     """
-    table = TableReader(values, where)
-    sources = [key for key in _CLOUD_SOURCES if table.raw(key) is not None]
+    table = checked_table(values, where)
+    sources = [key for key in _CLOUD_SOURCES if key in table]
     if len(sources) != 1:
         raise HandtrackError(
-            f"{table.where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
+            f"{where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
             f"{', '.join(sources) or 'none'}."
         )
-    given = {name: table.raw(name) for name in CLOUD_SETTINGS}
-    if given["skin"] is not None:
-        given["skin"] = _skin(TableReader(given["skin"], f"{table.where}, skin"))
-    settings = CloudSettings(
-        files=table.text("files") if sources == ["files"] else None,
-        stereo=_pairs(table, cameras) if sources == ["stereo"] else (),
-        depth=_names(table, "depth", table.raw("depth"), cameras, "depth")
-        if sources == ["depth"]
-        else (),
-    )
-    table.finish()
-    return settings.with_values(given, table.where)
+    source = read_table(CloudSource, table, where, also=tuple(CLOUD_SETTINGS))
+    for left, right in source.stereo:
+        if left == right:
+            raise HandtrackError(f"{where}: stereo = {shown(table['stereo'])}; expected {_PAIRS}.")
+        _check_names((left, right), cameras, "images", f"{where}: stereo")
+    _check_names(source.depth, cameras, "depth", f"{where}: depth")
+    given = {name: table[name] for name in CLOUD_SETTINGS if name in table}
+    if "skin" in given:
+        given["skin"] = read_table(SkinEllipse, given["skin"], f"{where}, skin")
+    return CloudSettings(**vars(source)).with_values(given, where)
+
+
+def _check_names(names: Sequence[str], cameras: Sequence[Any], needs: str, what: str) -> None:
+    """Raise HandtrackError for a camera that does not exist, or lacks what is needed of it."""
+    known = {camera.name: camera for camera in cameras}
+    for name in names:
+        if name not in known:
+            raise HandtrackError(
+                f"{what} names the camera '{name}', which has no [[camera]]; known: "
+                f"{', '.join(known)}."
+            )
+        if getattr(known[name], needs) is None:
+            raise HandtrackError(f"{what} uses the camera '{name}', which has no `{needs}`.")
 
 
 def _accepted(known: Setting, value: Any, where: str) -> Any:
@@ -135,53 +158,3 @@ def _accepted(known: Setting, value: Any, where: str) -> Any:
         shown = f'"{value}"' if isinstance(value, str) else str(value)
         shown = shown.lower() if isinstance(value, bool) else shown
         raise HandtrackError(f"{where}: {known.name} = {shown}; expected {error}.") from None
-
-
-def _skin(table: TableReader) -> SkinEllipse:
-    mean, covariance = table.raw("mean"), table.raw("covariance")
-    for key, value, count in (("mean", mean, 2), ("covariance", covariance, 3)):
-        form = f"{count} numbers, as fitted from samples of skin"
-        if not isinstance(value, list) or len(value) != count:
-            raise table.error(key, value, form)
-        if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in value):
-            raise table.error(key, value, form)
-    if covariance[0] <= 0 or covariance[0] * covariance[2] <= covariance[1] ** 2:
-        raise table.error("covariance", covariance, "rr, rg, gg of an ellipse: rr gg > rg²")
-    size = table.number("size", SkinEllipse.size, above=0.0, unit="standard deviations")
-    table.finish()
-    rr, rg, gg = (float(v) for v in covariance)
-    return SkinEllipse((float(mean[0]), float(mean[1])), (rr, rg, gg), size)
-
-
-def _pairs(table: TableReader, cameras: Sequence[Any]) -> tuple[tuple[str, str], ...]:
-    value = table.raw("stereo")
-    form = 'pairs of camera names, such as [["cam0", "cam1"]]'
-    if not isinstance(value, list) or not value:
-        raise table.error("stereo", value, form)
-    pairs = []
-    for pair in value:
-        if not isinstance(pair, list) or len(pair) != 2 or pair[0] == pair[1]:
-            raise table.error("stereo", value, form)
-        left, right = _names(table, "stereo", pair, cameras, "images")
-        pairs.append((left, right))
-    return tuple(pairs)
-
-
-def _names(
-    table: TableReader, key: str, value: Any, cameras: Sequence[Any], needs: str
-) -> tuple[str, ...]:
-    """Return camera names that exist and have what is needed of them."""
-    if not isinstance(value, list) or not value:
-        raise table.error(key, value, 'a list of camera names, such as ["cam0"]')
-    known = {camera.name: camera for camera in cameras}
-    for name in value:
-        if name not in known:
-            raise HandtrackError(
-                f"{table.where}: {key} names the camera '{name}', which has no [[camera]]; known: "
-                f"{', '.join(known)}."
-            )
-        if getattr(known[name], needs) is None:
-            raise HandtrackError(
-                f"{table.where}: {key} uses the camera '{name}', which has no `{needs}`."
-            )
-    return tuple(value)

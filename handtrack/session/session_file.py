@@ -5,13 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from handtrack.capture.images.bayer import METHODS, PATTERNS
 from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.masks.mask_cleaning import Roi
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, listed_names
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import (
+    FULL,
+    above,
+    checked_table,
+    one_of,
+    read_table,
+    required,
+    shown,
+)
 from handtrack.files.toml_text import read_toml, toml_item
 from handtrack.model.model_file import MODELS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
@@ -19,18 +30,20 @@ from handtrack.session.clouds_settings import CloudSettings, read_clouds
 FORMAT = 1
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _BAYER = tuple(pattern.lower() for pattern in PATTERNS)
+_Text = Annotated[str, FULL]
+_FOREARM = Meta(description='true, false or "auto"')
 
 
 @dataclass(frozen=True)
 class RecordingSettings:
     """[session]: what the recording is called and how its numbers are to be read."""
 
-    name: str
-    fps: float | None = None
+    name: _Text
+    fps: Annotated[float, above(0, "1/s")] | None = None
     """frames a second; may be absent when timestamps are given."""
-    timestamps: str | None = None
+    timestamps: _Text | None = None
     """a csv file with the columns camera, frame, time_s."""
-    world_unit_m: float = 1.0
+    world_unit_m: Annotated[float, above(0, "m")] = 1.0
     """metres in one unit of calibration.toml and of the clouds."""
 
 
@@ -38,13 +51,13 @@ class RecordingSettings:
 class HandSettings:
     """[hand]: whose hand, by which model."""
 
-    model: str = "hand26"
+    model: _Text = "hand26"
     """a model's name, or the path of a definition in the folder."""
-    side: str = "right"
-    scale: float | str = 1.0
+    side: Annotated[str, one_of(("right", "left"))] = "right"
+    scale: Annotated[float, above(0)] | _Text = 1.0
     """a factor, "fit" (from the keypoints of init.json), or the path of a saved hand in the
     folder."""
-    forearm: bool | str = "auto"
+    forearm: Annotated[bool | Literal["auto"], _FOREARM] = "auto"
     """whether the model has a forearm: true, false, or "auto"."""
 
 
@@ -52,26 +65,26 @@ class HandSettings:
 class CameraSettings:
     """[[camera]]: what one camera gave; whatever is absent is not observed."""
 
-    name: str
-    images: str | None = None
+    name: _Text
+    images: _Text | None = None
     """a video, or a pattern of numbered files."""
-    masks: str | MaskMethod | None = None
+    masks: _Text | MaskMethod | None = None
     """a pattern of numbered files, or how masks are computed."""
-    roi: tuple[int, int, int, int] | None = None
+    roi: Roi | None = None
     """x, y, w, h [px] in the image as it was taken; outside of it nothing counts as observed."""
-    depth: str | None = None
+    depth: _Text | None = None
     """a pattern of numbered 16 bit files."""
-    depth_scale_m: float | None = None
+    depth_scale_m: Annotated[float, above(0, "m")] | None = None
     """metres in one unit of the depth files."""
-    bayer: str | None = None
+    bayer: Annotated[str, one_of(_BAYER)] | None = None
     """the images are raw mosaics (8 or 16 bit files) of this pattern: rggb, bggr, grbg or gbrg."""
-    demosaic: str | None = None
+    demosaic: Annotated[str, one_of(METHODS)] | None = None
     """how mosaics become colour images."""
-    white_level: float | None = None
+    white_level: Annotated[float, above(0)] | None = None
     """the value of a mosaic that becomes 255."""
-    keypoints: str | None = None
+    keypoints: _Text | None = None
     """a pattern of numbered files of 2D joints, as OpenPose writes them."""
-    keypoint_layout: str | None = None
+    keypoint_layout: Annotated[str, one_of(tuple(LAYOUTS))] | None = None
     """which of their points are which joints: body_25, body_25b, hand_left or hand_right."""
 
 
@@ -115,8 +128,8 @@ def read_session_file(path: Path) -> SessionFile:
         raise HandtrackError(
             f"{path}: the table [session] is missing; it needs `format = {FORMAT}` and `fps`."
         )
-    recording = _recording(TableReader(tables["session"], f"{path}, [session]"), path)
-    hand = _hand(TableReader(tables.get("hand", {}), f"{path}, [hand]"))
+    recording = _recording(tables["session"], path)
+    hand = _hand(tables.get("hand", {}), f"{path}, [hand]")
     cameras = _cameras(tables.get("camera"), path)
     clouds = None
     if "clouds" in tables:
@@ -153,48 +166,31 @@ def _items(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: toml_item(value) for key, value in values.items() if value is not None}
 
 
-def _recording(table: TableReader, path: Path) -> RecordingSettings:
-    version = table.whole("format", None, 1)
+def _recording(given: Any, path: Path) -> RecordingSettings:
+    where = f"{path}, [session]"
+    table = checked_table(given, where)
+    version = required(table, "format", where)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise HandtrackError(f"{where}: format = {shown(version)}; expected {FORMAT}.")
     if version > FORMAT:
         raise HandtrackError(
             f"{path}: format = {version}, but this handtrack reads format {FORMAT}. The session "
             "was written by a newer handtrack: update handtrack."
         )
-    has_fps = table.raw("fps") is not None
-    timestamps = table.text("timestamps") if table.raw("timestamps") is not None else None
-    recording = RecordingSettings(
-        name=table.text("name", path.resolve().parent.name or "session"),
-        fps=table.number("fps", above=0.0, unit="1/s") if has_fps else None,
-        timestamps=timestamps,
-        world_unit_m=table.number("world_unit_m", 1.0, above=0.0, unit="m"),
-    )
-    table.finish()
-    if recording.fps is None and timestamps is None:
-        raise HandtrackError(
-            f"{table.where}: give `fps` (frames a second) or `timestamps` (a csv file)."
-        )
+    table.setdefault("name", path.resolve().parent.name or "session")
+    recording = read_table(RecordingSettings, table, where, also=["format"])
+    if recording.fps is None and recording.timestamps is None:
+        raise HandtrackError(f"{where}: give `fps` (frames a second) or `timestamps` (a csv file).")
     return recording
 
 
-def _hand(table: TableReader) -> HandSettings:
-    model = table.text("model", HandSettings.model)
-    if model not in MODELS and not is_definition(model):
-        known = listed_names(model, MODELS, "known models")
+def _hand(table: Any, where: str) -> HandSettings:
+    hand = read_table(HandSettings, table, where)
+    if hand.model not in MODELS and not is_definition(hand.model):
+        known = listed_names(hand.model, MODELS, "known models")
         raise HandtrackError(
-            f'{table.where}: model = "{model}" is no model, and no path of a definition (.toml); {known}'
+            f'{where}: model = "{hand.model}" is no model, and no path of a definition (.toml); {known}'
         )
-    side = table.choice("side", ("right", "left"), HandSettings.side)
-    scale = table.raw("scale")
-    forearm = table.raw("forearm")
-    if forearm not in (None, "auto", True, False):
-        raise table.error("forearm", forearm, 'true, false or "auto"')
-    hand = HandSettings(
-        model=model,
-        side=side,
-        scale=scale if isinstance(scale, str) and scale else table.number("scale", 1.0, above=0.0),
-        forearm=HandSettings.forearm if forearm is None else forearm,
-    )
-    table.finish()
     return hand
 
 
@@ -203,9 +199,7 @@ def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:
         raise HandtrackError(
             f"{path}: no camera; expected at least one table [[camera]] (two brackets)."
         )
-    cameras = tuple(
-        _camera(TableReader(t, f"{path}, [[camera]] number {i + 1}")) for i, t in enumerate(tables)
-    )
+    cameras = tuple(_camera(table, path, number) for number, table in enumerate(tables, 1))
     names = [camera.name for camera in cameras]
     for name in names:
         if names.count(name) > 1:
@@ -215,67 +209,36 @@ def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:
     return cameras
 
 
-def _camera(table: TableReader) -> CameraSettings:
-    name = table.text("name")
-    table.where = f"{table.where.rsplit(', ', 1)[0]}, camera '{name}'"
-    images = table.text("images") if table.raw("images") is not None else None
-    depth = table.text("depth") if table.raw("depth") is not None else None
-    masks = table.raw("masks")
-    if masks is not None and not isinstance(masks, str):
-        masks = read_mask_method(masks, f"{table.where}, masks")
-        if (images if masks.needs == "images" else depth) is None:
-            raise HandtrackError(
-                f'{table.where}: masks by the method "{masks.name}" need the camera\'s '
-                f"`{masks.needs}`, which is missing."
-            )
-    roi = table.whole_list("roi", None, "x y w h") if table.raw("roi") is not None else None
+def _camera(table: Any, path: Path, number: int) -> CameraSettings:
+    where = f"{path}, [[camera]] number {number}"
+    table = checked_table(table, where)
+    where = f"{path}, camera '{required(table, 'name', where)}'"
+    masks = table.get("masks")
+    if masks is not None and (not isinstance(masks, str) or not masks):
+        masks = read_mask_method(masks, f"{where}, masks")
+    camera = read_table(CameraSettings, table, where, masks=masks)
+    wrong = _wrong_together(camera)
+    if wrong is not None:
+        raise HandtrackError(f"{where}: {wrong}")
+    return camera
+
+
+def _wrong_together(camera: CameraSettings) -> str | None:
+    """Return what a camera's settings lack of one another, in words; None where they go together."""
+    masks, roi = camera.masks, camera.roi
+    if masks is not None and not isinstance(masks, str) and getattr(camera, masks.needs) is None:
+        return f'masks by the method "{masks.name}" need the camera\'s `{masks.needs}`, which is missing.'
     if roi is not None and (min(roi[:2]) < 0 or min(roi[2:]) < 1):
-        raise table.error("roi", list(roi), "[x, y, w, h] in pixels, inside the image")
-    scale = (
-        table.number("depth_scale_m", above=0.0, unit="m")
-        if table.raw("depth_scale_m") is not None
-        else None
-    )
-    if depth is not None and scale is None:
-        raise HandtrackError(
-            f"{table.where}: depth needs `depth_scale_m`, the metres in one unit of its files."
-        )
-    bayer, method, white = _mosaic(table, images)
-    joints, layout = _keypoints(table)
-    table.finish()
-    box = None if roi is None else (roi[0], roi[1], roi[2], roi[3])
-    mosaic = (bayer, method, white)
-    return CameraSettings(name, images, masks, box, depth, scale, *mosaic, joints, layout)
-
-
-def _keypoints(table: TableReader) -> tuple[str | None, str | None]:
-    """Return the pattern of a detector's files and their layout; None where not given."""
-    joints = table.text("keypoints") if table.raw("keypoints") is not None else None
-    if table.raw("keypoint_layout") is None:
-        return joints, None
-    if joints is None:
-        raise HandtrackError(
-            f"{table.where}: keypoint_layout says how `keypoints` are to be read, which is missing."
-        )
-    return joints, table.choice("keypoint_layout", tuple(LAYOUTS), "body_25")
-
-
-def _mosaic(table: TableReader, images: str | None) -> tuple[str | None, str | None, float | None]:
-    """Return pattern, method and white level of raw mosaics; None where not given."""
-    given = [key for key in ("bayer", "demosaic", "white_level") if table.raw(key) is not None]
-    if not given:
-        return None, None, None
-    if "bayer" not in given:
-        raise HandtrackError(
-            f"{table.where}: {given[0]} is about raw mosaics, but their pattern `bayer` is missing; expected one of "
-            f"{', '.join(_BAYER)}."
-        )
-    if images is None:
-        raise HandtrackError(
-            f"{table.where}: bayer says how `images` are to be read, which is missing."
-        )
-    return (
-        table.choice("bayer", _BAYER, _BAYER[0]),
-        table.choice("demosaic", METHODS, METHODS[0]) if "demosaic" in given else None,
-        table.number("white_level", above=0.0) if "white_level" in given else None,
-    )
+        return f"roi = {list(roi)}; expected [x, y, w, h] in pixels, inside the image."
+    if camera.depth is not None and camera.depth_scale_m is None:
+        return "depth needs `depth_scale_m`, the metres in one unit of its files."
+    for key in ("demosaic", "white_level"):
+        if camera.bayer is None and getattr(camera, key) is not None:
+            return (
+                f"{key} is about raw mosaics, but their pattern `bayer` is missing; expected one of "
+                f"{', '.join(_BAYER)}."
+            )
+    for key, other in (("bayer", "images"), ("keypoint_layout", "keypoints")):
+        if getattr(camera, key) is not None and getattr(camera, other) is None:
+            return f"{key} says how `{other}` are to be read, which is missing."
+    return None

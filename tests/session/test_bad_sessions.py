@@ -247,8 +247,11 @@ CLOUDS: dict[str, tuple[str, list[str]]] = {
     "no source": ("crop_m = 0.1", ["exactly one of files, stereo, depth; found none"]),
     "unknown key": (
         'stereo = [["cam0", "cam1"]]\ncrop = 0.1',
-        ["the camera 'cam1', which has no `images`"],
+        ["[clouds]: unknown key 'crop'", "Did you mean 'crop_m'?"],
     ),
+    "no images": ('stereo = [["cam0", "cam1"]]', ["the camera 'cam1', which has no `images`"]),
+    "a camera with itself": ('stereo = [["cam0", "cam0"]]', ["expected pairs of camera names"]),
+    "on": ('files = "c/*.ply"\nvoxel_m = true', ["voxel_m = true; expected a number"]),
     "unknown camera": ('depth = ["cam9"]', ["depth names the camera 'cam9'", "known: cam0, cam1"]),
     "no depth": ('depth = ["cam0"]', ["depth uses the camera 'cam0', which has no `depth`"]),
     "pairs": ('stereo = ["cam0", "cam1"]', ["[clouds]: stereo = ", "pairs of camera names"]),

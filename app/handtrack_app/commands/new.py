@@ -11,7 +11,7 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
 from handtrack.session.session import Session
@@ -82,7 +82,7 @@ def parse_videos(pairs: list[str]) -> dict[str, Path]:
 
 def mask_method(name: str) -> MaskMethod | None:
     """Return a mask method with its usual settings; None for `none`."""
-    return None if name == "none" else METHODS[name].read(TableReader({}, f"--masks {name}"))
+    return None if name == "none" else read_table(METHODS[name], {}, f"--masks {name}")
 
 
 def _checked(videos: Mapping[str, Path], rig: CameraRig, calibration: Path) -> dict[str, float]:

@@ -6,11 +6,14 @@ r = R / (R + G + B), g = G / (R + G + B): brightness drops out. After the point 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from handtrack.arrays import Array, Floats
 from handtrack.errors import HandtrackError
+from handtrack.files.toml_table import above
 
 _LEAST_SAMPLES = 20
 _ROUNDING = 0.004**2 * np.eye(2)  # 8 bit levels are about 0.004 apart in (r, g)
@@ -20,16 +23,27 @@ _TRIM_SIZE = 3.0
 _MAD_TO_SIGMA = 1.4826
 
 
+def _fitted(count: int) -> Meta:
+    return Meta(description=f"{count} numbers, as fitted from samples of skin")
+
+
 @dataclass(frozen=True)
 class SkinEllipse:
     """Colours within `size` standard deviations of the mean skin colour."""
 
-    mean: tuple[float, float]
+    mean: Annotated[tuple[float, float], _fitted(2)]
     """r, g of the ellipse's centre."""
-    covariance: tuple[float, float, float]
+    covariance: Annotated[tuple[float, float, float], _fitted(3)]
     """of rr, rg, gg: ratio and orientation of its axes."""
-    size: float = 2.5
+    size: Annotated[float, above(0, "standard deviations")] = 2.5
     """the threshold: half axes in standard deviations."""
+
+    def __post_init__(self) -> None:
+        rr, rg, gg = self.covariance
+        if not (rr > 0 and rr * gg > rg**2):
+            raise ValueError(
+                f"covariance = {list(self.covariance)}; expected rr, rg, gg of an ellipse: rr gg > rg²."
+            )
 
     def distance(self, colors: Array) -> Floats:
         """Return how far colours (N, 3) uint8 RGB lie from the mean, (N,) standard deviations.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from handtrack.arrays import Array, Bytes
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import above, at_least
 
 _LEAST_FRAMES = 3
 _MAD_TO_SIGMA = 1.4826
@@ -29,12 +29,12 @@ class BackgroundMedian:
     name: ClassVar[str] = "background_median"
     needs: ClassVar[str] = "images"
 
-    samples: int = 25
+    samples: Annotated[int, at_least(_LEAST_FRAMES)] = 25
     """frames, evenly spaced over the recording, whose median is the background."""
-    threshold: float = 8.0
+    threshold: Annotated[float, above(0, "standard deviations")] = 8.0
     """difference in the worst channel of Lab (8 bit), in robust standard deviations of the
     pixel."""
-    open_px: int = 5
+    open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
     """keep only the largest component."""
@@ -61,18 +61,6 @@ class BackgroundMedian:
 
         return segment
 
-    @classmethod
-    def read(cls, table: TableReader) -> BackgroundMedian:
-        """Return the settings of an inline table. Raises HandtrackError."""
-        return cls(
-            samples=table.whole("samples", cls.samples, _LEAST_FRAMES),
-            threshold=table.number(
-                "threshold", cls.threshold, above=0.0, unit="standard deviations"
-            ),
-            open_px=table.whole("open_px", cls.open_px),
-            largest=table.flag("largest", cls.largest),
-        )
-
 
 @dataclass(frozen=True)
 class BackgroundMog2:
@@ -84,13 +72,13 @@ class BackgroundMog2:
     name: ClassVar[str] = "background_mog2"
     needs: ClassVar[str] = "images"
 
-    samples: int = 100
+    samples: Annotated[int, at_least(_LEAST_FRAMES)] = 100
     """frames, evenly spaced over the recording, that the mixture learns from."""
-    threshold: float = 16.0
+    threshold: Annotated[float, above(0, "variances")] = 16.0
     """squared distance, in variances, from which a pixel no longer belongs to the background."""
     shadows: bool = True
     """take darkened background for shadow, not for hand."""
-    open_px: int = 5
+    open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
     """keep only the largest component."""
@@ -114,17 +102,6 @@ class BackgroundMog2:
             return clean(hand, self.open_px, self.largest, roi)
 
         return segment
-
-    @classmethod
-    def read(cls, table: TableReader) -> BackgroundMog2:
-        """Return the settings of an inline table. Raises HandtrackError."""
-        return cls(
-            samples=table.whole("samples", cls.samples, _LEAST_FRAMES),
-            threshold=table.number("threshold", cls.threshold, above=0.0, unit="variances"),
-            shadows=table.flag("shadows", cls.shadows),
-            open_px=table.whole("open_px", cls.open_px),
-            largest=table.flag("largest", cls.largest),
-        )
 
 
 def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import cv2
 import numpy as np
+from msgspec import Meta
 
 from handtrack.arrays import Bytes
 
-Roi = tuple[int, int, int, int]
+Roi = Annotated[tuple[int, int, int, int], Meta(description="4 whole numbers [x, y, w, h]")]
+"""x, y, width, height [px]"""
 
 
 def clean(mask: Bytes, open_px: int, largest: bool, roi: Roi | None) -> Bytes:

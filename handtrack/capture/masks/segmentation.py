@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import cv2
 import numpy as np
+from msgspec import Meta
 
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.images.frames import FrameSource
@@ -15,10 +16,11 @@ from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import above, at_least, checked_table, read_table, required
 
 Segmenter = Callable[[Array], Bytes]
 """image → mask (H, W) uint8 {0, 255}"""
+_Range = Annotated[tuple[int, int], Meta(description="2 whole numbers [least, most]")]
 
 
 @dataclass(frozen=True)
@@ -28,16 +30,23 @@ class SkinYCrCb:
     name: ClassVar[str] = "skin_ycrcb"
     needs: ClassVar[str] = "images"
 
-    y_min: int = 40
+    y_min: Annotated[int, at_least(0)] = 40
     """least luminance."""
-    cr: tuple[int, int] = (138, 175)
+    cr: _Range = (138, 175)
     """closed range of Cr."""
-    cb: tuple[int, int] = (85, 125)
+    cb: _Range = (85, 125)
     """closed range of Cb."""
-    open_px: int = 5
+    open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
     """keep only the largest component."""
+
+    def __post_init__(self) -> None:
+        for key, (low, high) in (("cr", self.cr), ("cb", self.cb)):
+            if not 0 <= low <= high <= 255:
+                raise ValueError(
+                    f"{key} = [{low}, {high}]; expected least and most within 0 to 255, in this order."
+                )
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
@@ -53,18 +62,6 @@ class SkinYCrCb:
 
         return segment
 
-    @classmethod
-    def read(cls, table: TableReader) -> SkinYCrCb:
-        """Return the settings of an inline table. Raises HandtrackError."""
-        default = cls()
-        return cls(
-            y_min=table.whole("y_min", default.y_min),
-            cr=_range(table, "cr", default.cr),
-            cb=_range(table, "cb", default.cb),
-            open_px=table.whole("open_px", default.open_px),
-            largest=table.flag("largest", default.largest),
-        )
-
 
 @dataclass(frozen=True)
 class DepthRange:
@@ -73,14 +70,18 @@ class DepthRange:
     name: ClassVar[str] = "depth_range"
     needs: ClassVar[str] = "depth"
 
-    near_m: float
+    near_m: Annotated[float, above(0, "m")]
     """nearest depth that counts [m]."""
-    far_m: float
+    far_m: Annotated[float, above(0, "m")]
     """farthest depth that counts [m]."""
-    open_px: int = 0
+    open_px: Annotated[int, at_least(0)] = 0
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = False
     """keep only the largest component."""
+
+    def __post_init__(self) -> None:
+        if self.far_m <= self.near_m:
+            raise ValueError(f"far_m = {self.far_m}; expected a number above {self.near_m:g} [m].")
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
@@ -95,17 +96,6 @@ class DepthRange:
 
         return segment
 
-    @classmethod
-    def read(cls, table: TableReader) -> DepthRange:
-        """Return the settings of an inline table. Raises HandtrackError."""
-        near_m = table.number("near_m", above=0.0, unit="m")
-        return cls(
-            near_m=near_m,
-            far_m=table.number("far_m", above=near_m, unit="m"),
-            open_px=table.whole("open_px", 0),
-            largest=table.flag("largest", False),
-        )
-
 
 MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange
 METHODS: dict[str, type[MaskMethod]] = {
@@ -119,25 +109,14 @@ def read_mask_method(table: Any, where: str) -> MaskMethod:
 
     where: file and table for the errors. Raises HandtrackError naming the known methods or keys.
     """
-    reader = TableReader(table, where)
-    name = reader.text("method")
-    if name not in METHODS:
+    name = required(checked_table(table, where), "method", where)
+    if name not in tuple(METHODS):
         raise HandtrackError(
             f"{where}: unknown mask method '{name}'; known methods: {', '.join(METHODS)}."
         )
-    reader.where = f'{where}, method "{name}"'
-    method = METHODS[name].read(reader)
-    reader.finish()
-    return method
+    return read_table(METHODS[name], table, f'{where}, method "{name}"', also=["method"])
 
 
 def mask_method_table(method: MaskMethod) -> dict[str, Any]:
     """Return the inline table that reads back as the method."""
     return {"method": method.name, **asdict(method)}
-
-
-def _range(table: TableReader, key: str, default: tuple[int, int]) -> tuple[int, int]:
-    low, high = table.whole_list(key, default, "least most")
-    if not 0 <= low <= high <= 255:
-        raise table.error(key, [low, high], "least and most within 0 to 255, in this order")
-    return low, high

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_table import TableReader
+from handtrack.files.toml_table import above, at_least
 
 _LEAST_SPREAD = 0.003  # of r and g: about one step of 8 bit colour at medium brightness
 _TRIM = 3.0  # samples farther than this from the first fit are left out of the second
@@ -27,18 +27,25 @@ class SkinAdaptive:
     name: ClassVar[str] = "skin_adaptive"
     needs: ClassVar[str] = "images"
 
-    sample: tuple[int, int, int, int]
+    sample: Roi
     """x, y, w, h [px]: a box that shows skin only, in the reference frame."""
-    size: float = 3.0
+    size: Annotated[float, above(0, "standard deviations")] = 3.0
     """size of the ellipse in standard deviations (Mahalanobis distance)."""
-    reference: int = 0
+    reference: Annotated[int, at_least(0)] = 0
     """frame in which the sample lies."""
-    y_min: int = 40
+    y_min: Annotated[int, at_least(0)] = 40
     """least luminance; the chromaticity of dark pixels means nothing."""
-    open_px: int = 5
+    open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
     """keep only the largest component."""
+
+    def __post_init__(self) -> None:
+        x, y, width, height = self.sample
+        if x < 0 or y < 0 or width < 2 or height < 2:
+            raise ValueError(
+                f"sample = {list(self.sample)}; expected a box of at least 2 x 2 pixels inside the image."
+            )
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
@@ -74,23 +81,6 @@ class SkinAdaptive:
         mean, inverse = _ellipse(colours)
         near = _squared_distance(colours, mean, inverse) <= _TRIM**2
         return _ellipse(colours[near])
-
-    @classmethod
-    def read(cls, table: TableReader) -> SkinAdaptive:
-        """Return the settings of an inline table. Raises HandtrackError."""
-        x, y, width, height = table.whole_list("sample", None, "x y w h")
-        if x < 0 or y < 0 or width < 2 or height < 2:
-            raise table.error(
-                "sample", [x, y, width, height], "a box of at least 2 x 2 pixels inside the image"
-            )
-        return cls(
-            sample=(x, y, width, height),
-            size=table.number("size", cls.size, above=0.0, unit="standard deviations"),
-            reference=table.whole("reference", cls.reference),
-            y_min=table.whole("y_min", cls.y_min),
-            open_px=table.whole("open_px", cls.open_px),
-            largest=table.flag("largest", cls.largest),
-        )
 
 
 def _chromaticity(image: Array) -> Array:

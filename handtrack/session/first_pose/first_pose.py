@@ -13,6 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
@@ -93,7 +94,7 @@ def write_first_pose(path: Path, pose: FirstPose) -> None:
     else:
         rows = _written(pose.xyz)
         data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
-    Path(path).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    replace_text(Path(path), json.dumps(data, indent=1) + "\n")
 
 
 def _written(points: Floats) -> list[list[float] | None]:
@@ -106,11 +107,7 @@ def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str
     for name, value in given.items():
         if known is not None and name not in known:
             raise unknown_name("parameter", name, list(known), str(path))
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
+        if not _is_finite(value):
             raise HandtrackError(f"{path}: parameter {name} = {value}; expected a finite number.")
         most, hint = _LARGEST_ANGLE, "radians; is it in degrees?"
         if name.startswith("root_t"):
@@ -125,13 +122,7 @@ def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     if unit != "m":
         hint = '; divide the coordinates by 1000 and write "m"' if unit == "mm" else ""
         raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
-    rows = data["xyz"]
-    if not isinstance(rows, list) or len(rows) != 21:
-        found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
-        raise HandtrackError(
-            f"{path}: xyz has {found}; expected 21 rows [x, y, z], null where unknown."
-        )
-    xyz = np.array([_row(row, index, path) for index, row in enumerate(rows)])
+    xyz = _points(data["xyz"], "xyz", "[x, y, z]", path)
     known = xyz[np.isfinite(xyz).all(axis=1)]
     if len(known) < 3:
         raise HandtrackError(
@@ -171,14 +162,10 @@ def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
         raise HandtrackError(
             f"{path}: cameras = {cameras}; expected keypoints by camera: {_FLAT_FORM}."
         )
-    pixels = {}
-    for name, rows in cameras.items():
-        if not isinstance(rows, list) or len(rows) != 21:
-            found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
-            raise HandtrackError(
-                f"{path}: camera '{name}' has {found}; expected 21 rows [u, v], null where unknown."
-            )
-        pixels[str(name)] = np.array([_pixel(row, i, name, path) for i, row in enumerate(rows)])
+    pixels = {
+        str(name): _points(rows, f"camera '{name}'", "[u, v]", path)
+        for name, rows in cameras.items()
+    }
     known = max(int(np.isfinite(p).all(axis=1).sum()) for p in pixels.values())
     if known < _FEWEST_IN_IMAGE:
         raise HandtrackError(
@@ -187,30 +174,33 @@ def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     return FirstPose(frame, {}, None, convention, pixels)
 
 
-def _pixel(row: Any, index: int, camera: str, path: Path) -> list[float]:
-    if row is None or row == [None] * 2:
-        return [math.nan] * 2
-    numbers = isinstance(row, list) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
-    )
-    if not numbers or len(row) != 2:
+def _points(rows: Any, what: str, form: str, path: Path) -> Floats:
+    """Return 21 rows of numbers, NaN where unknown. form: a row in words, such as `[u, v]`."""
+    if not isinstance(rows, list) or len(rows) != 21:
+        found = f"{len(rows)} rows" if isinstance(rows, list) else type(rows).__name__
         raise HandtrackError(
-            f"{path}: row {index} of camera '{camera}' is {row}; expected [u, v] in pixels, or null."
+            f"{path}: {what} has {found}; expected 21 rows {form}, null where unknown."
         )
-    return [float(v) for v in row]
+    columns = form.count(",") + 1
+    points = np.full((21, columns), np.nan)
+    for index, row in enumerate(rows):
+        if row is None or row == [None] * columns:
+            continue
+        if columns == 3 and isinstance(row, list) and len(row) == 2:
+            raise _two_dimensional(path, f"row {index} of {what}")
+        numbers = isinstance(row, list) and all(map(_is_finite, row))
+        if not numbers or len(row) != columns:
+            unit = " in pixels," if columns == 2 else ""
+            raise HandtrackError(
+                f"{path}: row {index} of {what} is {row}; expected {form}{unit} or null."
+            )
+        points[index] = row
+    return points
 
 
-def _row(row: Any, index: int, path: Path) -> list[float]:
-    if row is None or row == [None] * 3:
-        return [math.nan] * 3
-    if isinstance(row, list) and len(row) == 2:
-        raise _two_dimensional(path, f"row {index} of xyz")
-    numbers = isinstance(row, list) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in row
-    )
-    if not numbers or len(row) != 3:
-        raise HandtrackError(f"{path}: row {index} of xyz is {row}; expected [x, y, z] or null.")
-    return [float(v) for v in row]
+def _is_finite(value: Any) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and math.isfinite(value)
 
 
 def _two_dimensional(path: Path, what: str) -> HandtrackError:

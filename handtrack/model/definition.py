@@ -1,0 +1,85 @@
+"""The form of a model definition: which tables and keys a definition (.toml) has, and of which kinds they are.
+
+What the numbers mean stands at the head of definitions/hand26.toml and body34.toml.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, NotRequired, TypedDict
+
+from msgspec import Meta
+
+Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Point = tuple[Number, Number, Number]
+Name = Annotated[str, Meta(min_length=1)]
+
+
+class Freedom(TypedDict):
+    """One hinge of a bone."""
+
+    name: Name
+    axis: Point
+    limits_deg: tuple[Number, Number]
+    rest_deg: NotRequired[Number]
+    stabilise_deg: NotRequired[Number]
+
+
+class Bone(TypedDict):
+    """A bone in the zero pose [mm]; parents come first."""
+
+    name: Name
+    parent: NotRequired[Name]
+    group: Name
+    head: Point
+    tail: Point
+    up: Point
+    freedoms: NotRequired[list[Freedom]]
+    only_with: NotRequired[Literal["forearm"]]
+
+
+class EllipsoidRow(TypedDict):
+    """One ellipsoid in its bone's frame [mm]."""
+
+    bone: Name
+    centre: Point
+    radii: Point
+    rotation_deg: NotRequired[Point]
+
+
+class Coupling(TypedDict):
+    """name = ratio × leader."""
+
+    name: Name
+    leader: Name
+    ratio: Number
+
+
+class Proportion(TypedDict):
+    """What one standard deviation of a person's proportion moves."""
+
+    name: Name
+    sigma_mm: Number
+    moves: dict[str, Point]
+
+
+class Narrowing(TypedDict):
+    """Limits that shrink with another joint's flexion."""
+
+    pairs: list[tuple[Name, Name]]
+    at_deg: Number
+    to: Number
+
+
+class Definition(TypedDict):
+    """A whole model definition."""
+
+    name: Name
+    kind: NotRequired[Literal["hand", "body"]]
+    length_mm: Annotated[float, Meta(gt=0, le=1e6)]
+    bone: Annotated[list[Bone], Meta(min_length=1)]
+    joints: dict[str, tuple[Name, Literal["head", "tail"] | Point]]
+    ellipsoids: dict[str, list[EllipsoidRow]]
+    couplings: NotRequired[dict[str, list[Coupling]]]
+    narrowing: NotRequired[Narrowing]
+    proportion: NotRequired[list[Proportion]]
+    superquadric: NotRequired[list[dict[str, Any]]]
