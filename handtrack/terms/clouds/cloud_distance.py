@@ -75,7 +75,7 @@ class CloudDistanceTerm(CompiledTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 
     A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
-    entry is −w_e [n_e ; (X − o) × n_e].
+    entry is −w_e [n_e ; (X − o) × n_e], and w_e (d_e − n_e · (X − o)) for its growth.
     """
 
     cloud: PreparedCloud
@@ -101,7 +101,7 @@ class CloudDistanceTerm(CompiledTerm):
         return out
 
     def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
     ) -> float:
         kind, scale = self._loss
         start, members = self.surface.links
@@ -120,7 +120,7 @@ class CloudDistanceTerm(CompiledTerm):
             scale,
             self.weight,
             bones.reference,
-            want_system,
+            width,
             gradient,
             hessian,
         )

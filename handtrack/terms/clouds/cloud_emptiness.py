@@ -29,7 +29,7 @@ class CloudEmptinessTerm(CompiledTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
     The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
-    +[n ; (X − o) × n] with n = ∇D.
+    +[n ; (X − o) × n] with n = ∇D, and n · (X − o) for its growth.
     """
 
     distances: DistanceMap
@@ -83,7 +83,7 @@ class CloudEmptinessTerm(CompiledTerm):
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
     def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
     ) -> float:
         if self.distances.is_empty:
             return 0.0
@@ -96,13 +96,13 @@ class CloudEmptinessTerm(CompiledTerm):
             bones.position,
             bones.reference,
             self.bone,
-            self.local,
+            bones.grown(self.bone, self.local),
             self.slack_m,
             self.sigma_m,
             kind,
             scale,
             self.weight,
-            want_system,
+            width,
             gradient,
             hessian,
         )

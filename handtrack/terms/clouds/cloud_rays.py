@@ -52,7 +52,7 @@ class CloudRaysTerm(CompiledTerm):
             )
 
     def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
     ) -> float:
         rays, depth = self._rays
         return rays_system(
@@ -67,7 +67,7 @@ class CloudRaysTerm(CompiledTerm):
             self.outliers.level,
             self.weight,
             bones.reference,
-            want_system,
+            width,
             gradient,
             hessian,
         )

@@ -116,7 +116,7 @@ class CarriedTextureTerm(CompiledTerm):
             )
 
     def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
     ) -> float:
         kind, scale = self._loss
         cost = 0.0
@@ -127,7 +127,7 @@ class CarriedTextureTerm(CompiledTerm):
             cost += texture_system(
                 image.values,
                 texture.bone,
-                texture.local,
+                bones.grown(texture.bone, texture.local),
                 texture.color,
                 self.sigma,
                 kind,
@@ -140,7 +140,7 @@ class CarriedTextureTerm(CompiledTerm):
                 bones.rotation,
                 bones.position,
                 bones.reference,
-                want_system,
+                width,
                 gradient,
                 hessian,
             )

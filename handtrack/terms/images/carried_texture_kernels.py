@@ -13,11 +13,11 @@ from handtrack.terms.images.smooth_image_kernels import cell, look_up
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def texture_system(
     image, bone, local, color, sigma, loss, scale, worst, weight, matrix, turn, shift,
-    rotation, position, reference, want_system, gradient, hessian,
+    rotation, position, reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's texture to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ (ρ − worst). color: (N, C)."""
+    """Add one camera's texture to gradient (width · B,) and hessian; returns ½ weight Σ (ρ − worst). color: (N, C)."""
     height, width, channels = image.shape
-    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(6)
+    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)
     for n in range(bone.shape[0]):
         b = bone[n]
@@ -35,7 +35,7 @@ def texture_system(
             squared += residual[c] * residual[c]
         value, size = counted(loss, scale, squared)
         cost += value - worst
-        if not want_system:
+        if width == 0:
             continue
         for c in range(channels):
             fill_row(across[c], down[c], seen, matrix, turn, point, reference, row)

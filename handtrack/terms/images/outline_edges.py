@@ -43,14 +43,14 @@ class OutlineEdgesTerm(CompiledTerm):
             )
 
     def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
+        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
     ) -> float:
         cost = 0.0
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
             cost += edges_system(
                 outline.bone,
-                outline.local,
+                bones.grown(outline.bone, outline.local),
                 outline.pixel,
                 outline.normal,
                 self.weight * outline.length_px / self.stretch_px,
@@ -65,7 +65,7 @@ class OutlineEdgesTerm(CompiledTerm):
                 bones.rotation,
                 bones.position,
                 bones.reference,
-                want_system,
+                width,
                 gradient,
                 hessian,
             )

@@ -58,6 +58,12 @@ class CoverageTerm:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
         return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
 
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        """Return the same in seven numbers a bone, with its growth."""
+        return field_system(
+            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, growing=True
+        )[0]
+
 
 def ramp(
     cameras: Sequence[Camera],
