@@ -58,14 +58,14 @@ class BoneSystem:
     def with_growth(self, moves_like: Floats) -> BoneSystem:
         """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like (3,)."""
         bones = len(self.gradient) // 6
-        widen = np.zeros((bones, 6, bones, 7))
-        each = np.arange(bones)
-        widen[each, :, each, :6] = np.eye(6)
-        widen[each, :3, each, 6] = moves_like
-        matrix = widen.reshape(6 * bones, 7 * bones)
-        return BoneSystem(
-            self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix
-        )
+        gradient, hessian = np.empty((bones, 7)), np.empty((bones, 7, bones, 7))
+        gradient[:, :6] = self.gradient.reshape(bones, 6)
+        gradient[:, 6] = gradient[:, :3] @ moves_like
+        hessian[:, :6, :, :6] = self.hessian.reshape(bones, 6, bones, 6)
+        mixed = hessian[:, :6, :, :3] @ moves_like
+        hessian[:, :6, :, 6], hessian[:, 6, :, :6] = mixed, mixed.transpose(2, 0, 1)
+        hessian[:, 6, :, 6] = np.einsum("i,bic->bc", moves_like, mixed[:, :3])
+        return BoneSystem(self.cost, gradient.ravel(), hessian.reshape(7 * bones, 7 * bones))
 
     def pull_back(self, twist_jacobian: Floats) -> JointSystem:
         """Return the system of joint parameters. twist_jacobian: (B, 6, S), or (B, 7, S) with growth."""

@@ -31,7 +31,5 @@ class CompiledTerm(ABC):
         return BoneSystem(cost, system.gradient, system.hessian)
 
     @abstractmethod
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         """Return the cost and, with a width of 6 or 7, add to gradient (width · B,) and the Hessian; 0: the cost alone."""

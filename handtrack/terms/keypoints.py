@@ -56,9 +56,7 @@ class KeypointTerm:
         squared = (difference**2).sum(axis=1)
         weight = self.weight * np.repeat(self.loss.weight(squared), width)
         row_of = grown_row if growing else point_row
-        twist = row_of(
-            np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference
-        )
+        twist = row_of(np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference)
         cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
         row = np.arange(count * width)
         return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)

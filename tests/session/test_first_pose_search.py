@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session import first_pose_search
 from handtrack.session.bundled import bundled_session
+from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses, spread_order
@@ -71,16 +71,15 @@ def test_a_childs_hand_is_found_as_a_childs(session, tmp_path):
 
 @pytest.fixture
 def pretended(session, monkeypatch):
-    """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6) of a hand of unknown size; how sure a pose is, is given."""
-    run = TrackingRun.open(session, {"model.fit_size": True}, use_init=False)
-    monkeypatch.setattr(first_pose_search, "_is_size_known", lambda run: False)
+    """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6); how sure a pose is, is given."""
+    run = TrackingRun.open(session, use_init=False)
 
     def search(confidence, nearness=1.0):
         asked = []
 
         def found(run, models, seen, should_stop, tell):
             model = models[0]
-            asked.append((seen.frame, model.scale.overall))
+            asked.append(seen.frame)
             sure = confidence.get(asked[-1], 0.0)
             row = FirstPoseCandidate(
                 seen.frame, model.rest_params(), sure * nearness, "", model, 1.0, nearness=nearness
@@ -94,30 +93,21 @@ def pretended(session, monkeypatch):
 
 
 def test_no_other_frame_is_tried_once_one_is_sure(pretended):
-    best, asked = pretended({(0, 1.0): 0.4, (4, 1.0): 0.9})
+    best, asked = pretended({0: 0.4, 4: 0.9})
     assert (best[0].frame, best[0].given) == (4, None)
-    assert asked == [(0, 1.0), (4, 1.0)]
+    assert asked == [0, 4]
 
 
 def test_a_pose_that_is_surely_the_right_one_ends_the_search_however_well_it_is_known(pretended):
-    best, asked = pretended({(0, 1.0): 0.9}, nearness=0.3)
+    best, asked = pretended({0: 0.9}, nearness=0.3)
     assert best[0].confidence == pytest.approx(0.27)
-    assert asked == [(0, 1.0)]
+    assert asked == [0]
 
 
-def test_other_sizes_are_tried_where_the_mean_one_was_surest(pretended):
-    frames = [(f, 1.0) for f in (0, 4, 2, 6)]
-    best, asked = pretended({(0, 1.0): 0.2, (2, 1.0): 0.5, (2, 1.2): 0.6, (0, 0.8): 0.9})
-    assert asked == [*frames, (2, 0.8), (2, 1.2)]
+def test_the_surest_of_four_frames_is_taken(pretended):
+    best, asked = pretended({0: 0.2, 2: 0.5, 6: 0.3})
     assert best[0].frame == 2
-    assert "1.2 times the usual size" in best[0].note
-    assert best[0].given is not None
-
-
-def test_other_sizes_are_tried_everywhere_where_the_mean_one_shows_nothing(pretended):
-    best, asked = pretended({(6, 0.8): 0.8})
-    assert asked == [(f, size) for size in (1.0, 0.8) for f in (0, 4, 2, 6)]
-    assert best[0].frame == 6
+    assert asked == [0, 4, 2, 6]
 
 
 def test_frames_are_tried_all_over_the_range():

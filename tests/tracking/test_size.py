@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from handtrack.bench.silhouettes.binary_fist import Scene, scene

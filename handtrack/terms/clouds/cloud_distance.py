@@ -100,9 +100,7 @@ class CloudDistanceTerm(CompiledTerm):
         out[self.cloud.order] = self.surface.distance(bones, points)
         return out
 
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         kind, scale = self._loss
         start, members = self.surface.links
         return cloud_system(

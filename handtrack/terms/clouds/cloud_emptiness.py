@@ -82,9 +82,7 @@ class CloudEmptinessTerm(CompiledTerm):
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         if self.distances.is_empty:
             return 0.0
         kind, scale = self._loss

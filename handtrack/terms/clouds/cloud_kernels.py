@@ -274,7 +274,9 @@ def work_off(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_growth(bone, who, used, count, rows, growth, residual, gradient, hessian):  # pragma: no cover - compiled
+def _add_growth(
+    bone, who, used, count, rows, growth, residual, gradient, hessian
+):  # pragma: no cover - compiled
     """Add what the seventh number of each bone, its growth, makes of the points that are worked off."""
     for a in range(used):
         at = 7 * bone[who[a]] + 6

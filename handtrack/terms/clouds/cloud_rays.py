@@ -51,9 +51,7 @@ class CloudRaysTerm(CompiledTerm):
                 f"{self.name}: sigmas {self.along_m:g} m along and {self.beside_m:g} m beside; expected positive lengths."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         rays, depth = self._rays
         return rays_system(
             self.centre,

@@ -115,9 +115,7 @@ class CarriedTextureTerm(CompiledTerm):
                 f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         kind, scale = self._loss
         cost = 0.0
         for texture, image in self.seen:

@@ -42,9 +42,7 @@ class OutlineEdgesTerm(CompiledTerm):
                 "expected positive numbers."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         cost = 0.0
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera

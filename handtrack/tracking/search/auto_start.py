@@ -16,6 +16,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.evidence.start_shapes import start_shapes
 from handtrack.tracking.search.finger_assignments import finger_swaps
 from handtrack.tracking.search.laid_shapes import Laid, StartSource, laid_everywhere
+from handtrack.tracking.search.sized_start import Resize, sized
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -73,11 +74,12 @@ def auto_start(
     should_stop: Callable[[], bool] | None = None,
     on_progress: Progress | None = None,
     size_sigma: float = SIZE_SIGMA,
+    resize: Resize | None = None,
 ) -> list[StartCandidate]:
     """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
 
     models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
-    known. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
+    known. resize: makes them in other sizes, where it is not; the best poses then find theirs. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
     """
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
@@ -93,6 +95,9 @@ def auto_start(
     found = [descended(sources, laid, _MORE) for laid in found if not stop()]
     found = [narrowed(sources, h, _NARROW) for h in distinct(found, 2 * _AGAIN) if not stop()]
     tell(0.8, "the best are fitted")
+    if resize is not None:
+        sizes = [sized(sources, h, resize) for h in distinct(found, FINALISTS) if not stop()]
+        found = [*found, *sizes]
     return finished(sources, distinct(found, FINALISTS), settings, seen, stop, size_sigma)
 
 

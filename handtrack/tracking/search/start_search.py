@@ -21,7 +21,7 @@ from handtrack.tracking.search.evidence.start_shapes import palm_middle
 from handtrack.tracking.search.finger_assignments import finger_assignments
 from handtrack.tracking.search.laid_shapes import PLACE_M, Laid, StartSource
 
-_WIDE_M, _NARROW_M = 0.012, 0.004
+WIDE_M, NARROW_M = 0.012, 0.004
 _SAME_M = 0.012  # mean distance between joints of poses that count as one
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
 _REST_SIGMA = np.deg2rad(50.0)
@@ -58,10 +58,10 @@ def descended_in_rounds(
 def descended(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
     """Return a pose let go of, with wide arms, and its cost there."""
     summary = solve(
-        _problem(sources, laid, _WIDE_M), laid.params, SolverSettings(iterations=iterations)
+        problem_around(sources, laid, WIDE_M), laid.params, SolverSettings(iterations=iterations)
     )
     there = replace(laid, params=summary.params)
-    return replace(there, cost=_problem(sources, there, _WIDE_M).cost(there.params))
+    return replace(there, cost=problem_around(sources, there, WIDE_M).cost(there.params))
 
 
 def narrowed(sources: Sequence[StartSource], laid: Laid, iterations: int) -> Laid:
@@ -77,7 +77,7 @@ def reassigned(sources: Sequence[StartSource], found: Sequence[Laid], most: int)
     """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
     ways = []
     for laid in found:
-        problem = _problem(sources, laid, _WIDE_M)
+        problem = problem_around(sources, laid, WIDE_M)
         others = finger_assignments(laid.shape.model, laid.params)
         tried = [replace(laid, params=params, cost=problem.cost(params)) for params in others]
         ways += sorted(tried, key=lambda laid: laid.cost)[:2]
@@ -91,10 +91,11 @@ def narrowly_measured(sources: Sequence[StartSource], laid: Laid) -> Laid:
 
 def narrow_problem(sources: Sequence[StartSource], laid: Laid) -> Problem:
     """Return the problem around a pose by which finished ones are told apart."""
-    return _problem(sources, laid, _NARROW_M)
+    return problem_around(sources, laid, NARROW_M)
 
 
-def _problem(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
+def problem_around(sources: Sequence[StartSource], laid: Laid, band_m: float) -> Problem:
+    """Return the problem around a pose in which what was seen pulls from about band_m [m]."""
     model = laid.shape.model
     terms = [t for source in sources for t in source.terms(laid.shape, laid.params, band_m)]
     sigma = np.full(len(model.parameter_names), _REST_SIGMA)

@@ -12,6 +12,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.solver.problem import Problem
+from handtrack.terms.term import GrowingTerm
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.sized_problem import fit_size
@@ -64,4 +65,5 @@ def _problem(
     )
     start = model.bones(pose)
     terms = frame_terms(model, stage, seen, start, None)
-    return Problem(model, terms.stage(0, start), terms.priors)
+    telling = [term for term in terms.stage(0, start) if isinstance(term, GrowingTerm)]
+    return Problem(model, telling, terms.priors)

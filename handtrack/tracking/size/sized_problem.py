@@ -129,9 +129,7 @@ class SizedProblem:
         model, around = self.size.grown(deviations), self._expansion
         change = (deviations - around.deviations)[self.free]
         cost, poses = 0.5 * float(deviations @ deviations), []
-        for problem, pose, follow in zip(
-            self.problems, around.poses, around.follow, strict=True
-        ):
+        for problem, pose, follow in zip(self.problems, around.poses, around.follow, strict=True):
             sized = Problem(model, problem.observation_terms, problem.parameter_terms)
             found = solve(sized, pose + follow @ change, self.solver, self.should_stop)
             cost += found.cost
