@@ -16,7 +16,7 @@ def texture_system(
     rotation, position, reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Add one camera's texture to gradient (width · B,) and hessian; returns ½ weight Σ (ρ − worst). color: (N, C)."""
-    height, width, channels = image.shape
+    rows, columns, channels = image.shape
     cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)
     for n in range(bone.shape[0]):
@@ -25,8 +25,8 @@ def texture_system(
         see(point, turn, shift, seen)
         if seen[2] < NEAREST:
             continue
-        j, q, in_u = cell(matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2], width)
-        i, p, in_v = cell(matrix[1, 2] + matrix[1, 1] * seen[1] / seen[2], height)
+        j, q, in_u = cell(matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2], columns)
+        i, p, in_v = cell(matrix[1, 2] + matrix[1, 1] * seen[1] / seen[2], rows)
         squared = 0.0
         for c in range(channels):
             value, du, dv = look_up(image, i, j, p, q, c)
