@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
@@ -72,18 +74,20 @@ def test_a_childs_hand_is_found_as_a_childs(session, tmp_path):
 
 @pytest.fixture
 def pretended(session, monkeypatch):
-    """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6); how sure a pose is, is given."""
+    """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6); how sure a pose is, and its hand's size, are given."""
     run = TrackingRun.open(session, use_init=False)
 
-    def search(confidence, nearness=1.0):
+    def search(confidence, nearness=1.0, sizes=None):
         asked = []
 
-        def found(run, models, seen, should_stop, tell):
-            model = models[0]
-            asked.append(seen.frame)
+        def found(run, scale, seen, should_stop, tell):
+            size = (sizes or {}).get(seen.frame)
+            model = load_model(scale=size or 1.0)
+            given = FirstPose(seen.frame, {}) if size else None
+            asked.append(seen.frame if scale == HandScale() else (seen.frame, scale.overall))
             sure = confidence.get(asked[-1], 0.0)
             row = FirstPoseCandidate(
-                seen.frame, model.rest_params(), sure * nearness, "", model, 1.0, nearness=nearness
+                seen.frame, model.rest_params(), sure * nearness, "", model, 1.0, given, nearness
             )
             return [row] if sure else []
 
@@ -109,6 +113,18 @@ def test_the_surest_of_four_frames_is_taken(pretended):
     best, asked = pretended({0: 0.2, 2: 0.5, 6: 0.3})
     assert best[0].frame == 2
     assert asked == [0, 4, 2, 6]
+
+
+def test_a_hand_of_another_size_is_looked_for_again_in_that_size(pretended):
+    best, asked = pretended({0: 0.2, 2: 0.5, (2, 0.8): 0.6}, sizes={2: 0.8})
+    assert asked == [0, 4, 2, 6, (2, 0.8)]
+    assert best[0].confidence == pytest.approx(0.6)
+
+
+def test_one_that_is_sure_is_not_looked_for_again(pretended):
+    best, asked = pretended({0: 0.8}, sizes={0: 0.8})
+    assert asked == [0]
+    assert best[0].model.scale.overall == pytest.approx(0.8)
 
 
 def test_frames_are_tried_all_over_the_range():

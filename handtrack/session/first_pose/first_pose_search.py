@@ -38,18 +38,33 @@ def find_first_poses(
     """
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
-    models = _models(run)
+    searches = _MOST_TRIED + (not _is_size_known(run))
+
+    def is_over(best: list[FirstPoseCandidate]) -> bool:
+        return stop() or bool(best and best[0].settled >= SURE)
+
+    def surer(
+        best: list[FirstPoseCandidate], seen: Observation, scale: HandScale, step: int
+    ) -> list[FirstPoseCandidate]:
+        """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
+
+        def tell_here(share: float, text: str) -> None:
+            tell((step + share) / searches, f"frame {seen.frame}: {text}")
+
+        found = _found(run, scale, seen, stop, tell_here)
+        worse = not found or (best and found[0].confidence <= best[0].confidence)
+        return best if worse else found
+
     best: list[FirstPoseCandidate] = []
+    best_seen: Observation | None = None
     for step, seen in enumerate(_worth_a_look(run, frame)):
-
-        def tell_here(share: float, text: str, step: int = step, frame: int = seen.frame) -> None:
-            tell((step + share) / _MOST_TRIED, f"frame {frame}: {text}")
-
-        found = _found(run, models, seen, stop, tell_here)
-        if found and not (best and found[0].confidence <= best[0].confidence):
-            best = found
-        if stop() or (best and best[0].settled >= SURE):
+        before, best = best, surer(best, seen, run.scale, step)
+        best_seen = best_seen if best is before else seen
+        if is_over(best):
             break
+    if best_seen is not None and not is_over(best) and best[0].given is not None:
+        # hands of another size are found where they are as large as that
+        best = surer(best, best_seen, best[0].model.scale, _MOST_TRIED)
     tell(1.0, "done")
     return best
 
@@ -105,13 +120,14 @@ def _models(run: TrackingRun) -> list[ArticulatedModel]:
 
 def _found(
     run: TrackingRun,
-    models: Sequence[ArticulatedModel],
+    scale: HandScale,
     seen: Observation,
     should_stop: Callable[[], bool] | None,
     tell: Progress,
 ) -> list[FirstPoseCandidate]:
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
+    models = _models(run if scale == run.scale else run.with_scale(scale))
     found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []
