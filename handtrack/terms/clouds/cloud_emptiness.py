@@ -86,6 +86,9 @@ class CloudEmptinessTerm(CompiledTerm):
         if self.distances.is_empty:
             return 0.0
         kind, scale = self._loss
+        share = np.ones(len(self.bone))
+        if bones.growth is not None:  # a larger hand's errors are alike over broader patches
+            share /= bones.growth[self.bone] ** 2
         return emptiness_system(
             self.distances.values,
             self.distances.low,
@@ -95,6 +98,7 @@ class CloudEmptinessTerm(CompiledTerm):
             bones.reference,
             self.bone,
             bones.grown(self.bone, self.local),
+            share,
             self.slack_m,
             self.sigma_m,
             kind,

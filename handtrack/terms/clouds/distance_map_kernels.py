@@ -55,10 +55,13 @@ def interpolate(values, low, spacing, points, distance, gradient):  # pragma: no
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def emptiness_system(
-    values, low, spacing, rotation, position, reference, bone, local, slack, sigma, loss, scale, weight, width,
-    gradient, hessian,
+    values, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
+    width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add E2 to gradient (width · B,) and hessian; width: 6, 7 with growth, 0 for the cost alone. Returns ½ weight Σ ρ. bone, local: (V,) and (V, 3)."""
+    """Add E2 to gradient (width · B,) and hessian; width: 6, 7 with growth, 0 for the cost alone. Returns ½ weight Σ share ρ.
+
+    bone, local, share: (V,), (V, 3) and (V,); a share falls with the square of its bone's growth.
+    """
     cost, row = 0.0, np.empty(max(width, 6))
     for n in range(bone.shape[0]):
         b = bone[n]
@@ -72,7 +75,7 @@ def emptiness_system(
         if residual <= 0.0:
             continue
         value, size = counted(loss, scale, residual * residual)
-        cost += value
+        cost += value * share[n]
         if width == 0:
             continue
         x, y, z = x - reference[0], y - reference[1], z - reference[2]
@@ -84,9 +87,10 @@ def emptiness_system(
         )
         if width == 7:
             row[6] = x * row[0] + y * row[1] + z * row[2]
+            gradient[width * b + 6] -= weight * share[n] * value
         at = width * b
         for i in range(width):
-            part = weight * size * row[i]
+            part = weight * share[n] * size * row[i]
             gradient[at + i] += part * residual
             for j in range(width):
                 hessian[at + i, at + j] += part * row[j]
