@@ -11,9 +11,10 @@ from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.kinematics import BonePoses
 from handtrack.solver.problem import Problem
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.terms.term import GrowingTerm, ObservationTerm, ParameterTerm
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+GROWN = (*TWIST, "growth")
 
 
 def check_jacobian(
@@ -65,7 +66,8 @@ def check_observation_term(
 ) -> None:
     """Twist each bone about bones.reference and compare the change of cost with the term's gradient.
 
-    Also: `linearize` and `cost` tell the same cost; the Hessian is symmetric and has no negative direction.
+    A term that can tell sizes grows each bone as well. Also: `linearize` and `cost` tell the same cost; the Hessian is
+    symmetric, has no negative direction, and is the same with growth and without.
     """
     count = len(bones.position)
     labels = bone_names or [f"bone {b}" for b in range(count)]
@@ -73,11 +75,21 @@ def check_observation_term(
     assert system.gradient.shape == (6 * count,), system.gradient.shape
     _check_cost(system.cost, term.cost(bones), term.name)
     _check_hessian(system.hessian, 6 * count)
+    names = TWIST
+    if isinstance(term, GrowingTerm):
+        plain, names = system, GROWN
+        system = term.linearize_growth(bones)
+        _check_cost(system.cost, plain.cost, term.name)
+        _check_hessian(system.hessian, 7 * count)
+        kept = np.arange(7 * count) % 7 < 6
+        scale = 1e-9 * max(float(np.abs(plain.hessian).max(initial=0.0)), 1e-300)
+        np.testing.assert_allclose(system.hessian[np.ix_(kept, kept)], plain.hessian, atol=scale)
+    width = len(names)
     check_gradient(
-        lambda twists: term.cost(twisted(bones, twists.reshape(count, 6))),
+        lambda twists: term.cost(twisted(bones, twists.reshape(count, width))),
         system.gradient,
-        np.zeros(6 * count),
-        [f"{label} {axis}" for label in labels for axis in TWIST],
+        np.zeros(width * count),
+        [f"{label} {axis}" for label in labels for axis in names],
         step,
         rtol,
         atol,
@@ -111,11 +123,16 @@ def check_problem(
 
 
 def twisted(bones: BonePoses, twists: Floats) -> BonePoses:
-    """Return the bones each moved by its own twist (B, 6) = (v, ω), world axes, about bones.reference."""
-    turn = np.stack([rotation_matrix(w) for w in twists[:, 3:]])
+    """Return the bones each moved by its own twist (B, 6) = (v, ω), world axes, about bones.reference; (B, 7): grown too."""
+    turn = np.stack([rotation_matrix(w) for w in twists[:, 3:6]])
+    more = np.exp(twists[:, 6]) if twists.shape[1] == 7 else None
     arm = bones.position - bones.reference
+    arm = arm if more is None else arm * more[:, None]
     position = bones.reference + np.einsum("bij,bj->bi", turn, arm) + twists[:, :3]
-    return replace(bones, rotation=turn @ bones.rotation, position=position)
+    growth = (
+        bones.growth if more is None else more * (1.0 if bones.growth is None else bones.growth)
+    )
+    return replace(bones, rotation=turn @ bones.rotation, position=position, growth=growth)
 
 
 def _check_cost(linearized: float, plain: float, name: str) -> None:

@@ -66,6 +66,10 @@ class ArticulatedModel:
     """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
+    proportion_moves: Floats | None = None
+    """(K, B, 3) by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
+    groups: tuple[str, ...] = ()
+    """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     superquadrics: Superquadrics | None = None
     """the parts of a body; hands have none"""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,9 +43,16 @@ class Ellipsoids:
 
     def posed(self, bones: BonePoses) -> PosedEllipsoids:
         """Return the ellipsoids where the bones have carried them."""
-        carried = bones.rotation[self.bone]
-        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, self.centre)
-        return PosedEllipsoids(self.bone, centre, carried @ self.rotation, self.radii)
+        flesh, carried = self.grown(bones), bones.rotation[self.bone]
+        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, flesh.centre)
+        return PosedEllipsoids(self.bone, centre, carried @ self.rotation, flesh.radii)
+
+    def grown(self, bones: BonePoses) -> Ellipsoids:
+        """Return the ellipsoids as large as the bones are."""
+        if bones.growth is None:
+            return self
+        centre, radii = (bones.grown(self.bone, each) for each in (self.centre, self.radii))
+        return replace(self, centre=centre, radii=radii)
 
     def subset(self, keep: Array) -> Ellipsoids:
         """Return only the ellipsoids for which `keep` (E,) is True."""

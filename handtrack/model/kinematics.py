@@ -22,6 +22,8 @@ class BonePoses:
     """(B, 3, 3) bone frame → world."""
     position: Floats
     """(B, 3) proximal end of each bone, world [m]."""
+    growth: Floats | None = None
+    """(B,) how much larger each bone is than what is fixed to it was made for, about its proximal end; None: nowhere."""
 
     @property
     def T_world_bone(self) -> Floats:
@@ -34,8 +36,12 @@ class BonePoses:
 
     def to_world(self, bone: int | Ints, points: Floats) -> Floats:
         """Return points (..., 3) of a bone's frame in the world [m]."""
-        turned = np.einsum("...ij,...j->...i", self.rotation[bone], points)
+        turned = np.einsum("...ij,...j->...i", self.rotation[bone], self.grown(bone, points))
         return self.position[bone] + turned
+
+    def grown(self, bone: int | Ints, points: Floats) -> Floats:
+        """Return points (..., 3) of a bone's frame [m] where its growth has moved them, in that frame."""
+        return points if self.growth is None else points * self.growth[bone][..., None]
 
 
 def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
@@ -56,7 +62,7 @@ def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
         position,
         axis_world,
     )
-    return BonePoses(params[:3].copy(), rotation, position), axis_world
+    return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world
 
 
 def bone_poses(skeleton: Skeleton, joint_params: Floats) -> BonePoses:

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -171,8 +171,14 @@ def _build(
         if p >= 0:
             offset[b] = frames[p].T @ (heads[b] - heads[p]) * factor[names[p]]
             rest_rotation[b] = frames[p].T @ frames[b]
-    for b, moved in _proportion_moves(table, size, names):
-        offset[b] += frames[parent[b]].T @ moved * factor[names[parent[b]]]
+    moves = {
+        row["name"]: _proportion_moves(row, names, parent, frames, factor)
+        for row in table.get("proportion", [])
+    }
+    for name, value in size.proportions.items():
+        if name not in moves:
+            raise unknown_name("proportion", name, tuple(moves), f"the model {table['name']}")
+        offset += value * moves[name]
     length = np.array([np.linalg.norm(np.subtract(b["tail"], b["head"])) for b in rows]) * _MM
     length *= [factor[name] for name in names]
 
@@ -228,7 +234,9 @@ def _build(
         joint_point=joint_point,
         kind=table.get("kind", "hand"),
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
-        proportion_names=tuple(row["name"] for row in table.get("proportion", [])),
+        proportion_names=tuple(moves),
+        proportion_moves=np.stack(list(moves.values())) if moves else None,
+        groups=tuple(b["group"] for b in rows),
         superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
         if (parts := table.get("superquadric"))
         else None,
@@ -236,17 +244,19 @@ def _build(
 
 
 def _proportion_moves(
-    table: dict[str, Any], size: HandScale, bones: tuple[str, ...]
-) -> list[tuple[int, Floats]]:
-    """Return by how much (3,) [m], in the zero pose, a person's proportions move which bones."""
-    rows = {row["name"]: row for row in table.get("proportion", [])}
-    moves = []
-    for name, value in size.proportions.items():
-        if name not in rows:
-            raise unknown_name("proportion", name, tuple(rows), f"the model {table['name']}")
-        step = value * rows[name]["sigma_mm"] * _MM
-        for bone, direction in rows[name]["moves"].items():
-            moves.append((bones.index(bone), step * np.array(direction, dtype=float)))
+    row: dict[str, Any],
+    bones: tuple[str, ...],
+    parent: Ints,
+    frames: Floats,
+    factor: dict[str, float],
+) -> Floats:
+    """Return by how much (B, 3) [m], in their parents' frames, a standard deviation of a proportion moves bones."""
+    moves = np.zeros((len(bones), 3))
+    for name, direction in row["moves"].items():
+        bone = bones.index(name)
+        above = parent[bone]
+        step = row["sigma_mm"] * _MM * np.array(direction, dtype=float)
+        moves[bone] = frames[above].T @ step * factor[bones[above]]
     return moves
 
 

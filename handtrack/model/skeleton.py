@@ -33,6 +33,8 @@ class Skeleton:
     """(S − 6,) the bone that each hinge moves."""
     hinge_axis: Floats
     """(S − 6, 3) unit axis in the bone's rest frame."""
+    growth: Floats | None = None
+    """(B,) as of `BonePoses`: of a person whose size is being fitted."""
 
     @property
     def bone_count(self) -> int:

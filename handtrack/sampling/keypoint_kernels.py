@@ -81,7 +81,7 @@ def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
         return collision_system(
             space.rotation, space.position, space.position[0], overlaps.bone, overlaps.centre,
             overlaps.turn, overlaps.radii, overlaps.first, overlaps.second, overlaps.slack,
-            overlaps.sigma, overlaps.weight, want_system, space.bone_gradient, space.bone_hessian,
+            overlaps.sigma, overlaps.weight, 6 if want_system else 0, space.bone_gradient, space.bone_hessian,
         )  # fmt: skip
 
     return cost

@@ -171,6 +171,11 @@ class TrackingRun:
         side, scale = self.model.side, self.model.scale
         return [load_model("hand26", side, scale, forearm=arm) for arm in arms]
 
+    def resized(self, model: ArticulatedModel, scale: HandScale) -> ArticulatedModel:
+        """Return one of `whole_hands` in another size."""
+        hands = self.with_scale(scale).whole_hands()
+        return next(hand for hand in hands if hand.has_forearm == model.has_forearm)
+
     def seen(self, frame: int) -> Observation:
         """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
         return _seen(self.session, self.settings, frame)

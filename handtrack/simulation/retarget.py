@@ -11,8 +11,11 @@ from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.body_priors import body_priors
+from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.search.initialize import fit_keypoints
-from handtrack.tracking.size.body_size import body_problem, fit_body
+from handtrack.tracking.size.sized_problem import fit_size
 
 _SIGMA_M = 0.01  # how well another skeleton's joints are ours
 _SIZE_FRAMES = 24  # spread over the clip, to fit the person's size
@@ -51,7 +54,12 @@ def fitted_model(
     seen = [Keypoints(tuple(names), positions[i], _SIGMA_M) for i in chosen]
     mean = build(HandScale())
     starts = [fit_keypoints(mean, points) for points in seen]
-    return build(fit_body(build, seen, starts)[0])
+    return build(fit_size([body_problem(mean, points) for points in seen], starts)[0])
+
+
+def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
+    """Return joints to be met, with a weak pull to rest that settles what they leave open; nothing keeps parts apart."""
+    return Problem(model, [KeypointTerm(model, seen)], body_priors(model, collision=False).joints)
 
 
 def retarget_errors(

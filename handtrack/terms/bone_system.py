@@ -32,7 +32,8 @@ class JointSystem:
 class BoneSystem:
     """cost + gᵀξ + ½ ξᵀHξ for twists ξ = (v, ω) of all bones, world axes, about the root.
 
-    gradient: (6B,), hessian: (6B, 6B), six numbers a bone in the order of bones (Gauss-Newton).
+    gradient: (6B,), hessian: (6B, 6B), six numbers a bone in the order of bones (Gauss-Newton). Where a person's size is
+    fitted it is seven, (v, ω, σ): a bone may grow about the root too, dX = σ (X − o); docs/derivations/size.md.
     """
 
     cost: float
@@ -40,9 +41,9 @@ class BoneSystem:
     hessian: Floats
 
     @classmethod
-    def zero(cls, bone_count: int) -> BoneSystem:
-        """Return the system of no residual at all."""
-        n = 6 * bone_count
+    def zero(cls, bone_count: int, width: int = 6) -> BoneSystem:
+        """Return the system of no residual at all; width: 6, or 7 with growth."""
+        n = width * bone_count
         return cls(0.0, np.zeros(n), np.zeros((n, n)))
 
     def __add__(self, other: BoneSystem) -> BoneSystem:
@@ -54,8 +55,23 @@ class BoneSystem:
         """Return the system of weight × cost."""
         return BoneSystem(weight * self.cost, weight * self.gradient, weight * self.hessian)
 
+    def with_growth(self, moves_like: Floats) -> BoneSystem:
+        """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like (3,)."""
+        bones = len(self.gradient) // 6
+        gradient, hessian = np.empty((bones, 7)), np.empty((bones, 7, bones, 7))
+        gradient[:, :6] = self.gradient.reshape(bones, 6)
+        gradient[:, 6] = gradient[:, :3] @ moves_like
+        hessian[:, :6, :, :6] = self.hessian.reshape(bones, 6, bones, 6)
+        mixed = hessian[:, :6, :, :3] @ moves_like
+        hessian[:, :6, :, 6], hessian[:, 6, :, :6] = mixed, mixed.transpose(2, 0, 1)
+        hessian[:, 6, :, 6] = np.einsum("i,bic->bc", moves_like, mixed[:, :3])
+        return BoneSystem(self.cost, gradient.ravel(), hessian.reshape(7 * bones, 7 * bones))
+
     def pull_back(self, twist_jacobian: Floats) -> JointSystem:
-        """Return the system of joint parameters. twist_jacobian: (B, 6, S)."""
+        """Return the system of joint parameters. twist_jacobian: (B, 6, S), or (B, 7, S) with growth."""
+        if twist_jacobian.shape[1] == 7:
+            dense = twist_jacobian.reshape(len(self.gradient), -1)
+            return JointSystem(self.cost, self.gradient, self.hessian).pull_back(dense)
         return JointSystem(
             self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian)
         )

@@ -67,13 +67,11 @@ class CollisionTerm(CompiledTerm):
         """Return (K,) how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
         return _depths(self.flesh, bones, self.pairs)
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
-        flesh, (first, second) = self.flesh, self._columns
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
+        flesh, (first, second) = self.flesh.grown(bones), self._columns
         return collision_system(
             bones.rotation, bones.position, bones.reference, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-            first, second, self.slack_m, self.sigma_m, self.weight, want_system, gradient, hessian,
+            first, second, self.slack_m, self.sigma_m, self.weight, width, gradient, hessian,
         )  # fmt: skip
 
     @cached_property

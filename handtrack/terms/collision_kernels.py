@@ -211,17 +211,17 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def collision_system(
-    rotation, position, reference, bone, centre, turn, radii, first, second, slack, sigma, weight, want_system,
+    rotation, position, reference, bone, centre, turn, radii, first, second, slack, sigma, weight, width,
     gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the pairs' overlaps to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ r²."""
+    """Add the pairs' overlaps to gradient (width · B,) and hessian; returns ½ weight Σ r². width: 6, 7 with growth, or 0."""
     count = bone.shape[0]
     place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
     posed_shapes(rotation, position, bone, centre, turn, radii, place, shape)
     for e in range(count):
         reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
     start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
-    row = np.empty(12)
+    row = np.empty(14)
     cost = 0.0
     for k in range(first.shape[0]):
         i, j = first[k], second[k]
@@ -235,7 +235,7 @@ def collision_system(
         if residual <= 0.0:
             continue
         cost += residual * residual
-        if not want_system:
+        if width == 0:
             continue
         # −d = n·(x_i − x_j) at the points that go deepest: + on i's bone, − on j's
         for side in range(2):
@@ -244,15 +244,17 @@ def collision_system(
             x = place[e, 0] - reference[0] + (p[0] if side == 0 else -q[0])
             y = place[e, 1] - reference[1] + (p[1] if side == 0 else -q[1])
             z = place[e, 2] - reference[2] + (p[2] if side == 0 else -q[2])
-            at = 6 * side
+            at = width * side
             row[at], row[at + 1], row[at + 2] = sign * n[0], sign * n[1], sign * n[2]
             row[at + 3] = sign * (y * n[2] - z * n[1])
             row[at + 4] = sign * (z * n[0] - x * n[2])
             row[at + 5] = sign * (x * n[1] - y * n[0])
-        for a in range(12):
-            column = 6 * bone[i] + a if a < 6 else 6 * bone[j] + a - 6
+            if width == 7:
+                row[at + 6] = sign * (x * n[0] + y * n[1] + z * n[2])
+        for a in range(2 * width):
+            column = width * bone[i] + a if a < width else width * bone[j] + a - width
             gradient[column] += weight * row[a] * residual
-            for b in range(12):
-                other = 6 * bone[i] + b if b < 6 else 6 * bone[j] + b - 6
+            for b in range(2 * width):
+                other = width * bone[i] + b if b < width else width * bone[j] + b - width
                 hessian[column, other] += weight * row[a] * row[b]
     return 0.5 * weight * cost

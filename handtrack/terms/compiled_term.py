@@ -15,16 +15,21 @@ class CompiledTerm(ABC):
     def cost(self, bones: BonePoses) -> float:
         """Return the weighted, robust cost, ½ Σ r² for a plain one."""
         nothing = BoneSystem.zero(0)
-        return self._accumulate(bones, False, nothing.gradient, nothing.hessian)
+        return self._accumulate(bones, 0, nothing.gradient, nothing.hessian)
 
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
-        system = BoneSystem.zero(len(bones.position))
-        cost = self._accumulate(bones, True, system.gradient, system.hessian)
+        return self._linearized(bones, 6)
+
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        """Return the same in seven numbers a bone, with its growth about bones.reference."""
+        return self._linearized(bones, 7)
+
+    def _linearized(self, bones: BonePoses, width: int) -> BoneSystem:
+        system = BoneSystem.zero(len(bones.position), width)
+        cost = self._accumulate(bones, width, system.gradient, system.hessian)
         return BoneSystem(cost, system.gradient, system.hessian)
 
     @abstractmethod
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
-        """Return the cost and, if the system is wanted, add to gradient (6B,) and Hessian (6B, 6B)."""
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
+        """Return the cost and, with a width of 6 or 7, add to gradient (width · B,) and the Hessian; 0: the cost alone."""

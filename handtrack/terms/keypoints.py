@@ -13,7 +13,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.loss import Loss, Quadratic
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.rows import Rows, grown_row, point_row
 
 
 def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints:
@@ -38,8 +38,8 @@ class KeypointTerm:
     loss: Loss = Quadratic()
     name: str = "keypoints"
 
-    def rows(self, bones: BonePoses) -> Rows:
-        """Return two (image) or three (space) rows a point."""
+    def rows(self, bones: BonePoses, growing: bool = False) -> Rows:
+        """Return two (image) or three (space) rows a point. growing: with the bones' growth."""
         targets, sigma = _targets(self.observed)
         seen = np.asarray(np.isfinite(targets).all(axis=1))
         joint = _known(self.model, self.observed.names, seen)
@@ -55,9 +55,8 @@ class KeypointTerm:
         count, width = difference.shape
         squared = (difference**2).sum(axis=1)
         weight = self.weight * np.repeat(self.loss.weight(squared), width)
-        twist = point_row(
-            np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference
-        )
+        row_of = grown_row if growing else point_row
+        twist = row_of(np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference)
         cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
         row = np.arange(count * width)
         return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)
@@ -67,6 +66,9 @@ class KeypointTerm:
 
     def linearize(self, bones: BonePoses) -> BoneSystem:
         return self.rows(bones).bone_system(len(bones.position))
+
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        return self.rows(bones, growing=True).bone_system(len(bones.position))
 
 
 def _targets(observed: Keypoints | ImageKeypoints) -> tuple[Floats, float]:

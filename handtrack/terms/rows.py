@@ -18,9 +18,15 @@ def point_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
     return np.concatenate([normals, np.cross(points - reference, normals)], axis=-1)
 
 
+def grown_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
+    """Return [n ; (X − o) × n ; n · (X − o)] (N, 7): what the growth of X's bone about o adds, too."""
+    growth = (normals * (points - reference)).sum(axis=-1, keepdims=True)
+    return np.concatenate([point_row(points, normals, reference), growth], axis=-1)
+
+
 @dataclass(frozen=True)
 class Rows:
-    """Residuals (N,), and one entry (6,) for each bone that a residual depends on."""
+    """Residuals (N,), and one entry (6,) or (7,) for each bone that a residual depends on."""
 
     residual: Floats
     row: Ints
@@ -28,7 +34,7 @@ class Rows:
     bone: Ints
     """(K,)"""
     twist: Floats
-    """(K, 6) derivative of the residual by that bone's twist"""
+    """(K, 6) derivative of the residual by that bone's twist; (K, 7) by its growth too"""
     cost: float
     """½ Σ ρ(r²)"""
     weight: Floats
@@ -36,8 +42,9 @@ class Rows:
 
     def bone_system(self, bone_count: int) -> BoneSystem:
         """Return the sum over rows: gradient Jᵀ W r and Hessian Jᵀ W J in bone twists."""
-        dense = np.zeros((len(self.residual), bone_count, 6))
+        width = self.twist.shape[1]
+        dense = np.zeros((len(self.residual), bone_count, width))
         np.add.at(dense, (self.row, self.bone), self.twist)
-        flat = dense.reshape(len(self.residual), 6 * bone_count)
+        flat = dense.reshape(len(self.residual), width * bone_count)
         weighted = flat * self.weight[:, None]
         return BoneSystem(self.cost, weighted.T @ self.residual, weighted.T @ flat)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from handtrack.arrays import Floats
 from handtrack.model.kinematics import BonePoses
@@ -21,6 +21,15 @@ class ObservationTerm(Protocol):
 
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
+        ...
+
+
+@runtime_checkable
+class GrowingTerm(ObservationTerm, Protocol):
+    """One that can tell a person's size too."""
+
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        """Return what `linearize` does, with seven numbers a bone: its twist, and its growth about the reference."""
         ...
 
 

@@ -7,12 +7,13 @@ import pytest
 
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
+from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Keypoints
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
-from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
+from handtrack.simulation.retarget import body_problem, fitted_model, retarget, retarget_errors
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.tracking.size.body_size import BodySize, fit_body
+from handtrack.tracking.size.sized_problem import fit_size
 
 
 def build(scale):
@@ -83,20 +84,13 @@ def test_a_persons_size_is_found_with_the_poses(dancer, rng):
     assert np.linalg.norm(hips) == pytest.approx(np.linalg.norm(true), rel=0.06)
 
 
-def test_a_size_in_deviations_goes_there_and_back(rng):
-    size = BodySize(build(HandScale()))
-    deviations = rng.normal(size=size.count)
-    np.testing.assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
-    assert size.count == 1 + 9 + 8
-
-
 def test_without_frames_that_tell_the_size_stays_an_adults(dancer):
     """One pose seen with a huge error: adults' spread decides."""
     mean = build(HandScale())
     points = mean.joint_positions(mean.bones(np.zeros(34)))
     seen = Keypoints(mean.joint_names, points, 0.01)
-    scale, poses = fit_body(build, [seen], [np.zeros(34)])
-    deviations = BodySize(mean).deviations(scale)
+    scale, poses = fit_size([body_problem(mean, seen)], [np.zeros(34)])
+    deviations = SizeParameters(mean).deviations(scale)
     assert np.abs(deviations).max() < 0.1
     model = build(scale)
     assert KeypointTerm(model, seen).cost(model.bones(poses[0])) < 0.1

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from handtrack.bench.silhouettes.binary_fist import Scene, scene
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.size.size import refine_scale, scale_deviations, scale_from_deviations
+from handtrack.tracking.size.size import refine_scale
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -50,10 +49,3 @@ def test_a_larger_hand_is_found(larger, coupling):
 def test_it_stops_when_asked_with_the_best_so_far(larger):
     scale = fitted(larger, "26", should_stop=lambda: True)
     assert scale.overall == pytest.approx(1.0)
-
-
-def test_sizes_and_deviations_go_both_ways(rng):
-    deviations = rng.normal(size=len(scale_deviations(HandScale())))
-    there = scale_from_deviations(deviations)
-    np.testing.assert_allclose(scale_deviations(there), deviations, atol=1e-12)
-    np.testing.assert_array_equal(scale_deviations(HandScale()), 0.0)

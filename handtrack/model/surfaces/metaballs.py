@@ -97,7 +97,7 @@ class MetaballSurface:
 
     def posed(self, bones: BonePoses) -> Floats:
         """Return the table (E, 16) that kernels read, at these poses; layout: metaballs_kernels.py."""
-        flesh = self.ellipsoids
+        flesh = self.ellipsoids.grown(bones)
         table = np.empty((len(flesh), 16))
         pose_table(
             bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, table

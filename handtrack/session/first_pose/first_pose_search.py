@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
 
@@ -20,7 +20,7 @@ SURE = 0.7
 """how surely a pose must be the right one of those found, for no other frame to be tried"""
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
-_SIZES = (1.0, 0.8, 1.2)  # of a hand of unknown size; a start is found within a tenth of each
+_USUAL = 0.02  # a size that differs by no more from the one in use is not worth a word
 _SEEN_PX = 200  # mask pixels, or points, that may be a hand
 
 
@@ -38,39 +38,33 @@ def find_first_poses(
     """
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
-    sizes = (1.0,) if _is_size_known(run) else _SIZES
-    models = {
-        size: _models(run if size == 1.0 else run.with_scale(HandScale(size))) for size in sizes
-    }
+    searches = _MOST_TRIED + (not _is_size_known(run))
 
     def is_over(best: list[FirstPoseCandidate]) -> bool:
         return stop() or bool(best and best[0].settled >= SURE)
 
     def surer(
-        best: list[FirstPoseCandidate], seen: Observation, size: float, step: int
+        best: list[FirstPoseCandidate], seen: Observation, scale: HandScale, step: int
     ) -> list[FirstPoseCandidate]:
-        """Return the poses of this frame for a hand of that size, or the best so far if they are surer."""
+        """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
 
         def tell_here(share: float, text: str) -> None:
-            tell((step + share) / (len(sizes) * _MOST_TRIED), f"frame {seen.frame}: {text}")
+            tell((step + share) / searches, f"frame {seen.frame}: {text}")
 
-        found = _found(run, models[size], seen, stop, tell_here)
-        if not found or (best and found[0].confidence <= best[0].confidence):
-            return best
-        return found if size == 1.0 else [_of_size(row, size) for row in found]
+        found = _found(run, scale, seen, stop, tell_here)
+        worse = not found or (best and found[0].confidence <= best[0].confidence)
+        return best if worse else found
 
     best: list[FirstPoseCandidate] = []
-    looked_at: list[Observation] = []
+    best_seen: Observation | None = None
     for step, seen in enumerate(_worth_a_look(run, frame)):
-        best = surer(best, seen, 1.0, step)
-        looked_at.append(seen)
+        before, best = best, surer(best, seen, run.scale, step)
+        best_seen = best_seen if best is before else seen
         if is_over(best):
             break
-    for turn, size in enumerate(sizes[1:], start=1):  # only where the mean size leaves doubt
-        looked_at = [seen for seen in looked_at if not best or seen.frame == best[0].frame]
-        for index, seen in enumerate(looked_at):
-            if not is_over(best):
-                best = surer(best, seen, size, turn * _MOST_TRIED + index)
+    if best_seen is not None and not is_over(best) and best[0].given is not None:
+        # hands of another size are found where they are as large as that
+        best = surer(best, best_seen, best[0].model.scale, _MOST_TRIED)
     tell(1.0, "done")
     return best
 
@@ -87,11 +81,14 @@ def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Obser
     return islice(filter(_may_show_a_hand, (run.seen(number) for number in order)), _MOST_TRIED)
 
 
-def _of_size(row: FirstPoseCandidate, size: float) -> FirstPoseCandidate:
-    """Return a pose of a hand of that size, with its joints in space, to which the size is fitted."""
+def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
+    """Return a pose of a hand that is not of the usual size with its joints in space, to which the size is fitted."""
+    size = row.model.scale.overall / usual
+    if abs(size - 1.0) <= _USUAL:
+        return row
     joints = row.model.keypoints21(row.model.bones(row.params))
     given = FirstPose(row.frame, {}, joints, CONVENTIONS[0])
-    return replace(row, given=given, note=f"{row.note}; {size:g} times the usual size")
+    return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
 
 
 def spread_order(frames: range) -> list[int]:
@@ -123,13 +120,15 @@ def _models(run: TrackingRun) -> list[ArticulatedModel]:
 
 def _found(
     run: TrackingRun,
-    models: Sequence[ArticulatedModel],
+    scale: HandScale,
     seen: Observation,
     should_stop: Callable[[], bool] | None,
     tell: Progress,
 ) -> list[FirstPoseCandidate]:
-    sigma = KNOWN_SIZE_SIGMA if _is_size_known(run) else SIZE_SIGMA
-    found = auto_start(models, run.settings, seen, should_stop, tell, sigma)
+    known = _is_size_known(run)
+    sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
+    models = _models(run if scale == run.scale else run.with_scale(scale))
+    found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []
     rows = [
@@ -139,7 +138,9 @@ def _found(
         for c in found
     ]
     notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
-    return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+    usual = run.scale.overall
+    noted = [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+    return [_of_size(row, usual) for row in noted]
 
 
 def _fits(best: StartCandidate) -> str:

@@ -75,7 +75,7 @@ class CloudDistanceTerm(CompiledTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 
     A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
-    entry is −w_e [n_e ; (X − o) × n_e].
+    entry is −w_e [n_e ; (X − o) × n_e], and w_e (d_e − n_e · (X − o)) for its growth.
     """
 
     cloud: PreparedCloud
@@ -100,16 +100,28 @@ class CloudDistanceTerm(CompiledTerm):
         out[self.cloud.order] = self.surface.distance(bones, points)
         return out
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         kind, scale = self._loss
         start, members = self.surface.links
         return cloud_system(
-            self.cloud.points, self.cloud.count, self.cloud.spheres, self.surface.posed(bones),
-            self.surface.ellipsoids.bone, start, members, self.surface.sharpness, self.surface.turning_level,
-            self.sigma_m, kind, scale, self.weight, bones.reference, want_system, gradient, hessian,
-        )  # fmt: skip
+            self.cloud.points,
+            self.cloud.count,
+            self.cloud.spheres,
+            self.surface.posed(bones),
+            self.surface.ellipsoids.bone,
+            start,
+            members,
+            self.surface.sharpness,
+            self.surface.turning_level,
+            self.sigma_m,
+            kind,
+            scale,
+            self.weight,
+            bones.reference,
+            width,
+            gradient,
+            hessian,
+        )
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

@@ -29,7 +29,7 @@ class CloudEmptinessTerm(CompiledTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
     The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
-    +[n ; (X − o) × n] with n = ∇D.
+    +[n ; (X − o) × n] with n = ∇D, and n · (X − o) for its growth.
     """
 
     distances: DistanceMap
@@ -82,17 +82,32 @@ class CloudEmptinessTerm(CompiledTerm):
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         if self.distances.is_empty:
             return 0.0
         kind, scale = self._loss
+        share = np.ones(len(self.bone))
+        if bones.growth is not None:  # a larger hand's errors are alike over broader patches
+            share /= bones.growth[self.bone] ** 2
         return emptiness_system(
-            self.distances.values, self.distances.low, self.distances.spacing, bones.rotation, bones.position,
-            bones.reference, self.bone, self.local, self.slack_m, self.sigma_m, kind, scale, self.weight,
-            want_system, gradient, hessian,
-        )  # fmt: skip
+            self.distances.values,
+            self.distances.low,
+            self.distances.spacing,
+            bones.rotation,
+            bones.position,
+            bones.reference,
+            self.bone,
+            bones.grown(self.bone, self.local),
+            share,
+            self.slack_m,
+            self.sigma_m,
+            kind,
+            scale,
+            self.weight,
+            width,
+            gradient,
+            hessian,
+        )
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

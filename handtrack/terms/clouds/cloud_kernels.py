@@ -44,9 +44,9 @@ def aligned(count):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def cloud_system(
     points, count, spheres, table, bone, start, members, sharpness, turning, sigma, loss, scale, weight,
-    reference, want_system, gradient, hessian,
+    reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add E1 to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ ρ(d²/σ²).
+    """Add E1 to gradient (width · B,) and hessian; returns ½ weight Σ ρ(d²/σ²). width: 6, 7 with growth, 0 for that alone.
 
     points: (3, N') world, N' ≥ count a multiple of 8; spheres: (4, blocks') centre and radius of each block of 32.
     """
@@ -63,6 +63,7 @@ def cloud_system(
     near = aligned(most * 5 * BUFFER).reshape(most, 5, BUFFER)
     rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
     vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
+    growth = aligned(most * BUFFER).reshape(most, BUFFER)
     margin = NEGLIGIBLE / sharpness
     cost = 0.0
     for block in range((count + BLOCK - 1) // BLOCK + 1):
@@ -101,7 +102,7 @@ def cloud_system(
             if filled[e] > (0 if last else BUFFER - BLOCK):
                 cost += work_off(
                     e, filled[e], buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale,
-                    weight, reference, want_system, near, rows, vectors, gradient, hessian,
+                    weight, reference, width, near, rows, vectors, growth, gradient, hessian,
                 )  # fmt: skip
                 filled[e] = 0
             if not last:
@@ -187,9 +188,9 @@ def arrange(points, order, size):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def work_off(
     e, count, buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale, weight,
-    reference, want_system, near, rows, vectors, gradient, hessian,
+    reference, width, near, rows, vectors, growth, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors: workspace."""
+    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors, growth: workspace."""
     for i in range(count, (count + LANES - 1) // LANES * LANES):
         for axis in range(3):
             buffers[e, axis, i] = buffers[e, axis, count - 1]
@@ -207,7 +208,7 @@ def work_off(
     total[:], near[0, 4] = 1.0, 1.0
     who[0], used = e, 1
     margin = NEGLIGIBLE / sharpness
-    if want_system:
+    if width > 0:
         gradients(points, groups, BUFFER, table, e, turning, margin, close, 0)
     else:
         distances(points, groups, BUFFER, table, e, turning, margin, close, 0)
@@ -216,7 +217,7 @@ def work_off(
             continue
         wanted[n] = False
         other, at = members[n], used * 5 * BUFFER
-        if want_system:
+        if width > 0:
             counts = gradients(points, groups, BUFFER, table, other, turning, margin, close, at)
         else:
             counts = distances(points, groups, BUFFER, table, other, turning, margin, close, at)
@@ -229,7 +230,7 @@ def work_off(
     else:
         distance[:] = near[0, 0]
     cost = robust(loss, scale, sigma, count, distance, residual, size)
-    if not want_system:
+    if width == 0:
         return cost
     for i in range(8 * groups):
         strength = np.sqrt(weight * size[i])
@@ -241,9 +242,15 @@ def work_off(
         twist_rows(
             points, BUFFER, groups, reference, close, a * 5 * BUFFER, factor, row, a * 6 * BUFFER
         )
+        if width == 7:
+            for i in range(8 * groups):
+                growth[a, i] = -factor[i] * near[a, 0, i]
+                for axis in range(3):
+                    arm = buffers[e, axis, i] - reference[axis]
+                    growth[a, i] += rows[a, axis, i] * arm
     sums = np.empty(36)
     for a in range(used):
-        at = 6 * bone[who[a]]
+        at = width * bone[who[a]]
         own_products(row, a * 6 * BUFFER, BUFFER, groups, residual, sums)
         k = 0
         for i in range(6):
@@ -256,12 +263,35 @@ def work_off(
                 k += 1
         for b in range(a + 1, used):
             cross_products(row, a * 6 * BUFFER, b * 6 * BUFFER, BUFFER, groups, sums)
-            to = 6 * bone[who[b]]
+            to = width * bone[who[b]]
             for i in range(6):
                 for j in range(6):
                     hessian[at + i, to + j] += sums[6 * i + j]
                     hessian[to + j, at + i] += sums[6 * i + j]
+    if width == 7:
+        _add_growth(bone, who, used, 8 * groups, rows, growth, residual, gradient, hessian)
     return cost
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_growth(
+    bone, who, used, count, rows, growth, residual, gradient, hessian
+):  # pragma: no cover - compiled
+    """Add what the seventh number of each bone, its growth, makes of the points that are worked off."""
+    for a in range(used):
+        at = 7 * bone[who[a]] + 6
+        for i in range(count):
+            gradient[at] += growth[a, i] * residual[i]
+        for b in range(used):
+            to = 7 * bone[who[b]]
+            for j in range(6):
+                total = 0.0
+                for i in range(count):
+                    total += growth[a, i] * rows[b, j, i]
+                hessian[at, to + j] += total
+                hessian[to + j, at] += total
+            for i in range(count):
+                hessian[at, to + 6] += growth[a, i] * growth[b, i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -51,15 +51,24 @@ class CloudRaysTerm(CompiledTerm):
                 f"{self.name}: sigmas {self.along_m:g} m along and {self.beside_m:g} m beside; expected positive lengths."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         rays, depth = self._rays
         return rays_system(
-            self.centre, rays, depth, self.surface.posed(bones), self.surface.ellipsoids.bone, self.beside_m,
-            self.robust.scale, self.along_m, self.outliers.level, self.weight, bones.reference, want_system,
-            gradient, hessian,
-        )  # fmt: skip
+            self.centre,
+            rays,
+            depth,
+            self.surface.posed(bones),
+            self.surface.ellipsoids.bone,
+            self.beside_m,
+            self.robust.scale,
+            self.along_m,
+            self.outliers.level,
+            self.weight,
+            bones.reference,
+            width,
+            gradient,
+            hessian,
+        )
 
     @cached_property
     def _rays(self) -> tuple[Floats, Floats]:

@@ -64,15 +64,15 @@ def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def rays_system(
-    centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, want_system, gradient,
+    centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, width, gradient,
     hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the viewing rays to gradient (6B,) and hessian (6B, 6B); returns their cost.
+    """Add the viewing rays to gradient (width · B,) and hessian; returns their cost. width: 6, 7 with growth, 0 for that alone.
 
     rays: (N, 3) unit; depth: (N,) where the points are along them [m]; beside, along: sigmas [m]; robust, outlier: scales
     of the two losses.
     """
-    cost, row = 0.0, np.empty(6)
+    cost, row = 0.0, np.empty(max(width, 6))
     unexplained = counted(OUTLIERS, outlier, _FAR)[0]
     for n in range(rays.shape[0]):
         rx, ry, rz = rays[n, 0], rays[n, 1], rays[n, 2]
@@ -91,7 +91,7 @@ def rays_system(
             value, size = counted(GEMAN_MCCLURE, robust, (off / sigma) ** 2)
             value += unexplained
         cost += value
-        if not want_system:
+        if width == 0:
             continue
         ox, oy, oz = x - reference[0], y - reference[1], z - reference[2]
         row[0], row[1], row[2] = -nx, -ny, -nz
@@ -116,10 +116,15 @@ def rays_system(
             row[3] += share * (ry * sz - rz * sy)
             row[4] += share * (rz * sx - rx * sz)
             row[5] += share * (rx * sy - ry * sx)
-        first = 6 * bone[e]
-        for i in range(6):
+        if width == 7:  # growing about the camera's centre: the same picture, all distances larger
+            slides = -depth[n] if behind else (nx * rx + ny * ry + nz * rz) * depth[n]
+            row[6] = off - (slides if hits else 0.0)
+            for i in range(3):
+                row[6] += row[i] * (centre[i] - reference[i])
+        first = width * bone[e]
+        for i in range(width):
             part = weight * size * row[i] / (sigma * sigma)
             gradient[first + i] += part * off
-            for j in range(6):
+            for j in range(width):
                 hessian[first + i, first + j] += part * row[j]
     return 0.5 * weight * cost

@@ -55,11 +55,14 @@ def interpolate(values, low, spacing, points, distance, gradient):  # pragma: no
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def emptiness_system(
-    values, low, spacing, rotation, position, reference, bone, local, slack, sigma, loss, scale, weight, want_system,
-    gradient, hessian,
+    values, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
+    width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add E2 to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ ρ. bone, local: (V,) and (V, 3)."""
-    cost, row = 0.0, np.empty(6)
+    """Add E2 to gradient (width · B,) and hessian; width: 6, 7 with growth, 0 for the cost alone. Returns ½ weight Σ share ρ.
+
+    bone, local, share: (V,), (V, 3) and (V,); a share falls with the square of its bone's growth.
+    """
+    cost, row = 0.0, np.empty(max(width, 6))
     for n in range(bone.shape[0]):
         b = bone[n]
         x, y, z = position[b, 0], position[b, 1], position[b, 2]
@@ -72,8 +75,8 @@ def emptiness_system(
         if residual <= 0.0:
             continue
         value, size = counted(loss, scale, residual * residual)
-        cost += value
-        if not want_system:
+        cost += value * share[n]
+        if width == 0:
             continue
         x, y, z = x - reference[0], y - reference[1], z - reference[2]
         row[0], row[1], row[2] = gx / sigma, gy / sigma, gz / sigma
@@ -82,10 +85,13 @@ def emptiness_system(
             z * row[0] - x * row[2],
             x * row[1] - y * row[0],
         )
-        at = 6 * b
-        for i in range(6):
-            part = weight * size * row[i]
+        if width == 7:
+            row[6] = x * row[0] + y * row[1] + z * row[2]
+            gradient[width * b + 6] -= weight * share[n] * value
+        at = width * b
+        for i in range(width):
+            part = weight * share[n] * size * row[i]
             gradient[at + i] += part * residual
-            for j in range(6):
+            for j in range(width):
                 hessian[at + i, at + j] += part * row[j]
     return 0.5 * weight * cost

@@ -115,9 +115,7 @@ class CarriedTextureTerm(CompiledTerm):
                 f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         kind, scale = self._loss
         cost = 0.0
         for texture, image in self.seen:
@@ -125,10 +123,25 @@ class CarriedTextureTerm(CompiledTerm):
             matrix = camera.matrix.copy()
             matrix[:2, 2] -= image.corner
             cost += texture_system(
-                image.values, texture.bone, texture.local, texture.color, self.sigma, kind, scale,
-                scale**2 if self.from_unexplained else 0.0, self.weight, matrix, camera.rotation, camera.translation,
-                bones.rotation, bones.position, bones.reference, want_system, gradient, hessian,
-            )  # fmt: skip
+                image.values,
+                texture.bone,
+                bones.grown(texture.bone, texture.local),
+                texture.color,
+                self.sigma,
+                kind,
+                scale,
+                scale**2 if self.from_unexplained else 0.0,
+                self.weight,
+                matrix,
+                camera.rotation,
+                camera.translation,
+                bones.rotation,
+                bones.position,
+                bones.reference,
+                width,
+                gradient,
+                hessian,
+            )
         return cost
 
     @cached_property

@@ -13,11 +13,11 @@ from handtrack.terms.images.smooth_image_kernels import cell, look_up
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def texture_system(
     image, bone, local, color, sigma, loss, scale, worst, weight, matrix, turn, shift,
-    rotation, position, reference, want_system, gradient, hessian,
+    rotation, position, reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's texture to gradient (6B,) and hessian (6B, 6B); returns ½ weight Σ (ρ − worst). color: (N, C)."""
-    height, width, channels = image.shape
-    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(6)
+    """Add one camera's texture to gradient (width · B,) and hessian; returns ½ weight Σ (ρ − worst). color: (N, C)."""
+    rows, columns, channels = image.shape
+    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)
     for n in range(bone.shape[0]):
         b = bone[n]
@@ -25,8 +25,8 @@ def texture_system(
         see(point, turn, shift, seen)
         if seen[2] < NEAREST:
             continue
-        j, q, in_u = cell(matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2], width)
-        i, p, in_v = cell(matrix[1, 2] + matrix[1, 1] * seen[1] / seen[2], height)
+        j, q, in_u = cell(matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2], columns)
+        i, p, in_v = cell(matrix[1, 2] + matrix[1, 1] * seen[1] / seen[2], rows)
         squared = 0.0
         for c in range(channels):
             value, du, dv = look_up(image, i, j, p, q, c)
@@ -35,7 +35,7 @@ def texture_system(
             squared += residual[c] * residual[c]
         value, size = counted(loss, scale, squared)
         cost += value - worst
-        if not want_system:
+        if width == 0:
             continue
         for c in range(channels):
             fill_row(across[c], down[c], seen, matrix, turn, point, reference, row)

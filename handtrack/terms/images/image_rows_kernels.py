@@ -28,7 +28,7 @@ def see(point, turn, shift, seen):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def fill_row(du, dv, seen, matrix, turn, point, reference, row):  # pragma: no cover - compiled
-    """Fill the row (6,) of a residual that changes by du and dv per pixel across and down."""
+    """Fill the row (6,), or (7,) with growth, of a residual that changes by du and dv per pixel across and down."""
     x, y, z = seen[0], seen[1], seen[2]
     fu, fv = du * matrix[0, 0] / z, dv * matrix[1, 1] / z
     fz = -(fu * x + fv * y) / z
@@ -38,14 +38,17 @@ def fill_row(du, dv, seen, matrix, turn, point, reference, row):  # pragma: no c
     row[3] = ay * row[2] - az * row[1]
     row[4] = az * row[0] - ax * row[2]
     row[5] = ax * row[1] - ay * row[0]
+    if row.shape[0] == 7:
+        row[6] = ax * row[0] + ay * row[1] + az * row[2]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def add_row(b, row, pull, stiffness, gradient, hessian):  # pragma: no cover - compiled
-    """Add pull · row and stiffness · row rowᵀ to a bone's part of gradient (6B,) and hessian (6B, 6B)."""
-    at = 6 * b
-    for i in range(6):
+    """Add pull · row and stiffness · row rowᵀ to a bone's part of gradient and hessian, as many numbers a bone as the row has."""
+    width = row.shape[0]
+    at = width * b
+    for i in range(width):
         gradient[at + i] += pull * row[i]
         part = stiffness * row[i]
-        for j in range(6):
+        for j in range(width):
             hessian[at + i, at + j] += part * row[j]

@@ -42,16 +42,29 @@ class OutlineEdgesTerm(CompiledTerm):
                 "expected positive numbers."
             )
 
-    def _accumulate(
-        self, bones: BonePoses, want_system: bool, gradient: Floats, hessian: Floats
-    ) -> float:
+    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
         cost = 0.0
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
             cost += edges_system(
-                outline.bone, outline.local, outline.pixel, outline.normal,
-                self.weight * outline.length_px / self.stretch_px, seen.place, seen.strength, self.sigma_px,
-                self.clutter, self.from_unexplained, camera.matrix, camera.rotation, camera.translation,
-                bones.rotation, bones.position, bones.reference, want_system, gradient, hessian,
-            )  # fmt: skip
+                outline.bone,
+                bones.grown(outline.bone, outline.local),
+                outline.pixel,
+                outline.normal,
+                self.weight * outline.length_px / self.stretch_px,
+                seen.place,
+                seen.strength,
+                self.sigma_px,
+                self.clutter,
+                self.from_unexplained,
+                camera.matrix,
+                camera.rotation,
+                camera.translation,
+                bones.rotation,
+                bones.position,
+                bones.reference,
+                width,
+                gradient,
+                hessian,
+            )
         return cost

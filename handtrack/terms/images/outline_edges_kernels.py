@@ -11,10 +11,10 @@ from handtrack.terms.images.image_rows_kernels import NEAREST, add_row, fill_row
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def edges_system(
     bone, local, pixel, normal, weight, edge, strength, sigma, clutter, from_none, matrix, turn, shift,
-    rotation, position, reference, want_system, gradient, hessian,
+    rotation, position, reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's edges to gradient (6B,) and hessian (6B, 6B); returns their cost. edge, strength: (N, K)."""
-    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(6)
+    """Add one camera's edges to gradient (width · B,) and hessian; returns their cost. edge, strength: (N, K)."""
+    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
     for n in range(bone.shape[0]):
         b = bone[n]
         place(b, local[n], rotation, position, point)
@@ -35,7 +35,7 @@ def edges_system(
             pull += likely * off / sigma
             held += likely / (sigma * sigma)
         cost -= weight[n] * np.log(here / (clutter if from_none else best))
-        if want_system and held > 0.0:
+        if width > 0 and held > 0.0:
             fill_row(normal[n, 0], normal[n, 1], seen, matrix, turn, point, reference, row)
             add_row(b, row, weight[n] * pull / here, weight[n] * held / here, gradient, hessian)
     return cost

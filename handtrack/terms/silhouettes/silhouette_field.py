@@ -52,17 +52,21 @@ def field_system(
     bones: BonePoses,
     weight: float | Sequence[float],
     want_system: bool = True,
+    growing: bool = False,
 ) -> tuple[BoneSystem, Floats]:
     """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
 
     weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
-    those of no residual.
+    those of no residual. growing: with the bones' growth, seven numbers a bone. About a camera's centre a bone can grow unseen: growing about the
+    root looks like coming nearer by the same share.
     """
     if len(ellipsoids) > MOST_ELLIPSOIDS:
         raise HandtrackError(
             f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
         )
-    system = BoneSystem.zero(len(bones.position) if want_system else 0)
+    assert not (growing and shape.depth_scaled)  # whose values tell near from far
+    ellipsoids, count = ellipsoids.grown(bones), len(bones.position) if want_system else 0
+    system, total = BoneSystem.zero(count), BoneSystem.zero(count, 7 if growing else 6)
     cost = 0.0
     weights = per_camera(weight, len(silhouettes), "weight")
     areas = np.empty((len(silhouettes), 2))
@@ -73,7 +77,11 @@ def field_system(
             shape.levels[i], shape.limit, shape.depth_scaled, weights[i], want_system, system.gradient, system.hessian,
         )  # fmt: skip
         cost += max(part + 0.5 * weights[i] * seen.energy, 0.0)
-    return BoneSystem(cost, system.gradient, system.hessian), areas
+        if growing:
+            total += system.with_growth(seen.camera.centre - bones.reference)
+            system = BoneSystem.zero(count)
+    total = total if growing else system
+    return BoneSystem(cost, total.gradient, total.hessian), areas
 
 
 def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
@@ -113,3 +121,9 @@ class FieldTerm:
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
         return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
+
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        """Return the same in seven numbers a bone, with its growth."""
+        return field_system(
+            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, growing=True
+        )[0]

@@ -58,12 +58,6 @@ class FrameTerms:
     parts: tuple[ObservationTerm, ...] = ()
     """what keeps a body's parts out of each other"""
 
-    def of(self, model: ArticulatedModel) -> FrameTerms:
-        """Return the same observation for a hand of another size."""
-        points = tuple(replace(term, model=model) for term in self.keypoints)
-        images = self.appearance and self.appearance.of(model, self.settings)
-        return replace(self, model=model, keypoints=points, appearance=images)
-
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
         return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))

@@ -21,6 +21,7 @@ from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
 from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.policy import FIRST_POSE
+from handtrack.tracking.search.sized_start import Resize
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -63,6 +64,7 @@ def auto_start(
     should_stop: Callable[[], bool] | None = None,
     on_progress: Progress | None = None,
     size_sigma: float = SIZE_SIGMA,
+    resize: Resize | None = None,
     search: Search = FIRST_POSE,
     found: Sequence[Candidate] = (),
 ) -> list[StartCandidate]:
@@ -70,7 +72,7 @@ def auto_start(
 
     models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
     known. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
-    search, found: another row of the policy, and what it begins with.
+    resize: makes them in other sizes, where it is not; the best poses then find theirs. search, found: another row of the policy, and what it begins with.
     """
     tell = on_progress or (lambda share, text: None)
     control = Control() if should_stop is None else Control(should_stop)
@@ -83,6 +85,7 @@ def auto_start(
         shapes=[shape for model in models for shape in hand_shapes(model)] if models else (),
         solve=_fitting(settings, seen, control),
         looks_for_fingers=settings.tracker.escape,
+        resize=resize,
         control=control,
     )
     done = run_rounds(search, landscape, found, control, on_round=_telling(search, tell))

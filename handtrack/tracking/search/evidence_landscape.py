@@ -28,6 +28,7 @@ from handtrack.tracking.search.evidence.source import EvidenceSource
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
 from handtrack.tracking.search.proposers.rigid_grid import PLACE_M, rigid_grid
+from handtrack.tracking.search.sized_start import Resize, sized
 
 WIDE_M, NARROW_M = 0.012, 0.004
 _SAME_M = 0.012  # mean distance between joints of poses that count as one
@@ -37,6 +38,7 @@ _GRID, _GRID_NEARBY = 48, 28
 _BENT, _BENT_TRIED = 12, 48
 """poses with fingers bent otherwise that are proposed, and of how many"""
 _WAYS = 2  # of each of them
+_SIZED = 5  # poses that find a size of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +52,8 @@ class EvidenceLandscape:
     solve: Callable[[ArticulatedModel, Floats, bool], Solved] | None = None
     """fits the frame from solver parameters (P,) as the tracker does; the flag: also looks for lost fingers"""
     looks_for_fingers: bool = False
+    resize: Resize | None = None
+    """makes the hand in another size, where its size is not known"""
     within: tuple[Floats, float] | None = None
     """a point (3,) and a distance from it [m] beyond which no palm is looked for"""
     control: Control = Control()
@@ -75,6 +79,8 @@ class EvidenceLandscape:
         if proposer == "rigid grid nearby":
             nearby = rigid_grid(self.sources, self.shapes, _GRID_NEARBY, stop, self.within)
             return [replace(c, cost=0.0) for c in nearby]  # all of them descend
+        if proposer == "best of unknown size":
+            return self.distinct(found, _SIZED) if self.resize else []
         if proposer == "finger bends":
             return self._bent(self.distinct(found, _BENT_TRIED))
         if not found:
@@ -116,6 +122,10 @@ class EvidenceLandscape:
             settings = SolverSettings(iterations=fit.iterations)
             found = solve(self._problem(candidate, band), candidate.params, settings).params
             return self._measured(replace(candidate, params=found), band)
+        if fit.kind == "size":
+            assert self.resize is not None
+            found = sized(candidate, self._problem, (WIDE_M, NARROW_M), self.resize)
+            return self.measured(found)
         assert self.solve is not None
         solved = self.solve(candidate.model, candidate.params, fit.kind.endswith("lost fingers"))
         params = candidate.model.transform.solver_params(solved.result.parameters)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
@@ -16,7 +15,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
-from handtrack.tracking.size.size import SIZES, scale_from_deviations
+from handtrack.tracking.size.sized_problem import fit_size
 
 _REST_SIGMA = np.deg2rad(40.0)
 _FEWEST = 4
@@ -34,9 +33,7 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
             f"first-frame pose: {int(known.sum())} keypoints are known, at least {_FEWEST} are needed to "
             "place the hand. Add points, or pose the hand by parameters."
         )
-    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
-    sigma[:6] = np.inf
-    problem = Problem(model, [KeypointTerm(model, seen)], [GaussianPrior(model.rest, sigma)])
+    problem = _on_points(model, seen)
     settings = SolverSettings(iterations=60, damping=1e-3)
     starts = [laid_on_points(model, seen, posture) for posture in (model.rest, 3.0 * model.rest)]
     return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
@@ -80,22 +77,14 @@ def fit_scale(
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
     adults differ, so that noisy points do not make odd hands.
     """
-    params = fit_keypoints(build(HandScale()), seen)
-    count = len(params)
-    low_high = build(HandScale()).bounds(params)
-
-    def residuals(x: Floats) -> Floats:
-        model = build(scale_from_deviations(x[count:]))
-        bones = model.bones(x[:count])
-        points = KeypointTerm(model, seen).rows(bones).residual
-        joint = model.joint_params(x[:count])
-        rest = (joint[6:] - model.rest[6:]) / _REST_SIGMA
-        return np.concatenate([points, rest, x[count:]])
-
-    low = np.concatenate([low_high[:, 0], np.full(SIZES, -4.0)])
-    high = np.concatenate([low_high[:, 1], np.full(SIZES, 4.0)])
-    start = np.concatenate([params, np.zeros(SIZES)])
-    start = np.clip(start, low + 1e-6, high - 1e-6)
-    fitted = least_squares(residuals, start, bounds=(low, high), x_scale="jac", max_nfev=30).x
-    scale = scale_from_deviations(fitted[count:])
+    model = build(HandScale())
+    problem = _on_points(model, seen)
+    scale, _ = fit_size([problem], [fit_keypoints(model, seen)])
     return scale, fit_keypoints(build(scale), seen)
+
+
+def _on_points(model: ArticulatedModel, seen: Keypoints) -> Problem:
+    """Return points in space to be met, with a weak pull to the relaxed hand."""
+    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
+    sigma[:6] = np.inf
+    return Problem(model, [KeypointTerm(model, seen)], [GaussianPrior(model.rest, sigma)])

@@ -58,6 +58,7 @@ FIRST_POSE = Search(
         Round(("rigid grid",), enter=48, fits=(Fit("wide", 10),)),
         Round(("finger bends",), keep=12, fits=(Fit("wide", 12),)),
         Round(enter=24, fits=(Fit("narrow", 8),)),
+        Round(("best of unknown size",), adds=True, fits=(Fit("size"),)),
         *FINISH,
     ),
     measure="energy of what was seen with short arms (4 mm), the same for all; the surest comes first",

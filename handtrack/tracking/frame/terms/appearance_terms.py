@@ -91,15 +91,6 @@ class SeenAppearance:
     step_m: float
     """parts nearer together than this in depth show no edge between them"""
     carried: tuple[_Carried, ...]
-    length: Floats
-    """(B,) bone lengths of the model [m]"""
-
-    def of(self, model: ArticulatedModel, settings: TrackerSettings) -> SeenAppearance:
-        """Return the same images for a model of another size; each bone's surface grows with the bone."""
-        share = model.skeleton.length / self.length
-        carried = [replace(c, local=c.local * share[c.bone, None]) for c in self.carried]
-        mesh = _looked_at(model, settings)
-        return replace(self, mesh=mesh, carried=tuple(carried), length=model.skeleton.length)
 
 
 def see_appearance(
@@ -123,7 +114,7 @@ def see_appearance(
     if not by_edges and not carried:
         return None
     step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
-    return SeenAppearance(seen.images, mesh, step, tuple(carried), model.skeleton.length)
+    return SeenAppearance(seen.images, mesh, step, tuple(carried))
 
 
 def appearance_terms(

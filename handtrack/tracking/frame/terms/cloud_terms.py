@@ -45,8 +45,6 @@ class SeenCloud:
     emptiness: CloudEmptinessTerm | None
     """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
     only the cloud's side is asked for"""
-    length: Floats
-    """(B,) bone lengths of the model that `emptiness` was made for [m]"""
     views: tuple[Floats, ...] = ()
     """what can have seen the surface, as in `seen_from`"""
     sigma_m: float | None = None
@@ -74,7 +72,7 @@ class SeenCloud:
             return self
         mesh = surface_mesh(MetaballSurface.of(model), bones)
         term = _hand_only(self.emptiness.for_mesh(mesh, self.views), model)
-        return replace(self, emptiness=term, length=model.skeleton.length)
+        return replace(self, emptiness=term)
 
 
 def see_cloud(
@@ -107,7 +105,7 @@ def see_cloud(
         emptiness = _hand_only(emptiness, model)
     share = min(1.0, patches / len(points))
     views = tuple(seen.cloud_views)
-    return SeenCloud(prepare_cloud(points), share, emptiness, model.skeleton.length, views)
+    return SeenCloud(prepare_cloud(points), share, emptiness, views)
 
 
 def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
@@ -184,11 +182,8 @@ def _empty(
     if seen.emptiness is None:
         return []
     share = min(1.0, _CELL_AREA / _patch_area(model, settings))
-    # A person's size scales each bone's flesh about the bone's head.
-    stretch = (model.skeleton.length / seen.length)[seen.emptiness.bone, None]
     term = replace(
         seen.emptiness,
-        local=seen.emptiness.local * stretch,
         sigma_m=settings.cloud.sigma_mm * _MM,
         loss=loss,
         weight=weight * settings.cloud.weight * share,

@@ -1,0 +1,109 @@
+"""A person's size as parameters: how many standard deviations from the mean adult, and what they do to the bones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
+from handtrack.model.kinematics import BonePoses
+
+_HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+_FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
+_ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
+_BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
+_SEGMENT_SIGMA = 0.06  # a segment's share of stature: about ±4 % (de Leva 1996), and markers differ
+
+_PARTS = {
+    "hand": dict.fromkeys(FINGERS, _FINGER_SIGMA) | {"forearm": _ARM_SIGMA},
+    "body": dict.fromkeys(BODY_PARTS, _SEGMENT_SIGMA),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SizeParameters:
+    """Deviations (N,) of a person from the mean adult: overall, of each part, of each internal proportion.
+
+    The first two are logarithms of factors over sigma: a bone grows about its proximal end by its part's factor, with
+    all that is fixed to it, and so moves what hangs on it. Mathematics: docs/derivations/size.md.
+    """
+
+    model: ArticulatedModel
+    """of any size; others are described by how much they have grown from it"""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(N,)"""
+        return ("overall", *self._sigmas, *self.model.proportion_names)
+
+    def deviations(self, scale: HandScale) -> Floats:
+        """Return (N,) how unusual a person is among adults; the inverse of `scale`."""
+        logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
+        logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
+        return np.array(logs + [scale.proportions.get(n, 0.0) for n in self.model.proportion_names])
+
+    def scale(self, deviations: Floats) -> HandScale:
+        """Return the person that is (N,) standard deviations from the mean adult."""
+        split = 1 + len(self._sigmas)
+        sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
+        factors = np.exp(deviations[:split] * sigmas).tolist()
+        moved = dict(zip(self.model.proportion_names, deviations[split:].tolist(), strict=True))
+        return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved)
+
+    def grown(self, deviations: Floats) -> ArticulatedModel:
+        """Return the model with its bones as large as a person's is who deviates by (N,); what is fixed to them grows with them."""
+        more, skeleton = deviations - self._at, self.model.skeleton
+        growth = np.exp(self._rates @ more)
+        offset = skeleton.offset
+        if self.model.proportion_moves is not None:
+            moves = self.model.proportion_moves
+            offset = offset + np.tensordot(more[-len(moves) :], moves, axes=1)
+        offset = offset * growth[skeleton.parent][:, None]
+        larger = replace(skeleton, offset=offset, length=skeleton.length * growth, growth=growth)
+        return replace(self.model, skeleton=larger, scale=self.scale(deviations))
+
+    def twists(self, bones: BonePoses) -> Floats:
+        """Return (B, 7, N) by the deviations: what each adds to a bone's (v, ω, σ), world axes, about bones.reference.
+
+        bones: those of `grown`. A bone moves as far as those above it have grown, and does not turn.
+        """
+        skeleton, rates, growth = self.model.skeleton, self._rates, bones.growth
+        assert growth is not None
+        moved = np.zeros((*bones.position.shape, rates.shape[1]))
+        moves = self.model.proportion_moves
+        for bone, above in list(enumerate(skeleton.parent))[1:]:
+            along = bones.position[bone] - bones.position[above]
+            moved[bone] = moved[above] + along[:, None] * rates[above]
+            if moves is not None:
+                turned = bones.rotation[above] @ moves[:, bone].T
+                moved[bone, :, -len(moves) :] += growth[above] * turned
+        twists = np.zeros((len(moved), 7, rates.shape[1]))
+        arm = bones.position - bones.reference
+        twists[:, :3] = moved - arm[:, :, None] * rates[:, None, :]
+        twists[:, 6] = rates
+        return twists
+
+    @property
+    def _is_hand(self) -> bool:
+        return self.model.kind == "hand"
+
+    @property
+    def _sigmas(self) -> dict[str, float]:
+        """By part, how much its logarithm differs among adults."""
+        return _PARTS[self.model.kind]
+
+    @cached_property
+    def _at(self) -> Floats:
+        return self.deviations(self.model.scale)
+
+    @cached_property
+    def _rates(self) -> Floats:
+        """(B, N) by how much the logarithm of a bone's size grows with each deviation."""
+        rates = np.zeros((self.model.skeleton.bone_count, len(self.names)))
+        rates[:, 0] = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
+        for k, (part, sigma) in enumerate(self._sigmas.items(), start=1):
+            rates[np.array(self.model.groups) == part, k] = sigma
+        return rates

@@ -1,0 +1,178 @@
+"""A person's size and the poses of several frames in one system: the poses are eliminated, the size is what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import Array, Floats
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.size import SizeParameters
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.term import GrowingTerm
+
+_FARTHEST = 4.0  # standard deviations from the mean adult
+_POSES = SolverSettings(iterations=15, damping=1e-3)
+_SIZES = SolverSettings(
+    iterations=8,
+    damping=1e-3,
+    cost_tolerance=1e-4,
+    step_tolerance=1e-3,
+    step_limit_m=1.0,  # all of them count in standard deviations
+    step_limit_rad=1.0,
+)
+_RIDGE = 1e-6  # for joints that nothing holds
+
+
+def fit_size(
+    problems: Sequence[Problem],
+    poses: Sequence[Floats],
+    free: Array | None = None,
+    solver: SolverSettings = _POSES,
+    should_stop: Callable[[], bool] | None = None,
+) -> tuple[HandScale, list[Floats]]:
+    """Return the person who explains all frames best, and the poses (P,) of each frame.
+
+    problems: of each frame, all of one model; its size and `poses` are where the search starts. free: (N,) which of the
+    model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
+    """
+    size = SizeParameters(problems[0].model)
+    start = size.deviations(size.model.scale)
+    every = np.ones(len(start), bool) if free is None else free
+    problem = SizedProblem(problems, poses, size, every, solver, should_stop)
+    solve(problem, start[every], _SIZES, should_stop)
+    return size.scale(problem.best.deviations), problem.best.poses
+
+
+class _Solved(NamedTuple):
+    """What the frames cost for a size, each at its best pose."""
+
+    deviations: Floats
+    """(N,)"""
+    cost: float
+    poses: list[Floats]
+
+
+class _Expansion(NamedTuple):
+    """How the best poses (P,) move with a size around `deviations` (N,)."""
+
+    deviations: Floats
+    poses: list[Floats]
+    follow: list[Floats]
+    """(P, K) of each pose, by the free deviations"""
+
+
+class SizedProblem:
+    """cost(size), linearize(size) and limits of those deviations (K,) that are free: a BoundedProblem.
+
+    Variable projection: a size costs what the frames cost at their best poses, so that those move along with each step.
+    Moved in turn, size and poses creep along a valley: a longer finger that bends a little more looks nearly the same.
+    """
+
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        poses: Sequence[Floats],
+        size: SizeParameters,
+        free: Array,
+        solver: SolverSettings = _POSES,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self.problems, self.size, self.free = problems, size, free
+        self.solver, self.should_stop = solver, should_stop
+        start = size.deviations(size.model.scale)
+        still = [np.zeros((len(pose), int(free.sum()))) for pose in poses]
+        self._expansion = _Expansion(start, list(poses), still)
+        self.best = self._last = _Solved(start, np.inf, list(poses))
+
+    @property
+    def limits(self) -> MovingLimits:
+        """Adults', and children's."""
+        return MovingLimits.fixed(np.tile([-_FARTHEST, _FARTHEST], (int(self.free.sum()), 1)))
+
+    def cost(self, params: Floats) -> float:
+        """Return the least cost of all frames for a size, with the prior's."""
+        return self._solved(params).cost
+
+    def linearize(self, params: Floats) -> JointSystem:
+        """Return cost, gradient (K,) and Gauss-Newton Hessian (K, K) where the poses follow (Schur complement)."""
+        solved = self._solved(params)
+        model = self.size.grown(solved.deviations)
+        gradient, hessian = solved.deviations[self.free], np.eye(len(params))
+        follow = []
+        for problem, pose in zip(self.problems, solved.poses, strict=True):
+            system = linearize_sized(problem, model, self.size, self.free, pose)
+            split = len(pose)
+            mixed, own = system.hessian[:split, split:], system.hessian[split:, split:]
+            stiff = system.hessian[:split, :split]
+            stiff = stiff + _RIDGE * np.diag(np.diag(stiff) + 1.0)
+            moves = _off_limits(model, pose, system.gradient[:split])
+            moved = np.zeros((split, len(params) + 1))
+            right = np.column_stack([mixed, system.gradient[:split]])
+            moved[moves] = -np.linalg.solve(stiff[np.ix_(moves, moves)], right[moves])
+            follow.append(moved[:, :-1])
+            hessian = hessian + own + mixed.T @ follow[-1]
+            gradient = gradient + system.gradient[split:] + mixed.T @ moved[:, -1]
+        self._expansion = _Expansion(solved.deviations, solved.poses, follow)
+        return JointSystem(solved.cost, gradient, 0.5 * (hessian + hessian.T))
+
+    def _solved(self, params: Floats) -> _Solved:
+        deviations = self.size.deviations(self.size.model.scale)
+        deviations[self.free] = params
+        if np.isfinite(self._last.cost) and np.array_equal(deviations, self._last.deviations):
+            return self._last
+        model, around = self.size.grown(deviations), self._expansion
+        change = (deviations - around.deviations)[self.free]
+        cost, poses = 0.5 * float(deviations @ deviations), []
+        for problem, pose, follow in zip(self.problems, around.poses, around.follow, strict=True):
+            sized = Problem(model, problem.observation_terms, problem.parameter_terms)
+            found = solve(sized, pose + follow @ change, self.solver, self.should_stop)
+            cost += found.cost
+            poses.append(found.params)
+        self._last = _Solved(deviations, cost, poses)
+        if cost < self.best.cost:
+            self.best = self._last
+        return self._last
+
+
+def linearize_sized(
+    problem: Problem,
+    model: ArticulatedModel,
+    size: SizeParameters,
+    free: Array,
+    pose: Floats,
+) -> JointSystem:
+    """Return a frame's system in its pose (P,) and the free ones of the deviations (K,), P + K numbers, without a size's prior.
+
+    model: `size.grown`, of the size around which the system holds.
+    """
+    bones, twists, joint = model.linearize(pose)
+    count, growth = twists.shape[2], size.twists(bones)[:, :, free]
+    jacobian = np.concatenate([np.pad(twists, ((0, 0), (0, 1), (0, 0))), growth], axis=2)
+    seen = BoneSystem.zero(len(bones.position), 7)
+    for term in problem.observation_terms:
+        assert isinstance(term, GrowingTerm), term.name
+        seen = seen + term.linearize_growth(bones)
+    system = seen.pull_back(jacobian)
+    gradient, hessian, cost = system.gradient, system.hessian, system.cost
+    for prior in problem.parameter_terms:
+        known = prior.linearize(joint)
+        cost += known.cost
+        gradient[:count] += known.gradient
+        hessian[:count, :count] += known.hessian
+    matrix = np.zeros((len(gradient), len(pose) + growth.shape[2]))
+    matrix[:count, : len(pose)] = model.transform.matrix
+    matrix[count:, len(pose) :] = np.eye(growth.shape[2])
+    return JointSystem(cost, gradient, hessian).pull_back(matrix)
+
+
+def _off_limits(model: ArticulatedModel, pose: Floats, gradient: Floats) -> Array:
+    """Return (P,) which parameters can follow the size: no limit stops them."""
+    low, high = model.bounds(pose).T
+    stopped = ((pose <= low + 1e-9) & (gradient > 0)) | ((pose >= high - 1e-9) & (gradient < 0))
+    return ~stopped

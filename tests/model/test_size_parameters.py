@@ -1,0 +1,75 @@
+"""A person's size as parameters: the same hand as a model of that size, and how its bones move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.model.size import SizeParameters
+from handtrack.model.surfaces.metaballs import MetaballSurface
+
+HAND = HandScale(0.93, {"thumb": 1.04, "little": 0.95, "forearm": 1.1})
+BODY = HandScale(1.05, {"thighs": 1.06, "head": 0.97}, {"hip_width": 1.2, "clavicle_height": -0.7})
+
+
+@pytest.fixture(params=["hand", "left hand", "body"])
+def size(request):
+    """Sizes counted from somebody who is not the mean adult."""
+    if request.param == "body":
+        return SizeParameters(load_model("body34", scale=BODY))
+    side = "left" if request.param == "left hand" else "right"
+    return SizeParameters(load_model("hand26", side, HAND, forearm=True))
+
+
+def posed(model, rng):
+    joint = model.rest + rng.uniform(-0.2, 0.2, len(model.rest))
+    return model.transform.solver_params(joint)
+
+
+def test_deviations_go_there_and_back(size, rng):
+    deviations = rng.normal(size=len(size.names))
+    np.testing.assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
+    np.testing.assert_array_equal(size.deviations(HandScale()), 0.0)
+
+
+def test_a_grown_model_is_the_model_of_that_size(size, rng):
+    deviations = rng.normal(size=len(size.names))
+    grown, base = size.grown(deviations), size.model
+    built = load_model(base.name, base.side, size.scale(deviations), forearm=True)
+    assert grown.scale == built.scale
+    np.testing.assert_allclose(grown.skeleton.length, built.skeleton.length, atol=1e-12)
+    params = posed(base, rng)
+    here, there = grown.bones(params), built.bones(params)
+    np.testing.assert_allclose(here.position, there.position, atol=1e-12)
+    joints = grown.joint_positions(here), built.joint_positions(there)
+    np.testing.assert_allclose(*joints, atol=1e-12)
+    for flesh in base.flesh:
+        ours, theirs = grown.flesh[flesh].posed(here), built.flesh[flesh].posed(there)
+        np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-12)
+        np.testing.assert_allclose(ours.radii, theirs.radii, atol=1e-12)
+    points = here.position + 0.02
+    surfaces = [MetaballSurface.of(model) for model in (grown, built)]
+    distances = [s.distance(b, points) for s, b in zip(surfaces, (here, there), strict=True)]
+    np.testing.assert_allclose(*distances, atol=1e-12)
+
+
+def test_growth_moves_points_as_its_twists_say(size, rng):
+    """dX = v + σ (X − o) by each deviation, for a point that is fixed to a bone and grows with it."""
+    deviations, step = rng.normal(size=len(size.names)), 1e-6
+    params, local = posed(size.model, rng), rng.normal(size=(len(size.model.groups), 3))
+    every = np.arange(len(local))
+
+    def points(at):
+        return size.grown(at).bones(params).to_world(every, local)
+
+    bones = size.grown(deviations).bones(params)
+    twists = size.twists(bones)
+    assert not twists[:, 3:6].any()
+    arm = bones.to_world(every, local) - bones.reference
+    for k, name in enumerate(size.names):
+        move = step * np.eye(len(deviations))[k]
+        seen = (points(deviations + move) - points(deviations - move)) / (2 * step)
+        told = twists[:, :3, k] + twists[:, 6, k, None] * arm
+        np.testing.assert_allclose(told, seen, atol=1e-8, err_msg=name)
