@@ -191,10 +191,10 @@ class Wells:
 
 def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
-    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 4.0, 0.1))))
+    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
     found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6))
     np.testing.assert_allclose([h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3)
-    weights = np.exp([-1.0, -2.0, -4.0])
+    weights = np.exp([-1.0, -2.0, -2.5])
     np.testing.assert_allclose(
         [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
     )
