@@ -30,9 +30,14 @@ def written(page: Path, outcome: Outcome, seed: int) -> None:
     before, found, rest = text.partition(head)
     old, _, after = rest.partition("\n## ") if found else ("", "", "")
     after = f"\n## {after}" if after else ""
-    known = {(m["line"], m["change"]): m["judgement"] for m in map(_ROW.match, old.split("\n")) if m}
+    known = {
+        (m["line"], m["change"]): m["judgement"] for m in map(_ROW.match, old.split("\n")) if m
+    }
     killed = outcome.tried - len(outcome.survivors)
-    section = [head, f"{killed} of {outcome.tried} killed (of {outcome.possible} possible; seed {seed}).\n"]
+    section = [
+        head,
+        f"{killed} of {outcome.tried} killed (of {outcome.possible} possible; seed {seed}).\n",
+    ]
     if outcome.survivors:
         section += ["| line | code | change | judgement |", "|---|---|---|---|"]
     lines = outcome.source.splitlines()

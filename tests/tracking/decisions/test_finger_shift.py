@@ -53,7 +53,9 @@ def cost_of(model, truth):
     seen = model.joint_positions(model.bones(model.transform.solver_params(truth)))
 
     def cost(params):
-        return 0.5 * float((((model.joint_positions(model.bones(params)) - seen) / 0.005) ** 2).sum())
+        return 0.5 * float(
+            (((model.joint_positions(model.bones(params)) - seen) / 0.005) ** 2).sum()
+        )
 
     return cost
 

@@ -112,9 +112,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
     terms = frame(HAND, BellPrior(seen, np.diag(information)))
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
-    look = Observation(
-        3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),)
-    )
+    look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
     chosen = settings(**{"mixture.jump_share": share, "mixture.draws": 4})
     step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
     found = step.next(look, [Component(last, terms, 1.0)])
@@ -134,7 +132,9 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
         jumped *= quad(likelihood, -4.0, 4.0, points=[at])[0] / (high - low)
         followed *= quad(both, -4.0, 4.0, points=[at, place])[0]
     assert weights.keys() == {"followed", "index jumped"}
-    assert weights["index jumped"] / weights["followed"] == pytest.approx(jumped / followed, rel=0.01)
+    assert weights["index jumped"] / weights["followed"] == pytest.approx(
+        jumped / followed, rel=0.01
+    )
 
 
 def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way():
@@ -193,7 +193,9 @@ def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
     found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6))
-    np.testing.assert_allclose([h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3)
+    np.testing.assert_allclose(
+        [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
+    )
     weights = np.exp([-1.0, -2.0, -2.5])
     np.testing.assert_allclose(
         [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3

@@ -63,9 +63,7 @@ def chosen(standing, known, *poses):
     """Return what is taken where solving from the starts that are found ends at these poses in turn."""
     ends = [replace(standing, parameters=MODEL.joint_params(pose)) for pose in poses]
     count = iter(range(1000))
-    return recovered(
-        MODEL, PLAIN, SEEN, standing, [known], lambda _: ends[next(count) % len(ends)]
-    )
+    return recovered(MODEL, PLAIN, SEEN, standing, [known], lambda _: ends[next(count) % len(ends)])
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.7, True), (0.93, True), (0.97, False)])
