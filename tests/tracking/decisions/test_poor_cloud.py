@@ -18,7 +18,7 @@ from handtrack.tracking.tracker import Tracker
 MODEL = load_model()
 TRUTH = MODEL.rest_params()
 TRUTH[1] = -0.09
-FINE, FAIR, POOR = 0.0, 0.33, 0.5
+FINE, FAIR, POOR = 0.0, 0.2, 0.4
 """how much of the hand is missing, in zones"""
 
 
