@@ -113,7 +113,9 @@ def test_where_letters_put_the_thumb(side):
     for letter in "bsaly":
         where = dict(zip(hand.joint_names, joints(hand, f"lsf_{letter}"), strict=True))
         tip, index, little = where["thumb_tip"], where["index_mcp"], where["little_mcp"]
-        across = (tip - index)[0] / (little - index)[0]  # 0 at the index finger's knuckle, 1 at the little's
+        across = (tip - index)[0] / (little - index)[
+            0
+        ]  # 0 at the index finger's knuckle, 1 at the little's
         before_the_palm = index[2] - tip[2]
         if letter == "b":
             assert 0.5 < across < 1.2
@@ -121,7 +123,9 @@ def test_where_letters_put_the_thumb(side):
             assert where["wrist"][1] < tip[1] < index[1], "below the knuckles"
         elif letter == "s":
             assert 0.2 < across < 0.8
-            assert tip[2] < where["middle_pip"][2] - 0.01, "before the fingers that are bent into the palm"
+            assert tip[2] < where["middle_pip"][2] - 0.01, (
+                "before the fingers that are bent into the palm"
+            )
         else:
             assert towards_little * (tip - index)[0] < -0.03, "beside the hand, on its own side"
             reach = np.linalg.norm(tip - index)

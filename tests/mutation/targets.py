@@ -15,6 +15,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/decisions/test_status.py",
         "tests/tracking/test_assessment.py",
     ),
+    "handtrack.tracking.frame.cloud_terms": (
+        "tests/tracking/decisions/test_cloud_balance.py",
+        "tests/tracking/test_cloud_weight.py",
+    ),
     "handtrack.tracking.search.escape": ("tests/tracking/decisions/test_finger_shift.py",),
     "handtrack.tracking.search.restart": ("tests/tracking/decisions/test_restart_choice.py",),
     "handtrack.tracking.fallback": ("tests/tracking/decisions/test_poor_cloud.py",),
