@@ -103,3 +103,30 @@ def test_the_contact_sheet_shows_every_pose(hand):
         tile = sheet[60 * row : 60 * row + 60, 60 * column : 60 * column + 60]
         assert (tile[25:] < 230).any(axis=-1).mean() > 0.05
     assert (sheet[60:, 60:] == 255).all()
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_where_letters_put_the_thumb(side):
+    """By their descriptions: across the palm (B), before the bent fingers (S), along the index finger's side (A), away (L, Y)."""
+    hand = load_model(side=side)
+    towards_little = 1.0 if side == "right" else -1.0
+    for letter in "bsaly":
+        where = dict(zip(hand.joint_names, joints(hand, f"lsf_{letter}"), strict=True))
+        tip, index, little = where["thumb_tip"], where["index_mcp"], where["little_mcp"]
+        across = (tip - index)[0] / (little - index)[
+            0
+        ]  # 0 at the index finger's knuckle, 1 at the little's
+        before_the_palm = index[2] - tip[2]
+        if letter == "b":
+            assert 0.5 < across < 1.2
+            assert 0.02 < before_the_palm < 0.09
+            assert where["wrist"][1] < tip[1] < index[1], "below the knuckles"
+        elif letter == "s":
+            assert 0.2 < across < 0.8
+            assert tip[2] < where["middle_pip"][2] - 0.01, (
+                "before the fingers that are bent into the palm"
+            )
+        else:
+            assert towards_little * (tip - index)[0] < -0.03, "beside the hand, on its own side"
+            reach = np.linalg.norm(tip - index)
+            assert (reach > 0.075) == (letter in "ly"), letter

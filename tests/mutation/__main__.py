@@ -1,0 +1,112 @@
+"""Mutation run: python -m tests.mutation [--module PART] [--max N] [--seed S]. Survivors go to docs/mutations.md.
+
+Every mutant is tried in a process of its own, forked from one that has imported the libraries already; the changed source is
+handed to the import, so that no file is ever touched. docs/mutations.md says why this is no mutmut and no cosmic-ray.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.abc
+import importlib.util
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import cv2  # noqa: F401 - what every mutant would import anew
+import numba  # noqa: F401
+import pytest
+import scipy.ndimage
+import scipy.spatial  # noqa: F401
+
+from tests.mutation.mutants import Mutant, mutants
+from tests.mutation.page import Outcome, written
+from tests.mutation.targets import TARGETS
+
+ROOT = Path(__file__).parents[2]
+_PATIENCE, _LEAST_S = 8.0, 30.0
+"""times as long as the tests take; a mutant that runs longer is killed"""
+
+
+class _Handed(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
+    """Gives one module another source."""
+
+    def __init__(self, module: str, source: str):
+        self.module, self.source = module, source
+
+    def find_spec(self, fullname, path=None, target=None):
+        if fullname == self.module:
+            return importlib.util.spec_from_loader(fullname, self)
+        return None
+
+    def get_filename(self, fullname):
+        return str(path_of(self.module))
+
+    def get_data(self, path):
+        return self.source.encode()
+
+
+def path_of(module: str) -> Path:
+    return ROOT.joinpath(*module.split(".")).with_suffix(".py")
+
+
+def passes(module: str, source: str, tests: tuple[str, ...], most_s: float) -> bool:
+    """Return whether the tests pass with a module's source, in a process of its own, within a time."""
+    child = os.fork()
+    if child == 0:
+        code = 3
+        try:
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, 1)
+            os.dup2(silent, 2)
+            sys.meta_path.insert(0, _Handed(module, source))
+            code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
+        finally:
+            os._exit(code)
+    began = time.monotonic()
+    while time.monotonic() - began < most_s:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status) == 0
+        time.sleep(0.02)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def survivors(module: str, most: int, seed: int) -> Outcome:
+    """Return which of at most `most` mutants of a module, drawn by seed, its tests let pass."""
+    source, tests = path_of(module).read_text(encoding="utf-8"), TARGETS[module]
+    began = time.monotonic()
+    if not passes(module, source, tests, 600.0):
+        sys.exit(f"{module}: its tests fail without any mutation: pytest {' '.join(tests)}")
+    most_s = max(_PATIENCE * (time.monotonic() - began), _LEAST_S)
+    every = mutants(source)
+    drawn = random.Random(f"{module} {seed}").sample(every, min(most, len(every)))
+    left: list[Mutant] = []
+    for mutant in sorted(drawn, key=lambda m: m.line):
+        lives = passes(module, mutant.source, tests, most_s)
+        left += [mutant] * lives
+        word = "SURVIVED" if lives else "killed"
+        print(f"{word:8s} {module}:{mutant.line} {mutant.change}", flush=True)
+    return Outcome(module, source, len(every), len(drawn), tuple(left))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
+    parser.add_argument("--module", default="", help="only modules whose name contains this")
+    parser.add_argument("--max", type=int, default=30, help="mutants a module (30)")
+    parser.add_argument("--seed", type=int, default=0, help="draws other mutants")
+    chosen = parser.parse_args()
+    os.chdir(ROOT)
+    for module in TARGETS:
+        if chosen.module in module:
+            outcome = survivors(module, chosen.max, chosen.seed)
+            written(ROOT / "docs" / "mutations.md", outcome, chosen.seed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,25 @@
+"""Which tests are to notice a change of which module. Kernels are left out: a plain implementation stands beside each."""
+
+TARGETS: dict[str, tuple[str, ...]] = {
+    "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
+    "handtrack.sampling.hypotheses": ("tests/sampling/test_hypotheses.py",),
+    "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
+    "handtrack.tracking.hypotheses.mixture_terms": (
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
+    "handtrack.tracking.prediction": (
+        "tests/tracking/decisions/test_prediction_span.py",
+        "tests/tracking/test_prediction.py",
+    ),
+    "handtrack.tracking.frame.assessment": (
+        "tests/tracking/decisions/test_status.py",
+        "tests/tracking/test_assessment.py",
+    ),
+    "handtrack.tracking.frame.cloud_terms": (
+        "tests/tracking/decisions/test_cloud_balance.py",
+        "tests/tracking/test_cloud_weight.py",
+    ),
+    "handtrack.tracking.search.escape": ("tests/tracking/decisions/test_finger_shift.py",),
+    "handtrack.tracking.search.restart": ("tests/tracking/decisions/test_restart_choice.py",),
+    "handtrack.tracking.fallback": ("tests/tracking/decisions/test_poor_cloud.py",),
+}

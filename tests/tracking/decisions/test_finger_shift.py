@@ -1,0 +1,136 @@
+"""All fingers one off: which way the hand moves and whose bends a finger takes over, against every way tried by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import FINGERS
+from handtrack.model.model_file import load_model
+from handtrack.tracking.search.escape import escape
+
+BENDS = ("mcp_flex", "pip_flex", "dip_flex")
+TRUE = dict(zip(FINGERS[1:], (0.1, 0.5, 0.9, 1.2), strict=True))
+KEPT = 2.0
+"""by how much a pose must cost less to be taken: a log-likelihood"""
+
+
+def bent(model, joint, by_finger):
+    joint = joint.copy()
+    for finger, angle in by_finger.items():
+        for bend in BENDS:
+            joint[model.skeleton.parameter(f"{finger}_{bend}")] = angle
+    return joint
+
+
+def knuckles(model, joint):
+    places = model.joint_positions(model.bones(model.transform.solver_params(joint)))
+    return places[[model.joint_names.index(f"{finger}_mcp") for finger in FINGERS[1:]]]
+
+
+def moved(model, joint, side):
+    """Return the hand moved by a knuckle: side 1 puts the index finger where the middle one was."""
+    at = knuckles(model, joint)
+    joint = joint.copy()
+    joint[:3] += side * (at[1] - at[0])
+    return joint
+
+
+def handed(by_finger, side):
+    """Return the bends by finger, each taken from its neighbour on the little finger's side (1) or the thumb's (−1)."""
+    given = dict(by_finger)
+    for one, other in pairwise(FINGERS[1:]):
+        to, source = (one, other) if side > 0 else (other, one)
+        given[to] = by_finger[source]
+    return given
+
+
+def cost_of(model, truth):
+    """Return the cost of a pose: all joints' squared distances to where they are seen, σ = 5 mm."""
+    seen = model.joint_positions(model.bones(model.transform.solver_params(truth)))
+
+    def cost(params):
+        return 0.5 * float(
+            (((model.joint_positions(model.bones(params)) - seen) / 0.005) ** 2).sum()
+        )
+
+    return cost
+
+
+@pytest.mark.parametrize("hand", ["right", "left"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_hand_goes_back_and_each_finger_takes_its_neighbours_bends(hand, side):
+    """The palm is a knuckle off and each finger is bent as the one whose place it took: undone by the opposite of both."""
+    model = load_model(side=hand)
+    truth = bent(model, np.zeros(26), TRUE)
+    off = bent(model, moved(model, truth, side), handed(TRUE, side))
+    cost = cost_of(model, truth)
+    ways = {
+        (way, bends): cost(bent(model, moved(model, off, way), handed(handed(TRUE, side), bends) if bends else handed(TRUE, side)))
+        for way in (1, 0, -1)
+        for bends in (1, 0, -1)
+    }  # fmt: skip
+    assert min(ways, key=ways.__getitem__) == (-side, -side), "the scene is as it is meant"
+    least = min(ways.values())
+    start = model.transform.solver_params(off)
+    # nothing descends, so what is found is one of the starts
+    problem = SimpleNamespace(model=model, cost=cost)
+    found = escape(problem, cost, start, lambda x: x)
+    assert cost(found) <= least + 1.0
+    names = model.parameter_names
+    for finger in FINGERS[2:4]:  # those that have neighbours on both sides
+        pip = names.index(f"{finger}_pip_flex")
+        assert model.joint_params(found)[pip] == pytest.approx(TRUE[finger], abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_palm_alone_that_is_off_goes_back_with_its_bends(side):
+    """The fingers are bent as they should be: only the palm is moved."""
+    model = load_model()
+    truth = bent(model, np.zeros(26), TRUE)
+    cost = cost_of(model, truth)
+    start = model.transform.solver_params(moved(model, truth, side))
+    found = escape(SimpleNamespace(model=model, cost=cost), cost, start, lambda x: x)
+    assert cost(found) < 0.05 * cost(start)
+    np.testing.assert_allclose(found[6:], truth[6:], atol=1e-9)
+
+
+def wells(model, places):
+    """Return a descent that ends in a few minima in turn, and what each costs: (P,) poses told apart by x."""
+    ends = []
+    for x, _ in places:
+        params = model.rest_params()
+        params[0] = x
+        ends.append(params)
+    count = iter(range(10_000))
+    cost = dict(places)
+    return (lambda _: ends[next(count) % len(ends)].copy()), (lambda p: cost.get(p[0], 0.0))
+
+
+@pytest.mark.parametrize(("better_by", "taken"), [(KEPT - 0.1, False), (KEPT + 0.1, True)])
+def test_a_pose_is_taken_only_where_it_is_clearly_better(better_by, taken):
+    model = load_model()
+    start = model.rest_params()
+    descend, cost = wells(model, [(0.1, 50.0 - better_by), (0.2, 51.0), (0.3, 60.0)])
+
+    def measured(params):
+        return 50.0 if params is start else cost(params)
+
+    found = escape(SimpleNamespace(model=model, cost=measured), measured, start, descend)
+    assert (found is not start) == taken
+    assert found[0] == (0.1 if taken else start[0])
+
+
+def test_of_several_minima_the_cheapest_is_taken():
+    model = load_model()
+    start = model.rest_params()
+    descend, cost = wells(model, [(0.1, 30.0), (0.2, 10.0), (0.3, 20.0), (0.4, 40.0)])
+
+    def measured(params):
+        return 50.0 if params is start else cost(params)
+
+    found = escape(SimpleNamespace(model=model, cost=measured), measured, start, descend)
+    assert found[0] == 0.2

@@ -1,0 +1,240 @@
+"""How hypotheses are weighed: Laplace's mass against the mass that numerical integration finds, of those that follow and jump."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad, quad
+from scipy.stats import multivariate_normal, norm
+
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.sampling.chains import Chain, chains_of, prepare
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
+from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
+from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+
+BALL, HAND = load_model("ball6"), load_model()
+NOTHING = Observation(0, 0.0)
+SPIN, FACING = 5, 4  # the root's turn about z, and about y
+STIFF = [SimpleNamespace(chain=Chain("none", (), ()))]
+"""no chain that could jump"""
+
+
+def settings(**values):
+    apart = {"tracker.hypotheses": 3, "mixture.apart_mm": 0.1}
+    return TrackerSettings().with_values(apart | values)
+
+
+def frame(model, *priors, keypoints=()):
+    """Return a frame that costs what these terms of the parameters cost: the likelihood is known exactly."""
+    return FrameTerms(model, settings(), (), (), None, None, keypoints, priors)
+
+
+def belief(mean, covariance):
+    return MotionBelief.at_rest(np.asarray(mean, dtype=float), covariance, np.ones(len(mean)))
+
+
+def turned(angle, x=0.0):
+    params = np.zeros(6)
+    params[0], params[SPIN] = x, angle
+    return params
+
+
+def test_weights_are_the_masses_that_integration_finds():
+    """Wide and narrow bells, before a frame that prefers one angle: ∫ weight · N(x; mean, C) · exp(−cost) dx."""
+    seen, sigma = 0.5, 0.6
+    likely = BellPrior(turned(seen), np.diag([0, 0, 0, 0, 0, 1.0 / sigma**2]))
+    before = ((0.2, 0.0, 0.5), (0.5, 0.9, 0.05), (0.3, 1.4, 0.3))  # weight, angle, σ
+    components, masses = [], []
+    for weight, angle, spread in before:
+        variance = np.full(6, 1e-4)
+        variance[SPIN] = spread**2
+        known = belief(turned(angle), np.diag(variance))
+        components.append(Component(known, frame(BALL, likely), weight))
+
+        def density(x, angle=angle, spread=spread):
+            return norm.pdf(x, angle, spread) * np.exp(-0.5 * ((x - seen) / sigma) ** 2)
+
+        masses.append(weight * quad(density, -8.0, 8.0, points=[angle, seen])[0])
+    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
+    weights = dict(zip(found.parents, [h.weight for h in found.hypotheses], strict=True))
+    np.testing.assert_allclose([weights[i] for i in range(3)], masses / np.sum(masses), rtol=1e-4)
+
+
+def test_two_parameters_that_err_together_are_weighed_together():
+    """The same in the plane: bells whose place and angle are correlated, one along what was seen and one across."""
+    information = np.zeros((6, 6))
+    plane = np.ix_([0, SPIN], [0, SPIN])
+    information[plane] = [[60.0, 40.0], [40.0, 60.0]]
+    components, masses = [], []
+    for angle, slope in ((0.0, 0.8), (0.7, -0.8)):
+        spread = np.array([[0.04, 0.04 * slope], [0.04 * slope, 0.04]])
+        covariance = np.diag(np.full(6, 1e-4))
+        covariance[plane] = spread
+        likely = frame(BALL, BellPrior(turned(0.35), information))
+        components.append(Component(belief(turned(angle), covariance), likely, 0.5))
+        bell = multivariate_normal([0.0, angle], spread)
+
+        def density(y, x, bell=bell):
+            off = np.array([x, y - 0.35])
+            return bell.pdf([x, y]) * np.exp(-0.5 * off @ information[plane] @ off)
+
+        masses.append(dblquad(density, -0.8, 0.8, -0.8, 1.6, epsabs=1e-4)[0])
+    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
+    weights = dict(zip(found.parents, [h.weight for h in found.hypotheses], strict=True))
+    assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)
+    assert abs(masses[0] / masses[1] - 1.0) > 0.3
+
+
+@pytest.mark.parametrize("share", [0.1, 0.6])
+def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
+    """Of the finger that jumped nothing is known but its limits: ∏ 1/range · ∫ exp(−cost), against the bell that followed."""
+    chain = next(c for c in chains_of(HAND) if c.name == "index")
+    columns = [HAND.transform.names.index(name) for name in chain.parameters]
+    mean, seen = HAND.rest_params(), HAND.rest_params()
+    mean[columns], seen[columns] = (0.2, 0.0, 0.2, 0.2), (0.6, 0.05, 0.6, 0.6)
+    expected, sharp = 0.05, 0.15
+    information = np.zeros(26)
+    information[columns] = 1.0 / sharp**2
+    variance = np.full(26, 1e-4)
+    variance[columns] = expected**2
+    last = belief(mean, np.diag(variance))
+    terms = frame(HAND, BellPrior(seen, np.diag(information)))
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    unseen = np.full((len(HAND.joint_names), 2), np.nan)
+    look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
+    chosen = settings(**{"mixture.jump_share": share, "mixture.draws": 4})
+    step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
+    found = step.next(look, [Component(last, terms, 1.0)])
+    weights = {h.origin: h.weight for h in found.hypotheses}
+
+    jumped, followed = share, 1.0 - share
+    for column in columns:
+        low, high = HAND.bounds(mean)[column]
+        at, place = seen[column], mean[column]
+
+        def likelihood(x, at=at):
+            return np.exp(-0.5 * ((x - at) / sharp) ** 2)
+
+        def both(x, place=place, likelihood=likelihood):
+            return norm.pdf(x, place, expected) * likelihood(x)
+
+        jumped *= quad(likelihood, -4.0, 4.0, points=[at])[0] / (high - low)
+        followed *= quad(both, -4.0, 4.0, points=[at, place])[0]
+    assert weights.keys() == {"followed", "index jumped"}
+    assert weights["index jumped"] / weights["followed"] == pytest.approx(
+        jumped / followed, rel=0.01
+    )
+
+
+def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way():
+    """The middle one is 4 mm from the heaviest in shape: it is no alternative, however heavy beside the third."""
+    bells = [(0.5, 0.0), (0.3, 0.1), (0.2, 1.5)]
+    components = [
+        Component(belief(turned(angle), 1e-4 * np.eye(6)), frame(BALL), w) for w, angle in bells
+    ]
+    chosen = settings(**{"mixture.apart_mm": 0.1})
+    found = MixtureStep(BALL, chosen, STIFF).next(NOTHING, components)
+    assert found.parents == (0, 1, 2)
+    np.testing.assert_allclose([h.weight for h in found.hypotheses], [0.5, 0.3, 0.2], rtol=1e-6)
+    apart = settings(**{"mixture.apart_mm": 20.0, "tracker.hypotheses": 2})
+    found = MixtureStep(BALL, apart, STIFF).next(NOTHING, components)
+    assert found.parents == (0, 2)
+    np.testing.assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
+    # nothing was seen: the belief neither moved nor became surer
+    np.testing.assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
+
+
+def test_what_nearly_has_the_same_angles_is_one():
+    """Threshold 2°, root mean square over three angles that count: 3.46° of one."""
+    for degrees, count in ((3.3, 1), (3.6, 2)):
+        bells = [(0.6, 0.0), (0.4, np.deg2rad(degrees))]
+        components = [
+            Component(belief(turned(a), 1e-6 * np.eye(6)), frame(BALL), w) for w, a in bells
+        ]
+        found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
+        assert len(found.hypotheses) == count
+        assert found.parents[0] == 0
+
+
+@dataclass(frozen=True)
+class Wells:
+    """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
+
+    wells: tuple[tuple[float, float, float], ...]
+    name: str = "wells"
+
+    def _nearest(self, x):
+        return min(self.wells, key=lambda w: w[1] + 0.5 * ((x[FACING] - w[0]) / w[2]) ** 2)
+
+    def cost(self, joint_params):
+        return self.linearize(joint_params).cost
+
+    def linearize(self, joint_params):
+        at, least, sigma = self._nearest(joint_params)
+        information = np.full(6, 100.0)
+        information[FACING] = 1.0 / sigma**2
+        off = joint_params - at * np.eye(6)[FACING]
+        cost = least + 0.5 * float(information @ off**2)
+        return JointSystem(cost, information * off, np.diag(information))
+
+
+def test_of_a_first_frame_costs_alone_decide():
+    """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
+    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
+    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6))
+    np.testing.assert_allclose(
+        [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
+    )
+    weights = np.exp([-1.0, -2.0, -2.5])
+    np.testing.assert_allclose(
+        [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
+    )
+    assert found.parents == (-1, -1, -1)
+
+
+def test_the_bells_height_is_that_of_the_normal_distribution(rng):
+    root = rng.normal(size=(4, 4))
+    spread = root @ root.T + np.eye(4)
+    expected = multivariate_normal(np.zeros(4), spread).logpdf(np.zeros(4))
+    assert log_normal(spread) == pytest.approx(expected)
+
+
+def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
+    x = np.linspace(-0.4, 0.5, 6)
+    rest, linked = GaussianPrior(np.zeros(6), np.full(6, 0.3), "rest"), LinearPrior(np.eye(6) / 0.2)
+    sharing = without_memory(frame(BALL, rest, linked, BellPrior(np.zeros(6), np.eye(6))))
+    shares = [prior.cost(x) for prior in sharing.priors]
+    np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
+
+
+def test_the_pull_is_the_belief_of_what_is_not_free():
+    """What may be anywhere is summed out: the pull on the others is that of their own covariance, correlations forgotten."""
+    covariance = 0.04 * (np.eye(6) + 0.5)
+    known = belief(np.full(6, 0.1), covariance)
+    x = np.linspace(-0.2, 0.3, 6)
+    for free in ((), (4, 5)):
+        (prior,) = pulled(BALL, frame(BALL), known, free).priors
+        others = [i for i in range(6) if i not in free]
+        bell = multivariate_normal(np.full(len(others), 0.1), covariance[np.ix_(others, others)])
+        expected = bell.logpdf(np.full(len(others), 0.1)) - bell.logpdf(x[others])
+        assert prior.cost(x) == pytest.approx(expected)
+
+
+def test_seen_coarsely_joints_cost_a_hundredth():
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    bones = HAND.bones(HAND.rest_params())
+    pixels = camera.project(HAND.joint_positions(bones)) + 2.0
+    term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
+    (wide,) = coarse(frame(HAND, keypoints=(term,))).keypoints
+    assert wide.cost(bones) == pytest.approx(term.cost(bones) / 100.0)

@@ -1,0 +1,56 @@
+"""When a cloud's depths are doubted: below 0.80 of agreement, and from then on until it is above 0.88."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
+from handtrack.tracking.fallback import Agreement, agreement
+from handtrack.tracking.frame.cloud_terms import see_cloud
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+TRUTH = MODEL.rest_params()
+TRUTH[1] = -0.09
+FINE, FAIR, POOR = 0.0, 0.2, 0.4
+"""how much of the hand is missing, in zones"""
+
+
+def cloud(missing, frame=0):
+    sensor = Sensor((160, 120), noise_m=5e-4, missing=missing, blob_m=0.04)
+    joint = MODEL.joint_params(TRUTH)[None]
+    seen = next(depth_views(MODEL, joint, sensor, np.random.default_rng(4)))
+    return replace(seen, frame=frame, time_s=frame / 25.0)
+
+
+def agreed(missing):
+    bones = MODEL.bones(TRUTH)
+    seen = see_cloud(cloud(missing), MODEL, bones, TrackerSettings())
+    assert seen is not None
+    found = agreement(seen, MODEL, bones)
+    assert found is not None
+    return found.share
+
+
+def test_agreement_is_high_only_where_both_sides_are():
+    assert Agreement(explained=0.9, measured=0.6).share == pytest.approx(2 / (1 / 0.9 + 1 / 0.6))
+    assert Agreement(explained=1.0, measured=0.0).share == 0.0
+    assert Agreement(explained=0.0, measured=0.0).share == 0.0
+
+
+def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
+    assert agreed(FINE) > 0.95
+    assert 0.82 < agreed(FAIR) < 0.86
+    assert agreed(POOR) < 0.78
+    clouds = [FINE, FAIR, POOR, FAIR, FINE, FAIR]
+    seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
+    quick = {"tracker.escape": False, "tracker.jumps": False, "solver.iterations": 6}
+    tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
+    results = list(track_frames(tracker, lambda f, *_: seen[f], 0, TRUTH, range(len(seen))))
+    assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]

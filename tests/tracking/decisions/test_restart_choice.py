@@ -1,0 +1,133 @@
+"""Which pose a doubtful frame gets: the best that was found, and only where it fits clearly better than what stands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search import restart
+from handtrack.tracking.search.evidence.start_shapes import shape_of
+from handtrack.tracking.search.laid_shapes import Laid
+from handtrack.tracking.search.restart import recovered, worth_restarting
+from handtrack.tracking.search.start_search import narrowly_measured, start_sources
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+PLAIN = TrackerSettings().with_values({"tracker.jumps": False, "tracker.escape": False})
+TRUTH = MODEL.rest_params()
+TRUTH[1] = -0.09
+SEEN = mask_views(MODEL, TRUTH, simulated_rig(2, (160, 120)).cameras, 1)
+
+
+def aside(metres):
+    params = TRUTH.copy()
+    params[0] += metres
+    return params
+
+
+@cache
+def sources():
+    return start_sources(SEEN, PLAIN)
+
+
+@cache
+def standing_cost():
+    return cost_of(aside(0.015))
+
+
+def cost_of(params):
+    laid = Laid(shape_of(MODEL, MODEL.joint_params(params), "test"), params, np.inf)
+    return narrowly_measured(sources(), laid).cost
+
+
+@pytest.fixture(scope="module")
+def known():
+    return replace(Tracker(MODEL, PLAIN).step(replace(SEEN, frame=0), (), TRUTH), frame=0)
+
+
+@pytest.fixture(scope="module")
+def standing(known):
+    """A doubtful frame 15 mm aside."""
+    there = MODEL.joint_params(aside(0.015))
+    return replace(known, frame=1, status=Status.DOUBTFUL, parameters=there)
+
+
+@cache
+def costing(share):
+    """Return a pose (P,) that costs this share of what the standing one costs, found by halving."""
+    wanted, low, high = share * standing_cost(), 0.0, 0.015
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if cost_of(aside(middle)) < wanted else (low, middle)
+    assert cost_of(aside(low)) == pytest.approx(wanted, rel=0.01)
+    return aside(low)
+
+
+@pytest.fixture
+def chosen(standing, known, monkeypatch):
+    """Return what is taken where the search finds starts here and there, and solving from them ends at given poses in turn."""
+    shape = shape_of(MODEL, MODEL.joint_params(TRUTH), "test")
+    starts = [Laid(shape, aside(0.03 * n), float(n)) for n in range(1, 6)]
+    monkeypatch.setattr(restart, "laid_everywhere", lambda *_: [])
+    monkeypatch.setattr(restart, "finger_flips", lambda *_: [])
+    monkeypatch.setattr(restart, "descended_in_rounds", lambda *_: starts)
+
+    def choose(*poses, result=standing, model=MODEL):
+        ends = iter([replace(result, parameters=MODEL.joint_params(pose)) for pose in poses])
+        return recovered(model, PLAIN, SEEN, result, [known], lambda _: next(ends))
+
+    return choose
+
+
+@pytest.mark.parametrize(("share", "taken"), [(0.7, True), (0.93, True), (0.97, False)])
+def test_another_pose_is_taken_at_95_percent_of_the_cost(standing, chosen, share, taken):
+    pose = costing(share)
+    found = chosen(pose, pose, pose)
+    assert (found is not standing) == taken
+    if taken:
+        np.testing.assert_allclose(found.parameters[0], pose[0])
+
+
+@pytest.mark.parametrize("order", [(0.8, 0.5, 0.6), (0.5, 0.8, 0.6), (0.8, 0.6, 0.5)])
+def test_of_three_that_are_solved_the_cheapest_is_taken(chosen, order):
+    poses = {share: costing(share) for share in order}
+    found = chosen(*(poses[share] for share in order))
+    assert found.parameters[0] == pytest.approx(poses[0.5][0])
+
+
+def test_a_poor_cloud_and_a_hand_without_fingers_are_left_alone(standing, chosen):
+    poor = replace(standing, poor_cloud=True)
+    assert chosen(TRUTH, result=poor) is poor
+    assert chosen(TRUTH, model=load_model("glove9")) is standing
+
+
+def tried(results, first):
+    """Return which of these frames, after a first one, are looked at again."""
+    rows, previous = [], [first]
+    for row, result in enumerate(results, 1):
+        if worth_restarting(result, previous):
+            rows.append(row)
+        previous.append(result)
+    return rows
+
+
+def test_a_row_of_doubts_is_tried_ever_more_rarely(standing, known):
+    unseen = replace(standing, energy=float("nan"), status=Status.LOST)
+    assert tried([standing] * 33, known) == [1, 2, 4, 8, 16, 32]
+    assert tried([known] * 5, known) == []
+    # a frame that fits begins the row anew; one that only leaves something open fits
+    assert tried([standing] * 3 + [known] + [standing] * 3, known) == [1, 2, 5, 6]
+    opened = replace(standing, unknown=True)
+    assert tried([standing] * 3 + [opened] + [standing] * 3, known) == [1, 2, 5, 6]
+    # a frame in which nothing was seen ends the row of those with a picture; a row of its own is looked at every fifth time
+    assert tried([standing, standing, standing, unseen, standing], known) == [1, 2, 4, 5]
+    assert tried([unseen] * 12, known) == [1, 2, 4, 5, 8, 10]
+    assert tried([*[unseen] * 6, standing], known)[-1] == 7

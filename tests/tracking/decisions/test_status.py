@@ -1,0 +1,263 @@
+"""A frame's status: every branch of the judgement, on both sides of its bounds, against pixels, points and joints counted by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.diagnostics.residual_image import model_mask
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.assessment import assess, energy_ratio, is_suspicious, what_is_open
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+
+MODEL = load_model()
+POSE = MODEL.rest_params()
+POSE[1] = -0.09
+STRETCHED = POSE.copy()
+for _joint, _angle in (("mcp_flex", -0.4), ("pip_flex", 0.0), ("dip_flex", 0.0)):
+    STRETCHED[MODEL.skeleton.parameter(f"index_{_joint}")] = _angle
+FOLDED = POSE.copy()
+for _joint in ("mcp_flex", "pip_flex", "dip_flex"):
+    FOLDED[MODEL.skeleton.parameter(f"index_{_joint}")] = 1.4
+TRACKED, DOUBTFUL, LOST = Status.TRACKED, Status.DOUBTFUL, Status.LOST
+ANY_OUTLINE = {"tracker.doubtful_overlap": 0.0, "tracker.lost_overlap": 0.0}
+
+
+def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
+    chosen = TrackerSettings().with_values(settings)
+    terms = frame_terms(MODEL, chosen, observation, MODEL.bones(params), None)
+    return assess(terms, MODEL.bones(params), energy, previous)
+
+
+def cameras(count, size):
+    """Return up to three; the last one sees a folded finger before the palm."""
+    return simulated_rig(3, size).cameras[::-1][:count]
+
+
+# --- outlines as a whole
+
+
+def covered(shares):
+    """Return what cameras see of a hand of which only the first share of the pixels, from above, is in each one's mask."""
+    seen = mask_views(MODEL, POSE, cameras(len(shares), (320, 240)))
+    cut = []
+    for silhouette, share in zip(seen.silhouettes, shares, strict=True):
+        mask = silhouette.mask.copy()
+        inside = np.flatnonzero(mask.ravel() > 0)
+        mask.ravel()[inside[round(share * len(inside)) :]] = 0.0
+        cut.append(replace(silhouette, mask=mask))
+    return replace(seen, silhouettes=tuple(cut))
+
+
+@pytest.mark.parametrize(
+    ("shares", "doubtful", "lost", "expected"),
+    [
+        ((0.8, 0.6, 0.9), 0.58, 0.1, TRACKED),
+        ((0.8, 0.6, 0.9), 0.62, 0.1, DOUBTFUL),  # the worst view is enough for a doubt
+        ((0.3, 0.6, 0.9), 0.9, 0.58, DOUBTFUL),
+        ((0.3, 0.6, 0.9), 0.9, 0.62, LOST),  # the middle one decides whether it is lost
+        ((0.3, 0.3, 0.9), 0.9, 0.4, LOST),
+        ((0.3, 0.9, 0.9), 0.9, 0.4, DOUBTFUL),
+    ],
+)
+def test_the_worst_view_doubts_and_the_middle_one_loses(shares, doubtful, lost, expected):
+    bounds = {"tracker.doubtful_overlap": doubtful, "tracker.lost_overlap": lost}
+    status, _ = assessed(covered(shares), **bounds, **{"tracker.doubtful_part": 0.0})
+    assert status == expected
+
+
+def test_a_view_without_hand_and_mask_has_no_say_in_whether_it_is_lost():
+    seen = covered((0.3, 0.9, 0.9))
+    first, second, third = seen.silhouettes
+    away = replace(third.camera, translation=third.camera.translation + [5.0, 0.0, 0.0])
+    blank = replace(third, camera=away, mask=np.zeros_like(third.mask))
+    bounds = {"tracker.doubtful_overlap": 0.7, "tracker.doubtful_part": 0.0}
+    both = replace(seen, silhouettes=(first, second, blank))
+    # the middle of 0.3 and 0.9; counting the empty view as 1 it would be 0.9
+    assert assessed(both, **bounds, **{"tracker.lost_overlap": 0.65})[0] == LOST
+    assert assessed(both, **bounds, **{"tracker.lost_overlap": 0.55})[0] == DOUBTFUL
+
+
+# --- a part of the model outside its silhouette
+
+
+def parts_outside(seen, params, least=30, below=0.5):
+    """Return whether two neighbouring bones lie outside, by counting pixels: in the second worst view of three and more."""
+    flesh, bones, parent = MODEL.flesh["fine"], MODEL.bones(params), MODEL.skeleton.parent
+    shares, sizes = [], []
+    for bone in np.unique(flesh.bone):
+        part = flesh.subset((flesh.bone == bone) | (flesh.bone == parent[bone])).posed(bones)
+        inside = []
+        for silhouette in seen.silhouettes:
+            drawn = model_mask(silhouette.camera, part)
+            both = (drawn & (silhouette.mask > 0.5)).sum()
+            sizes.append(drawn.sum())
+            inside.append(both / drawn.sum() if drawn.sum() >= least else 1.0)
+        shares.append(sorted(inside)[1 if len(inside) > 2 else 0])
+    return min(shares) < below
+
+
+@pytest.mark.parametrize(
+    ("size", "doubtful"), [((320, 240), True), ((88, 66), True), ((60, 45), False)]
+)
+def test_a_finger_outside_is_told_from_thirty_pixels_on(size, doubtful):
+    """The model's index finger is stretched, the hand's is folded; seen smaller and smaller."""
+    seen = mask_views(MODEL, FOLDED, cameras(1, size))
+    assert parts_outside(seen, STRETCHED) == doubtful, "the scene is as it is meant"
+    if not doubtful:  # there are pixels enough to tell, for one who is less careful
+        assert parts_outside(seen, STRETCHED, least=12)
+    status, note = assessed(seen, STRETCHED, **ANY_OUTLINE)
+    assert (status == DOUBTFUL) == doubtful
+    assert ("outside the silhouette in cam2" in note) == doubtful
+
+
+@pytest.mark.parametrize(
+    ("wrong", "doubtful"),
+    [((1, 0), True), ((1, 0, 0), False), ((1, 1, 0), True), ((0, 0, 0), False)],
+)
+def test_of_three_views_two_must_say_that_a_finger_is_outside(wrong, doubtful):
+    views = cameras(len(wrong), (320, 240))
+    folded, stretched = (mask_views(MODEL, pose, views).silhouettes for pose in (FOLDED, STRETCHED))
+    chosen = tuple(f if w else s for w, f, s in zip(wrong, folded, stretched, strict=True))
+    seen = Observation(0, 0.0, chosen)
+    assert parts_outside(seen, STRETCHED) == doubtful
+    assert (assessed(seen, STRETCHED, **ANY_OUTLINE)[0] == DOUBTFUL) == doubtful
+
+
+# --- joints and clouds
+
+
+def seen_joints(near, count, sigmas_off=4.1, beside=3.9):
+    """Return so many joints as one camera sees them: some beside by nearly four sigmas, the others by more."""
+    camera, names = cameras(1, (320, 240))[0], MODEL.joint_names[:count]
+    pixels = camera.project(MODEL.joint_positions(MODEL.bones(POSE))[:count])
+    pixels[:, 0] += 2.0 * np.where(np.arange(count) < near, beside, sigmas_off)
+    return ImageKeypoints(camera, names, pixels, 2.0)
+
+
+@pytest.mark.parametrize(("near", "expected"), [(20, TRACKED), (14, TRACKED), (13, DOUBTFUL), (7, DOUBTFUL), (6, LOST)])  # fmt: skip
+def test_joints_are_counted_that_lie_within_four_sigmas(near, expected):
+    status, note = assessed(Observation(0, 0.0, (), (seen_joints(near, 20),)))
+    assert status == expected
+    if expected != TRACKED:
+        assert note.startswith(f"{5 * near} % of 20 keypoints lie within 4 sigma")
+
+
+def test_joints_in_space_count_by_the_same_sigmas():
+    """Ten seen in an image, all near; ten given in space: of 3.9 σ off each in three directions none is near."""
+    places = MODEL.joint_positions(MODEL.bones(POSE))[:10]
+    for offset, expected in (([0.0, 0.0, 0.0195], TRACKED), ([0.0195, 0.0195, 0.0195], DOUBTFUL)):
+        given = Keypoints(MODEL.joint_names[:10], places + offset, 0.005)
+        observation = Observation(0, 0.0, (), (seen_joints(10, 10), given))
+        assert assessed(observation)[0] == expected
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.72, TRACKED), (0.68, DOUBTFUL), (0.37, DOUBTFUL), (0.33, LOST)])  # fmt: skip
+def test_points_are_counted_that_lie_within_six_millimetres(share, expected):
+    surface, bones, rng = MetaballSurface.of(MODEL), MODEL.bones(POSE), np.random.default_rng(1)
+    points, normals = sample_surface(surface, bones, 3000, rng)
+    near, far = points + 0.0055 * normals, points + 0.0065 * normals
+    # between fingers another one is nearer: those points are left out
+    near = near[np.abs(surface.distance(bones, near) - 0.0055) < 2e-4]
+    far = far[np.abs(surface.distance(bones, far) - 0.0065) < 2e-4]
+    count = round(1000 * share)
+    cloud = PointCloud(np.concatenate([near[:count], far[: 1000 - count]]))
+    assert len(cloud.points) == 1000
+    status, note = assessed(Observation(0, 0.0, cloud=cloud))
+    assert status == expected
+    said = f"{100 * share:.0f} % of the cloud's points lie within 6 mm of the model"
+    assert note == ("" if expected == TRACKED else said)
+
+
+def test_the_worse_of_outline_and_cloud_is_told():
+    rng = np.random.default_rng(1)
+    points, normals = sample_surface(MetaballSurface.of(MODEL), MODEL.bones(POSE), 1200, rng)
+    seen = mask_views(MODEL, POSE, cameras(1, (320, 240)))
+    far = replace(seen, cloud=PointCloud(points + 0.012 * normals))
+    status, note = assessed(far, **{"tracker.lost_cloud": 0.0})
+    assert status == DOUBTFUL and "of the cloud's points" in note
+    gone = MODEL.rest_params() + [0.2, *[0.0] * 25]
+    assert "overlap by 0 %" in assessed(replace(far, cloud=None), gone)[1]
+    half = replace(covered((0.5,)), cloud=PointCloud(points))
+    status, note = assessed(half)
+    assert status == DOUBTFUL and "overlap by 50 %" in note
+
+
+# --- beside the frames before
+
+
+def frames(*energies, status=TRACKED):
+    return [SimpleNamespace(energy=e, status=status, fits=status == TRACKED) for e in energies]
+
+
+@pytest.mark.parametrize(
+    ("energy", "views", "previous", "expected"),
+    [
+        (90.0, 1, frames(30.0, 30.0), 1.0),  # two frames tell nothing
+        (90.0, 1, frames(30.0, 30.0, 30.0), 3.0),
+        (90.0, 1, frames(30.0, 30.0, 30.0, 30.0, 30.0), 3.0),
+        # the lower quartile: of five the second
+        (90.0, 1, frames(20.0, 30.0, 40.0, 50.0, 60.0), 3.0),
+        # five tracked frames are enough to go by, four are not: then those in doubt count too
+        (90.0, 1, [*frames(*[90.0] * 9, status=DOUBTFUL), *frames(*[30.0] * 5)], 3.0),
+        (90.0, 1, [*frames(*[90.0] * 29, status=DOUBTFUL)[:26], *frames(*[30.0] * 4)], 1.0),
+        # the last thirty frames: a quarter of the way between the eighth and the ninth of them; then one is too old
+        (90.0, 1, [*frames(*[30.0] * 8), *frames(*[45.0] * 22)], 90.0 / 33.75),
+        (90.0, 1, [*frames(*[30.0] * 8), *frames(*[45.0] * 23)], 2.0),
+        # 15 a view, however little was usual
+        (90.0, 1, frames(*[5.0] * 9), 6.0),
+        (90.0, 3, frames(*[5.0] * 9), 2.0),
+        (90.0, 0, frames(*[5.0] * 9), 6.0),
+        (90.0, 3, frames(*[5.0] * 9, status=LOST), 1.0),
+    ],
+)
+def test_what_is_usual(energy, views, previous, expected):
+    assert energy_ratio(energy, views, previous) == pytest.approx(expected)
+
+
+def test_suspicion_begins_at_1_4_times_the_usual_and_doubt_at_twice():
+    usual = frames(*[100.0] * 9)
+    assert [is_suspicious(energy, 1, usual) for energy in (139.0, 141.0)] == [False, True]
+    seen = mask_views(MODEL, POSE, cameras(1, (320, 240)))
+    assert assessed(seen, energy=199.0, previous=usual)[0] == TRACKED
+    assert assessed(seen, energy=201.0, previous=usual)[0] == DOUBTFUL
+    calm = frames(100.0, 100.0)
+    assert [is_suspicious(1.0, 1, calm[:n]) for n in (0, 2)] == [True, True]
+    assert not is_suspicious(1.0, 1, [*calm, *calm[:1]])
+
+
+# --- what is left open
+
+
+def spread(**metres_by_part):
+    """Return (J, 3, 3): 1 mm in all, and more for joints whose names begin so."""
+    total = [next((v for k, v in metres_by_part.items() if n.startswith(k)), 1e-3) for n in MODEL.joint_names]  # fmt: skip
+    return np.array(total)[:, None, None] ** 2 * np.diag([0.2, 0.3, 0.5])
+
+
+def test_what_is_open_is_the_root_mean_square_of_joints_and_names_its_parts():
+    every = dict.fromkeys(MODEL.joint_names, 0.0149)
+    assert what_is_open(MODEL, spread(**every), 15.0) == ""
+    every = dict.fromkeys(MODEL.joint_names, 0.0151)
+    assert what_is_open(MODEL, spread(**every), 15.0).endswith("the whole hand open: ± 15 mm")
+    count = len(MODEL.joint_names)
+    far = np.sqrt((15.2**2 * count - (count - 3)) / 3)
+    said = what_is_open(MODEL, spread(middle_mcp=1e-3, middle=1e-3 * far), 15.0)
+    assert said == f"what was seen leaves the middle finger open: ± {far:.0f} mm"
+    said = what_is_open(
+        MODEL, spread(index_mcp=1e-3, middle_mcp=1e-3, thumb_cmc=1e-3, index=0.05, middle=0.05, thumb=0.05), 15.0
+    )  # fmt: skip
+    assert said == "what was seen leaves the thumb, index and middle finger open: ± 50 mm"
+    palm = spread(wrist=0.09, thumb_cmc=0.09)
+    assert "the whole hand" in what_is_open(MODEL, palm, 15.0)
