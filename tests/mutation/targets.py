@@ -7,7 +7,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.tracking.hypotheses.mixture_terms": (
         "tests/tracking/decisions/test_mixture_weights.py",
     ),
-    "handtrack.tracking.prediction": (
+    "handtrack.tracking.frame.prediction": (
         "tests/tracking/decisions/test_prediction_span.py",
         "tests/tracking/test_prediction.py",
     ),
@@ -15,11 +15,20 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/decisions/test_status.py",
         "tests/tracking/test_assessment.py",
     ),
-    "handtrack.tracking.frame.cloud_terms": (
+    "handtrack.tracking.frame.terms.cloud_terms": (
         "tests/tracking/decisions/test_cloud_balance.py",
         "tests/tracking/test_cloud_weight.py",
     ),
-    "handtrack.tracking.search.escape": ("tests/tracking/decisions/test_finger_shift.py",),
-    "handtrack.tracking.search.restart": ("tests/tracking/decisions/test_restart_choice.py",),
-    "handtrack.tracking.fallback": ("tests/tracking/decisions/test_poor_cloud.py",),
+    "handtrack.tracking.search.proposers.finger_moves": (
+        "tests/tracking/decisions/test_finger_shift.py",
+    ),
+    "handtrack.tracking.search.policy": (
+        "tests/tracking/decisions/test_restart_choice.py",
+        "tests/tracking/test_search_policy.py",
+    ),
+    "handtrack.tracking.search.engine": (
+        "tests/tracking/decisions/test_restart_choice.py",
+        "tests/tracking/test_search_policy.py",
+    ),
+    "handtrack.tracking.search.poor_cloud": ("tests/tracking/decisions/test_poor_cloud.py",),
 }

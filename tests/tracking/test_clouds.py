@@ -12,8 +12,8 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
-from handtrack.tracking.search.escape import _shifted
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.search.proposers.finger_moves import finger_shifts
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -79,7 +79,7 @@ def test_shifted_starts_put_fingers_where_their_neighbours_were():
     names = model.joint_names
     places = model.joint_positions(model.bones(joint))
     index, middle = places[names.index("index_mcp")], places[names.index("middle_mcp")]
-    starts = [model.joint_positions(model.bones(start)) for start in _shifted(model, joint)]
+    starts = [model.joint_positions(model.bones(start)) for start in finger_shifts(model, joint)]
     assert len(starts) == 4  # either way, with the neighbours' bends and with their own
     for start in starts[:2]:
         assert np.linalg.norm(start[names.index("middle_mcp")] - index) < 0.004

@@ -10,7 +10,6 @@ from handtrack.arrays import Floats
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.tracking.fallback import is_simplified
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, drivers, params_of
 from handtrack_app.protocol.snapshots import (
@@ -167,7 +166,7 @@ def truth_at(document: Document, frame: int) -> Floats | None:
 
 def status_note(result: FrameResult) -> str:
     """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
-    if is_simplified(result):
+    if result.is_simplified:
         return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
     return result.note[:1].upper() + result.note[1:]
 

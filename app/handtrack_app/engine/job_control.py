@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.tracking.fallback import is_simplified
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
@@ -321,7 +320,7 @@ def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: f
     poor = sum(result.poor_cloud for result in results)
     if poor:
         odd.append(f"{poor} in a poor cloud")
-    held = sum(is_simplified(result) for result in results)
+    held = sum(result.is_simplified for result in results)
     if held:
         odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
     quality = ", ".join(odd) if odd else "none doubtful"

@@ -63,7 +63,7 @@ class _Expansion(NamedTuple):
 
     deviations: Floats
     poses: list[Floats]
-    follow: list[Floats]
+    follow: Sequence[Floats]
     """(P, K) of each pose, by the free deviations"""
 
 

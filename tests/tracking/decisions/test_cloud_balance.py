@@ -13,8 +13,8 @@ from handtrack.observation.observation import Observation
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.priors import GaussianPrior
-from handtrack.tracking.frame.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 
 MODEL = load_model("ball6")
 BAND_MM = 6.0

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from handtrack.model.articulated import FINGERS
 from handtrack.model.model_file import load_model
-from handtrack.tracking.search.escape import escape
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.search.engine import Candidate, improved
+from handtrack.tracking.search.policy import LOST_FINGER
+from handtrack.tracking.search.proposers.finger_moves import finger_shifts
 
 BENDS = ("mcp_flex", "pip_flex", "dip_flex")
 TRUE = dict(zip(FINGERS[1:], (0.1, 0.5, 0.9, 1.2), strict=True))
-KEPT = 2.0
-"""by how much a pose must cost less to be taken: a log-likelihood"""
 
 
 def bent(model, joint, by_finger):
@@ -60,6 +60,28 @@ def cost_of(model, truth):
     return cost
 
 
+class Shifts:
+    """A landscape in which fingers are shifted and nothing descends, so that what is found is one of the starts."""
+
+    def __init__(self, model, cost):
+        self.model, self.cost = model, cost
+
+    def propose(self, proposer, found):
+        starts = finger_shifts(self.model, found[0].params) if proposer == "finger shift" else []
+        return [Candidate(self.model, x, self.cost(x), proposer) for x in starts]
+
+    def fit(self, fit, candidates, control):
+        return list(candidates)
+
+    def distinct(self, candidates, most):
+        return sorted(candidates, key=lambda c: c.cost)[:most]
+
+
+def found_from(model, cost, start):
+    standing = Candidate(model, start, cost(start))
+    return improved(LOST_FINGER, Shifts(model, cost), standing, Control(), 0, "a test").params
+
+
 @pytest.mark.parametrize("hand", ["right", "left"])
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_hand_goes_back_and_each_finger_takes_its_neighbours_bends(hand, side):
@@ -76,9 +98,7 @@ def test_the_hand_goes_back_and_each_finger_takes_its_neighbours_bends(hand, sid
     assert min(ways, key=ways.__getitem__) == (-side, -side), "the scene is as it is meant"
     least = min(ways.values())
     start = model.transform.solver_params(off)
-    # nothing descends, so what is found is one of the starts
-    problem = SimpleNamespace(model=model, cost=cost)
-    found = escape(problem, cost, start, lambda x: x)
+    found = found_from(model, cost, start)
     assert cost(found) <= least + 1.0
     names = model.parameter_names
     for finger in FINGERS[2:4]:  # those that have neighbours on both sides
@@ -93,44 +113,11 @@ def test_a_palm_alone_that_is_off_goes_back_with_its_bends(side):
     truth = bent(model, np.zeros(26), TRUE)
     cost = cost_of(model, truth)
     start = model.transform.solver_params(moved(model, truth, side))
-    found = escape(SimpleNamespace(model=model, cost=cost), cost, start, lambda x: x)
+    found = found_from(model, cost, start)
     assert cost(found) < 0.05 * cost(start)
     np.testing.assert_allclose(found[6:], truth[6:], atol=1e-9)
 
 
-def wells(model, places):
-    """Return a descent that ends in a few minima in turn, and what each costs: (P,) poses told apart by x."""
-    ends = []
-    for x, _ in places:
-        params = model.rest_params()
-        params[0] = x
-        ends.append(params)
-    count = iter(range(10_000))
-    cost = dict(places)
-    return (lambda _: ends[next(count) % len(ends)].copy()), (lambda p: cost.get(p[0], 0.0))
-
-
-@pytest.mark.parametrize(("better_by", "taken"), [(KEPT - 0.1, False), (KEPT + 0.1, True)])
-def test_a_pose_is_taken_only_where_it_is_clearly_better(better_by, taken):
-    model = load_model()
-    start = model.rest_params()
-    descend, cost = wells(model, [(0.1, 50.0 - better_by), (0.2, 51.0), (0.3, 60.0)])
-
-    def measured(params):
-        return 50.0 if params is start else cost(params)
-
-    found = escape(SimpleNamespace(model=model, cost=measured), measured, start, descend)
-    assert (found is not start) == taken
-    assert found[0] == (0.1 if taken else start[0])
-
-
-def test_of_several_minima_the_cheapest_is_taken():
-    model = load_model()
-    start = model.rest_params()
-    descend, cost = wells(model, [(0.1, 30.0), (0.2, 10.0), (0.3, 20.0), (0.4, 40.0)])
-
-    def measured(params):
-        return 50.0 if params is start else cost(params)
-
-    found = escape(SimpleNamespace(model=model, cost=measured), measured, start, descend)
-    assert found[0] == 0.2
+@pytest.mark.parametrize(("better_by", "taken"), [(1.9, False), (2.1, True)])
+def test_a_finger_is_taken_only_where_the_pose_is_two_log_likelihoods_better(better_by, taken):
+    assert LOST_FINGER.is_better(50.0 - better_by, 50.0) == taken

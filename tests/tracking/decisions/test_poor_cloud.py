@@ -9,9 +9,9 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
-from handtrack.tracking.fallback import Agreement, agreement
-from handtrack.tracking.frame.cloud_terms import see_cloud
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import see_cloud
+from handtrack.tracking.search.poor_cloud import Agreement, agreement
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
@@ -50,7 +50,7 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     assert agreed(POOR) < 0.78
     clouds = [FINE, FAIR, POOR, FAIR, FINE, FAIR]
     seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
-    quick = {"tracker.escape": False, "tracker.jumps": False, "solver.iterations": 6}
+    quick = {"tracker.escape": False, "tracker.recovery": False, "solver.iterations": 6}
     tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
     results = list(track_frames(tracker, lambda f, *_: seen[f], 0, TRUTH, range(len(seen))))
     assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]

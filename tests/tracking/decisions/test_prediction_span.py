@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.prediction import predict
 
 MODEL = load_model()
 STEP = 0.012

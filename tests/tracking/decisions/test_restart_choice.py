@@ -11,17 +11,22 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search import restart
-from handtrack.tracking.search.evidence.start_shapes import shape_of
-from handtrack.tracking.search.laid_shapes import Laid
-from handtrack.tracking.search.restart import recovered, worth_restarting
-from handtrack.tracking.search.start_search import narrowly_measured, start_sources
+from handtrack.tracking.search import lost_hand
+from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.evidence.hand_shapes import shape_of
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.lost_hand import with_hand_found
+from handtrack.tracking.search.policy import why_hand_may_be_lost
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
-PLAIN = TrackerSettings().with_values({"tracker.jumps": False, "tracker.escape": False})
+PLAIN = TrackerSettings().with_values({"tracker.recovery": False, "tracker.escape": False})
 TRUTH = MODEL.rest_params()
 TRUTH[1] = -0.09
 SEEN = mask_views(MODEL, TRUTH, simulated_rig(2, (160, 120)).cameras, 1)
@@ -34,8 +39,8 @@ def aside(metres):
 
 
 @cache
-def sources():
-    return start_sources(SEEN, PLAIN)
+def landscape():
+    return EvidenceLandscape.of(SEEN, PLAIN)
 
 
 @cache
@@ -44,13 +49,14 @@ def standing_cost():
 
 
 def cost_of(params):
-    laid = Laid(shape_of(MODEL, MODEL.joint_params(params), "test"), params, np.inf)
-    return narrowly_measured(sources(), laid).cost
+    shape = shape_of(MODEL, MODEL.joint_params(params), "test")
+    return landscape().measured(Candidate(MODEL, params, shape=shape)).cost
 
 
 @pytest.fixture(scope="module")
 def known():
-    return replace(Tracker(MODEL, PLAIN).step(replace(SEEN, frame=0), (), TRUTH), frame=0)
+    begun = TrackerState.beginning_at(TRUTH)
+    return Tracker(MODEL, PLAIN).step(begun, replace(SEEN, frame=0))[1]
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +81,21 @@ def costing(share):
 def chosen(standing, known, monkeypatch):
     """Return what is taken where the search finds starts here and there, and solving from them ends at given poses in turn."""
     shape = shape_of(MODEL, MODEL.joint_params(TRUTH), "test")
-    starts = [Laid(shape, aside(0.03 * n), float(n)) for n in range(1, 6)]
-    monkeypatch.setattr(restart, "laid_everywhere", lambda *_: [])
-    monkeypatch.setattr(restart, "finger_flips", lambda *_: [])
-    monkeypatch.setattr(restart, "descended_in_rounds", lambda *_: starts)
+    starts = [Candidate(MODEL, aside(0.03 * n), float(n), "a test", shape) for n in range(1, 6)]
+    monkeypatch.setattr(EvidenceLandscape, "propose", lambda *_: starts)
+    fit = EvidenceLandscape.fit
+
+    def stay(self, how, candidates, control):
+        return fit(self, how, candidates, control) if how.kind == "tracker" else list(candidates)
+
+    monkeypatch.setattr(EvidenceLandscape, "fit", stay)
 
     def choose(*poses, result=standing, model=MODEL):
         ends = iter([replace(result, parameters=MODEL.joint_params(pose)) for pose in poses])
-        return recovered(model, PLAIN, SEEN, result, [known], lambda _: next(ends))
+        monkeypatch.setattr(lost_hand, "solve_frame", lambda _: Solved(next(ends)))
+        start = MODEL.transform.solver_params(result.parameters)
+        task = FrameTask(model, PLAIN, SEEN, start, (known,))
+        return with_hand_found(task, Solved(result)).result
 
     return choose
 
@@ -104,7 +117,7 @@ def test_of_three_that_are_solved_the_cheapest_is_taken(chosen, order):
 
 
 def test_a_poor_cloud_and_a_hand_without_fingers_are_left_alone(standing, chosen):
-    poor = replace(standing, poor_cloud=True)
+    poor = replace(standing, reason=Reason("poor cloud", number=0.5, other=0.5))
     assert chosen(TRUTH, result=poor) is poor
     assert chosen(TRUTH, model=load_model("glove9")) is standing
 
@@ -113,7 +126,7 @@ def tried(results, first):
     """Return which of these frames, after a first one, are looked at again."""
     rows, previous = [], [first]
     for row, result in enumerate(results, 1):
-        if worth_restarting(result, previous):
+        if why_hand_may_be_lost(result, previous):
             rows.append(row)
         previous.append(result)
     return rows
@@ -125,7 +138,7 @@ def test_a_row_of_doubts_is_tried_ever_more_rarely(standing, known):
     assert tried([known] * 5, known) == []
     # a frame that fits begins the row anew; one that only leaves something open fits
     assert tried([standing] * 3 + [known] + [standing] * 3, known) == [1, 2, 5, 6]
-    opened = replace(standing, unknown=True)
+    opened = replace(standing, reason=Reason("open", part="hand", number=20.0))
     assert tried([standing] * 3 + [opened] + [standing] * 3, known) == [1, 2, 5, 6]
     # a frame in which nothing was seen ends the row of those with a picture; a row of its own is looked at every fifth time
     assert tried([standing, standing, standing, unseen, standing], known) == [1, 2, 4, 5]

@@ -37,7 +37,8 @@ ANY_OUTLINE = {"tracker.doubtful_overlap": 0.0, "tracker.lost_overlap": 0.0}
 def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
     chosen = TrackerSettings().with_values(settings)
     terms = frame_terms(MODEL, chosen, observation, MODEL.bones(params), None)
-    return assess(terms, MODEL.bones(params), energy, previous)
+    status, reason = assess(terms, MODEL.bones(params), energy, previous)
+    return status, reason.words if reason else ""
 
 
 def cameras(count, size):

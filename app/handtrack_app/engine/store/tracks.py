@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import EXPORTS
-from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.reason import KINDS, Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack_app.engine.document import Document
 
@@ -92,10 +92,17 @@ def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
         row["std"], row["spread"],
     )  # fmt: skip
     energies = {k: float(v) for k, v in row.get("energies", {}).items()}
-    reason = row.get("reason")
+    return replace(found, energies=energies, reason=_reason(row))
+
+
+def _reason(row: dict[str, Any]) -> Reason | None:
+    """Return why a kept frame is doubtful. Raises ValueError for a reason that is none."""
     if row.get("unknown"):  # an older journal: only this kind was kept
-        reason = {"kind": "open", "part": "hand"}
-    return replace(found, energies=energies, reason=Reason(**reason) if reason else None)
+        return Reason("open", part="hand")
+    kept = row.get("reason")
+    if kept is not None and kept.get("kind") not in KINDS:
+        raise ValueError("a reason of an unknown kind")
+    return None if kept is None else Reason(**kept)
 
 
 def export(document: Document, kind: str) -> tuple[str, bytes]:
