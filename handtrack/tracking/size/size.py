@@ -20,6 +20,7 @@ from handtrack.tracking.size.sized_problem import fit_size
 # narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last
 _BANDS_MM = (4.0, 1.5)
 _POSE_ITERATIONS = 15
+_LEAST_GAIN = 0.5  # [log-likelihood] what another step must bring: less is not known
 
 
 def refine_scale(
@@ -46,7 +47,7 @@ def refine_scale(
         ]
         names = SizeParameters(model).names
         free = np.array([parts or name == "overall" for name in names])
-        scale, current = fit_size(problems, current, free, solver, should_stop)
+        scale, current = fit_size(problems, current, free, solver, should_stop, _LEAST_GAIN)
     return scale
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,17 +36,21 @@ def fit_size(
     free: Array | None = None,
     solver: SolverSettings = _POSES,
     should_stop: Callable[[], bool] | None = None,
+    least_gain: float = 0.0,
 ) -> tuple[HandScale, list[Floats]]:
     """Return the person who explains all frames best, and the poses (P,) of each frame.
 
     problems: of each frame, all of one model; its size and `poses` are where the search starts. free: (N,) which of the
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
+    least_gain: [log-likelihood] a step that brings less is the last.
     """
     size = SizeParameters(problems[0].model)
     start = size.deviations(size.model.scale)
     every = np.ones(len(start), bool) if free is None else free
     problem = SizedProblem(problems, poses, size, every, solver, should_stop)
-    solve(problem, start[every], _SIZES, should_stop)
+    share = least_gain / max(problem.cost(start[every]), 1e-12)
+    sizes = replace(_SIZES, cost_tolerance=max(share, _SIZES.cost_tolerance))
+    solve(problem, start[every], sizes, should_stop)
     return size.scale(problem.best.deviations), problem.best.poses
 
 
