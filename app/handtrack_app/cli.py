@@ -160,6 +160,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
+        _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
     "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,

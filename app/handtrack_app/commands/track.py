@@ -19,6 +19,8 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.search.engine import SearchReport
+from handtrack.tracking.search.explain import explained
 from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
 from handtrack_app.commands.terminal.progress import (
     Stop,
@@ -54,6 +56,10 @@ def run(args: argparse.Namespace) -> int:
     first = first_pose(args.init, session, settings)
     frames = parse_frames(args.frames, session)
     check_recording(args, frames)
+    if args.explain is not None and args.explain not in frames:
+        raise HandtrackError(
+            f"--explain {args.explain}: expected one of the frames that are tracked, {frames.start} to {frames.stop - 1}."
+        )
     out = writable(args.out, session.folder)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
@@ -73,8 +79,13 @@ def run(args: argparse.Namespace) -> int:
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
         try:
-            results, problem = _track(run_, frames, recorder, stop)
+            reports: list[SearchReport] = []
+            control = Control(stop, on_search=None if args.explain is None else reports.append)
+            results, problem = _track(run_, frames, recorder, stop, control)
             code = _save(run_, results, frames, out, stop(), problem)
+            if args.explain is not None:
+                there = next((r for r in results if r.frame == args.explain), None)
+                print("\n".join(explained(args.explain, reports, there)), flush=True)
         finally:
             if recorder is not None:
                 recorder.close(keep_viewer=args.rerun)
@@ -102,13 +113,16 @@ def _opened(
 
 
 def _track(
-    run_: TrackingRun, frames: range, recorder: ResidualRecorder | None, stop: Stop
+    run_: TrackingRun,
+    frames: range,
+    recorder: ResidualRecorder | None,
+    stop: Stop,
+    control: Control,
 ) -> tuple[list[FrameResult], str]:
     """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
     used, and what was wrong with that.
     """
     start_frame, start = run_.initial()
-    control = Control(stop)
     if recorder is not None:
         control = recorder.watching(control)
     results: dict[int, FrameResult] = {}

@@ -131,7 +131,7 @@ def _compared(
         problem = landscape.narrow_problem(candidate)
         given = [KeypointTerm(candidate.model, joints) for joints in landscape.seen.keypoints]
         problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
-        near = nearness(problem, candidate.params, count, size_sigma)
+        near = nearness(problem, candidate.params, count, size_sigma, settings.tracker.seed)
         sure, result = float(quality * part * near), candidate.solved.result
         found.append(StartCandidate(candidate.model, result, candidate.cost, sure, near))
     return found

@@ -63,7 +63,7 @@ class EvidenceLandscape:
         """Return what a frame's cloud and silhouettes say, as far as settings use them; None where they say nothing."""
         sources: list[EvidenceSource] = []
         if seen.cloud is not None and settings.cloud.weight > 0:
-            cloud = cloud_evidence(seen.cloud.points, seen.cloud_views)
+            cloud = cloud_evidence(seen.cloud.points, seen.cloud_views, settings.tracker.seed)
             if cloud is not None:
                 sources.append(cloud)
         if seen.silhouettes and settings.silhouettes.weight > 0:

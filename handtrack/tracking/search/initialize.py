@@ -14,10 +14,9 @@ from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors import GaussianPrior
+from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
 from handtrack.tracking.size.sized_problem import fit_size
 
-_REST_SIGMA = np.deg2rad(40.0)
 _FEWEST = 4
 
 
@@ -85,6 +84,4 @@ def fit_scale(
 
 def _on_points(model: ArticulatedModel, seen: Keypoints) -> Problem:
     """Return points in space to be met, with a weak pull to the relaxed hand."""
-    sigma = np.full(len(model.parameter_names), _REST_SIGMA)
-    sigma[:6] = np.inf
-    return Problem(model, [KeypointTerm(model, seen)], [GaussianPrior(model.rest, sigma)])
+    return Problem(model, [KeypointTerm(model, seen)], pose_priors(model, POINTS_REST_RAD, 0.0))

@@ -57,7 +57,9 @@ def shares(costs: Floats, count: float) -> Floats:
     return weight / weight.sum()
 
 
-def nearness(problem: Problem, params: Floats, count: float, size_sigma: float) -> float:
+def nearness(
+    problem: Problem, params: Floats, count: float, size_sigma: float, seed: int = 0
+) -> float:
     """Return how surely a pose (P,) has its joints within 12 mm of the true ones on average, if it is the right one.
 
     Gaussian, about the problem's minimum, with the errors as large as what is left over there says; the hand's size, known
@@ -84,7 +86,7 @@ def nearness(problem: Problem, params: Floats, count: float, size_sigma: float) 
     away = (model.joint_positions(bones) - bones.reference)[:, :, None]
     moves = np.concatenate([joint_position_jacobian(model, bones, twist), away], axis=2) @ matrix
     moves = moves[[model.joint_names.index(name) for name in keypoint_names()]]
-    normal = np.random.default_rng(0).normal(size=(len(hessian), _DRAWS))
+    normal = np.random.default_rng(seed).normal(size=(len(hessian), _DRAWS))
     drawn = np.linalg.solve(np.linalg.cholesky(hessian).T, normal)
     off = np.linalg.norm(np.einsum("jip,pn->jin", moves, drawn), axis=1).mean(axis=0)
     return float(((off < BASIN_M).sum() + 1) / (_DRAWS + 2))  # Laplace's rule: never quite 0 or 1

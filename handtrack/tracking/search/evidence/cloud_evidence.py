@@ -127,16 +127,21 @@ class CloudEvidence:
         return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
 
 
-def cloud_evidence(points: Floats, views: tuple[Floats, ...]) -> CloudEvidence | None:
-    """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand."""
+def cloud_evidence(
+    points: Floats, views: tuple[Floats, ...], seed: int = 0
+) -> CloudEvidence | None:
+    """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand.
+
+    seed: decides which of a cell's points stands for it.
+    """
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return None
     voxel = _VOXEL_M
-    kept = points[thinned(points, voxel)]
+    kept = points[thinned(points, voxel, seed=seed)]
     while len(kept) > _MOST:
         voxel *= 1.2
-        kept = points[thinned(points, voxel)]
+        kept = points[thinned(points, voxel, seed=seed)]
     if len(kept) < _FEWEST:
         return None
     low, high = kept.min(axis=0) - REACH_M, kept.max(axis=0) + REACH_M
