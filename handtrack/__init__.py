@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from handtrack.session.session import Session
     from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
     from handtrack.tracking.frame.settings import TrackerSettings
+    from handtrack.tracking.state import TrackerState
     from handtrack.tracking.tracker import Tracker
 
 _MODULES = {
@@ -38,6 +39,7 @@ _MODULES = {
     "TrackResult": "tracking.frame.result",
     "Tracker": "tracking.tracker",
     "TrackerSettings": "tracking.frame.settings",
+    "TrackerState": "tracking.state",
     "TrackingRun": "session.run",
     "bundled_session": "session.bundled",
     "evaluate": "diagnostics.metrics",
@@ -62,6 +64,7 @@ __all__ = [
     "TrackResult",
     "Tracker",
     "TrackerSettings",
+    "TrackerState",
     "TrackingRun",
     "bundled_session",
     "evaluate",

@@ -121,14 +121,10 @@ def test_commands_named_in_the_text_exist(page):
     assert named <= known_commands(), f"{name(page)}: {sorted(named - known_commands())}"
 
 
-ARRIVING = {"handtrack/tracking/size/sized_problem.py", "handtrack/model/size.py"}
-"""named in docs/derivations/size.md, not here yet; strike off what is there"""
-
-
 def test_files_named_in_pages_exist():
     named = {path for page in PAGES for path in named_paths(page)}
     missing = {path for path in named if not any((root / path).exists() for root in ROOTS)}
-    assert missing == ARRIVING
+    assert missing == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

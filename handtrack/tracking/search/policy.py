@@ -84,7 +84,7 @@ POOR_CLOUD = Search(
     situation="a cloud that alone holds the hand is poor",
     when=f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`)",
     rounds=(),
-    tries="the cloud's depths doubted, its lines of sight kept; or a simpler hand: glove9, ball6",
+    tries="the cloud's depths doubted, its viewing rays kept; or a simpler hand: glove9, ball6",
     measure="harmonic mean of the share of points on the surface and of the surface in view that was measured",
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
@@ -130,6 +130,8 @@ def _rounds(search: Search) -> str:
 
 def _round(step: Round) -> str:
     words = [" and ".join(step.propose)] if step.propose else []
+    if step.keep:
+        words[0] += f", beside the best {step.keep} so far"
     if step.enter is not None:
         words.append(f"best {step.enter}")
     words += [f"{f.kind} {f.iterations}" if f.iterations else f.kind for f in step.fits]
