@@ -30,6 +30,7 @@ STILL_TO_BE_RENAMED: set[str] = {
     "Made",
     "PageLayout.show_strip",
     "SeenCloud.looked_at",
+    "RunSession.cloud_eyes",
     "Session.cloud_eyes",
     "SkinKnobs",
     "Stage.axes_looked_along",

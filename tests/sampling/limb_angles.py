@@ -8,7 +8,7 @@ from handtrack.arrays import Array, Floats, Ints, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import Limits
 from handtrack.sampling.chains import Chain, PreparedChain, prepare
-from handtrack.sampling.limb_ik import bounds_of_many, grown, rooted
+from handtrack.sampling.limb_ik import bounds_of_many, extended, rooted
 
 
 def limb_angles(
@@ -37,7 +37,7 @@ def limb_angles(
         row = branches.source
         targets = np.ascontiguousarray(positions[row, link][:, None, :])
         missed = np.zeros((len(row), 1), dtype=np.int8)
-        branches = grown(
+        branches = extended(
             ready, branches, link, targets, missed, np.ascontiguousarray(wanted[row]), tolerance=tolerance
         )  # fmt: skip
     found = given[branches.source]

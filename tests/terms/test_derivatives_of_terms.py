@@ -58,7 +58,10 @@ def camera(rng) -> Camera:
 def test_conic_field(rng, normalised):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
     seen = silhouettes_of(rng, focal=300.0, size=(260, 220))
-    check_observation_term(ConicFieldTerm(seen, flesh, normalised=normalised), bones, **KINKED)
+    term = ConicFieldTerm(seen, flesh, normalised=normalised)
+    check_observation_term(
+        term, bones, grows=normalised, **KINKED
+    )  # the paper's own scale knows no growth
 
 
 @pytest.mark.parametrize("antisymmetric", [True, False])

@@ -89,9 +89,8 @@ class EvidenceLandscape:
         if proposer == "standing pose":
             return [replace(best, cost=0.0)]
         if proposer == "best again":
-            return [replace(best, origin=f"{best.origin}, fingers looked for")][
-                : self.looks_for_fingers
-            ]
+            again = replace(best, origin=f"{best.origin}, fingers looked for")
+            return [again] if self.looks_for_fingers else []
         moved = {"depth flips": self._flipped, "finger swaps": self._swapped}[proposer](best)
         return [replace(best, params=x, origin=proposer, cost=0.0) for x in moved]
 
@@ -127,7 +126,9 @@ class EvidenceLandscape:
             found = sized(candidate, self._problem, (WIDE_M, NARROW_M), self.resize)
             return self.measured(found)
         assert self.solve is not None
-        solved = self.solve(candidate.model, candidate.params, fit.kind.endswith("lost fingers"))
+        solved = self.solve(
+            candidate.model, candidate.params, fit.kind == "tracker with lost fingers"
+        )
         params = candidate.model.transform.solver_params(solved.result.parameters)
         return self.measured(replace(candidate, params=params, solved=solved))
 

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -215,9 +216,10 @@ def test_the_size_fit_and_compiling_are_told(
     from numba.core import event
 
     def compile_something() -> bool:
+        ours = {"dispatcher": SimpleNamespace(py_func=track_command.run)}
         with (
-            event.trigger_event("numba:compile", data={}),
-            event.trigger_event("numba:compile", data={}),
+            event.trigger_event("numba:compile", data=ours),
+            event.trigger_event("numba:compile", data=ours),
         ):
             return True
 

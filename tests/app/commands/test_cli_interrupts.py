@@ -50,8 +50,8 @@ class Interrupter:
 
     def __exit__(self, *_: object) -> None: ...
 
-    def update(self) -> None:
-        self.left -= 1
+    def update(self, frames: int = 1) -> None:
+        self.left -= frames
         if self.left == 0:
             for _ in range(self.presses):
                 os.kill(os.getpid(), signal.SIGINT)

@@ -14,8 +14,8 @@ import pytest
 
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
-from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
 from handtrack_app.engine.store.persistence import Persistence
@@ -179,17 +179,12 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     assert bench.wait_ready(60.0)
     model = document.model
     (result,) = document.run.track(range(4, 5), 4, model.rest_params())
-    one = model.transform.solver_params(result.parameters)
-    other = one + 0.1
-    spread = np.eye(len(one))
-    carried = tuple(
-        Hypothesis(params, cost, spread, weight, origin)
-        for params, cost, weight, origin in (
-            (one, 3.0, 0.7, "followed"),
-            (model.clipped(other), 4.0, 0.3, "index jumped"),
-        )
+    other = model.clipped(model.transform.solver_params(result.parameters) + 0.1)
+    carried = (
+        Alternative(result.parameters, 3.0, 0.7, 0, "followed"),
+        Alternative(model.joint_params(other), 4.0, 0.3, 0, "index jumped"),
     )
-    document.results[4] = replace(result, hypotheses=carried, parents=(0, 0))
+    document.results[4] = replace(result, alternatives=carried)
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
     eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible), "ghosts")

@@ -7,31 +7,37 @@ from pathlib import Path
 
 import pytest
 
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.job_control import one_frame
 from handtrack_app.engine.store.tracks import journal_row, result_of_row
 from tests.app.fake_run import fake_document
 
+OPEN = Reason("open", part="thumb", number=30.0)
 
-@pytest.mark.parametrize("unknown", [False, True])
-def test_a_frame_comes_back_as_doubtful_as_it_was(tmp_path: Path, unknown: bool) -> None:
+
+@pytest.mark.parametrize("reason", [None, OPEN, Reason("overlap", camera="cam0", number=0.5)])
+def test_a_frame_comes_back_as_doubtful_as_it_was(tmp_path: Path, reason: Reason | None) -> None:
     """What is in doubt only because too little was seen still fits, and is not looked for elsewhere."""
     document = fake_document(tmp_path)
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
-    kept = replace(result, status=Status.DOUBTFUL, unknown=unknown)
+    kept = replace(result, status=Status.DOUBTFUL, reason=reason)
     back = result_of_row(journal_row(kept), document)
-    assert (back.status, back.fits) == (Status.DOUBTFUL, unknown)
-    old = {k: v for k, v in journal_row(kept).items() if k != "unknown"}  # of an earlier version
+    assert (back.status, back.fits, back.note) == (Status.DOUBTFUL, reason is OPEN, kept.note)
+    old = {k: v for k, v in journal_row(kept).items() if k != "reason"}  # of an earlier version
     assert not result_of_row(old, document).fits
+    assert result_of_row(old | {"unknown": True}, document).fits
+    with pytest.raises(ValueError, match="unknown kind"):
+        result_of_row(old | {"reason": {"kind": "a mood"}}, document)
 
 
 def test_too_little_seen_is_not_called_a_bad_fit(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
     note = "what was seen leaves the thumb open: ± 30 mm"
-    doubtful = replace(result, status=Status.DOUBTFUL, note=note)
+    doubtful = replace(result, status=Status.DOUBTFUL)
     assert one_frame(doubtful).title == "Frame 4 does not fit well"
-    told = one_frame(replace(doubtful, unknown=True))
+    told = one_frame(replace(doubtful, reason=OPEN))
     assert (told.title, told.text) == (
         "Frame 4 fits, as far as it is seen",
         f"In doubt: {note}.",

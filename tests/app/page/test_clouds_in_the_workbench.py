@@ -18,6 +18,7 @@ from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.job_control import summary
 from handtrack_app.engine.opening import open_document
@@ -219,13 +220,11 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     document = worker.document
     assert document is not None
     whole = document.results[1]
-    std = whole.parameter_std.copy()
-    std[6:] = np.inf
-    note = "poor cloud: 40 % of the hand in view was measured"
-    document.results[1] = replace(whole, status=Status.DOUBTFUL, parameter_std=std, note=note)
+    reason = Reason("poor cloud", part="glove9", number=0.4, other=0.7)
+    document.results[1] = replace(whole, status=Status.DOUBTFUL, reason=reason)
     worker.send(commands.ShowFrame(1))
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1 and p.note)
-    assert pose.note == f"Fingers held. {note.capitalize()}."
+    assert pose.note.startswith("Fingers held. Poor cloud: 40 % of the hand in view was measured")
     assert "1 with the fingers held" in summary([*document.results.values()], 2, 0, 1.0)
 
 

@@ -12,7 +12,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.frame.control import Control
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import ResidualRecorder
 from tests.app.command_line import CommandLine, small_recording
@@ -35,10 +35,8 @@ def results(run: TrackingRun):
 def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     recorder = ResidualRecorder(run, path=path, closely=2)
-    tracker = recorder.watched(run.tracker)
-    for result, expected in zip(
-        track_frames(tracker, run.observation, *run.initial(), FRAMES), results, strict=True
-    ):
+    again = run.track_with(recorder.watching(Control()), FRAMES, *run.initial())
+    for result, expected in zip(again, results, strict=True):
         recorder.show(result)
         np.testing.assert_array_equal(result.parameters, expected.parameters)
     recorder.close()

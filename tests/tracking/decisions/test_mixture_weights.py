@@ -16,7 +16,7 @@ from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors import BellPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
@@ -53,7 +53,7 @@ def turned(angle, x=0.0):
 def test_weights_are_the_masses_that_integration_finds():
     """Wide and narrow bells, before a frame that prefers one angle: ∫ weight · N(x; mean, C) · exp(−cost) dx."""
     seen, sigma = 0.5, 0.6
-    likely = BellPrior(turned(seen), np.diag([0, 0, 0, 0, 0, 1.0 / sigma**2]))
+    likely = CorrelatedPrior(turned(seen), np.diag([0, 0, 0, 0, 0, 1.0 / sigma**2]))
     before = ((0.2, 0.0, 0.5), (0.5, 0.9, 0.05), (0.3, 1.4, 0.3))  # weight, angle, σ
     components, masses = [], []
     for weight, angle, spread in before:
@@ -81,7 +81,7 @@ def test_two_parameters_that_err_together_are_weighed_together():
         spread = np.array([[0.04, 0.04 * slope], [0.04 * slope, 0.04]])
         covariance = np.diag(np.full(6, 1e-4))
         covariance[plane] = spread
-        likely = frame(BALL, BellPrior(turned(0.35), information))
+        likely = frame(BALL, CorrelatedPrior(turned(0.35), information))
         components.append(Component(belief(turned(angle), covariance), likely, 0.5))
         bell = multivariate_normal([0.0, angle], spread)
 
@@ -109,7 +109,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
     variance = np.full(26, 1e-4)
     variance[columns] = expected**2
     last = belief(mean, np.diag(variance))
-    terms = frame(HAND, BellPrior(seen, np.diag(information)))
+    terms = frame(HAND, CorrelatedPrior(seen, np.diag(information)))
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
@@ -213,7 +213,7 @@ def test_the_bells_height_is_that_of_the_normal_distribution(rng):
 def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
     x = np.linspace(-0.4, 0.5, 6)
     rest, linked = GaussianPrior(np.zeros(6), np.full(6, 0.3), "rest"), LinearPrior(np.eye(6) / 0.2)
-    sharing = without_memory(frame(BALL, rest, linked, BellPrior(np.zeros(6), np.eye(6))))
+    sharing = without_memory(frame(BALL, rest, linked, CorrelatedPrior(np.zeros(6), np.eye(6))))
     shares = [prior.cost(x) for prior in sharing.priors]
     np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.assessment import assess, energy_ratio, is_suspicious, what_is_open
+from handtrack.tracking.frame import assessment
+from handtrack.tracking.frame.assessment import assess, energy_ratio, what_is_open
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.policy import why_fingers_may_be_lost
 
 MODEL = load_model()
 POSE = MODEL.rest_params()
@@ -31,14 +34,19 @@ FOLDED = POSE.copy()
 for _joint in ("mcp_flex", "pip_flex", "dip_flex"):
     FOLDED[MODEL.skeleton.parameter(f"index_{_joint}")] = 1.4
 TRACKED, DOUBTFUL, LOST = Status.TRACKED, Status.DOUBTFUL, Status.LOST
-ANY_OUTLINE = {"tracker.doubtful_overlap": 0.0, "tracker.lost_overlap": 0.0}
+ANY_OUTLINE = {"DOUBTFUL_OVERLAP": 0.0, "LOST_OVERLAP": 0.0}
 
 
-def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
-    chosen = TrackerSettings().with_values(settings)
-    terms = frame_terms(MODEL, chosen, observation, MODEL.bones(params), None)
-    status, reason = assess(terms, MODEL.bones(params), energy, previous)
+def assessed(observation, params=POSE, energy=10.0, previous=(), **bounds):
+    """Return status and reason in words, with some of the assessment's bounds put elsewhere."""
+    terms = frame_terms(MODEL, TrackerSettings(), observation, MODEL.bones(params), None)
+    with patch.multiple(assessment, **bounds):
+        status, reason = assess(terms, MODEL.bones(params), energy, previous)
     return status, reason.words if reason else ""
+
+
+def is_suspicious(energy, views, previous):
+    return why_fingers_may_be_lost(1, energy, views, previous) != ""
 
 
 def cameras(count, size):
@@ -73,8 +81,8 @@ def covered(shares):
     ],
 )
 def test_the_worst_view_doubts_and_the_middle_one_loses(shares, doubtful, lost, expected):
-    bounds = {"tracker.doubtful_overlap": doubtful, "tracker.lost_overlap": lost}
-    status, _ = assessed(covered(shares), **bounds, **{"tracker.doubtful_part": 0.0})
+    bounds = {"DOUBTFUL_OVERLAP": doubtful, "LOST_OVERLAP": lost}
+    status, _ = assessed(covered(shares), **bounds, DOUBTFUL_PART=0.0)
     assert status == expected
 
 
@@ -83,11 +91,11 @@ def test_a_view_without_hand_and_mask_has_no_say_in_whether_it_is_lost():
     first, second, third = seen.silhouettes
     away = replace(third.camera, translation=third.camera.translation + [5.0, 0.0, 0.0])
     blank = replace(third, camera=away, mask=np.zeros_like(third.mask))
-    bounds = {"tracker.doubtful_overlap": 0.7, "tracker.doubtful_part": 0.0}
+    bounds = {"DOUBTFUL_OVERLAP": 0.7, "DOUBTFUL_PART": 0.0}
     both = replace(seen, silhouettes=(first, second, blank))
     # the middle of 0.3 and 0.9; counting the empty view as 1 it would be 0.9
-    assert assessed(both, **bounds, **{"tracker.lost_overlap": 0.65})[0] == LOST
-    assert assessed(both, **bounds, **{"tracker.lost_overlap": 0.55})[0] == DOUBTFUL
+    assert assessed(both, **bounds, LOST_OVERLAP=0.65)[0] == LOST
+    assert assessed(both, **bounds, LOST_OVERLAP=0.55)[0] == DOUBTFUL
 
 
 # --- a part of the model outside its silhouette
@@ -186,7 +194,7 @@ def test_the_worse_of_outline_and_cloud_is_told():
     points, normals = sample_surface(MetaballSurface.of(MODEL), MODEL.bones(POSE), 1200, rng)
     seen = mask_views(MODEL, POSE, cameras(1, (320, 240)))
     far = replace(seen, cloud=PointCloud(points + 0.012 * normals))
-    status, note = assessed(far, **{"tracker.lost_cloud": 0.0})
+    status, note = assessed(far, LOST_CLOUD=0.0)
     assert status == DOUBTFUL and "of the cloud's points" in note
     gone = MODEL.rest_params() + [0.2, *[0.0] * 25]
     assert "overlap by 0 %" in assessed(replace(far, cloud=None), gone)[1]
@@ -247,18 +255,24 @@ def spread(**metres_by_part):
     return np.array(total)[:, None, None] ** 2 * np.diag([0.2, 0.3, 0.5])
 
 
+def open_parts(*what):
+    """Return in words what of the model is open."""
+    reason = what_is_open(*what)
+    return reason.words if reason else ""
+
+
 def test_what_is_open_is_the_root_mean_square_of_joints_and_names_its_parts():
     every = dict.fromkeys(MODEL.joint_names, 0.0149)
-    assert what_is_open(MODEL, spread(**every), 15.0) == ""
+    assert open_parts(MODEL, spread(**every), 15.0) == ""
     every = dict.fromkeys(MODEL.joint_names, 0.0151)
-    assert what_is_open(MODEL, spread(**every), 15.0).endswith("the whole hand open: ± 15 mm")
+    assert open_parts(MODEL, spread(**every), 15.0).endswith("the whole hand open: ± 15 mm")
     count = len(MODEL.joint_names)
     far = np.sqrt((15.2**2 * count - (count - 3)) / 3)
-    said = what_is_open(MODEL, spread(middle_mcp=1e-3, middle=1e-3 * far), 15.0)
+    said = open_parts(MODEL, spread(middle_mcp=1e-3, middle=1e-3 * far), 15.0)
     assert said == f"what was seen leaves the middle finger open: ± {far:.0f} mm"
-    said = what_is_open(
+    said = open_parts(
         MODEL, spread(index_mcp=1e-3, middle_mcp=1e-3, thumb_cmc=1e-3, index=0.05, middle=0.05, thumb=0.05), 15.0
     )  # fmt: skip
     assert said == "what was seen leaves the thumb, index and middle finger open: ± 50 mm"
     palm = spread(wrist=0.09, thumb_cmc=0.09)
-    assert "the whole hand" in what_is_open(MODEL, palm, 15.0)
+    assert "the whole hand" in open_parts(MODEL, palm, 15.0)
