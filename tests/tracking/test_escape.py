@@ -141,6 +141,6 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
     before, anew = (
         sum(term.cost(bones) for term in t.stage(t.stages - 1, bones))
-        for t in (terms, terms.looked_at(bones))
+        for t in (terms, terms.as_seen_at(bones))
     )
     assert anew < 0.05 * before

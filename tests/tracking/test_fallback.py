@@ -14,7 +14,7 @@ from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
-from handtrack.tracking.search.poor_cloud import simplified, steadier
+from handtrack.tracking.search.poor_cloud import poor_cloud_settings, simplified
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
@@ -121,7 +121,7 @@ def test_depths_are_doubted_not_directions(poor):
     wrong = points[:, 0] > np.median(points[:, 0]) + 0.01
     deeper = centre + (points - centre) * np.where(wrong, 1.06, 1.0)[:, None]
     aside = points + np.array([0.012, 0.0, 0.0])
-    doubted = Tracker(MODEL, steadier(TrackerSettings()))
+    doubted = Tracker(MODEL, poor_cloud_settings(TrackerSettings()))
     begun = TrackerState.beginning_at(MODEL.transform.solver_params(TRUTH[1]))
 
     def found(moved):
@@ -134,7 +134,7 @@ def test_depths_are_doubted_not_directions(poor):
 
 
 def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
-    calm = steadier(TrackerSettings())
+    calm = poor_cloud_settings(TrackerSettings())
     assert calm.model.fallback == "none"
     assert calm.cloud.doubt_depth
     assert replace(calm.model, fallback="auto") == TrackerSettings().model
@@ -142,14 +142,14 @@ def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
 
 def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
     assert TrackerSettings().tracker.recovery
-    follow = steadier(TrackerSettings()).tracker
+    follow = poor_cloud_settings(TrackerSettings()).tracker
     assert not follow.recovery
     assert not follow.escape
 
 
 def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
     """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
-    calm, params = steadier(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
+    calm, params = poor_cloud_settings(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
     seen = see_cloud(good[0], MODEL, MODEL.bones(params), calm)
     assert seen is not None
     _, holes = cloud_terms(seen, MODEL, calm, 1.2)

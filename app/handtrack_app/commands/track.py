@@ -130,10 +130,11 @@ def _track(
     with progress_bar(len(frames), "tracking") as bar:
         try:
             for result in run_.track_with(control, frames, start_frame, start):
-                bar.update(result.frame not in results)
+                is_new = result.frame not in results
                 results[result.frame] = result
                 if recorder is not None:
                     recorder.show(result)
+                bar.update(is_new)
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             stop.asked = True
         except HandtrackError as error:

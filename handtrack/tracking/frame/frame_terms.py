@@ -62,9 +62,9 @@ class FrameTerms:
         """Return the terms without the pull to the predicted pose."""
         return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))
 
-    def looked_at(self, bones: BonePoses) -> FrameTerms:
+    def as_seen_at(self, bones: BonePoses) -> FrameTerms:
         """Return the same observation, asking of the model what is in view at another pose."""
-        cloud = self.cloud and self.cloud.looked_at(self.model, bones)
+        cloud = self.cloud and self.cloud.as_seen_at(self.model, bones)
         return replace(self, cloud=cloud)
 
     def sharpened(self, bones: BonePoses) -> FrameTerms:

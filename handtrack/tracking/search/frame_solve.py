@@ -70,7 +70,7 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
     if why and settings.tracker.escape:
         found = with_fingers_found(terms, summary.params, control, number, why)
         if found is not summary.params:
-            terms = terms.without_motion().looked_at(task.model.bones(found))
+            terms = terms.without_motion().as_seen_at(task.model.bones(found))
             summary, problem, more = descend(
                 task.model, settings.solver, terms, found, control.should_stop, watch
             )

@@ -34,11 +34,11 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
         )
     problem = _on_points(model, seen)
     settings = SolverSettings(iterations=60, damping=1e-3)
-    starts = [laid_on_points(model, seen, posture) for posture in (model.rest, 3.0 * model.rest)]
+    starts = [placed_on_points(model, seen, posture) for posture in (model.rest, 3.0 * model.rest)]
     return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
 
 
-def laid_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
+def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
     """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
     joint = posture.copy()
     joint[:6] = 0.0

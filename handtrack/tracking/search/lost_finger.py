@@ -52,14 +52,14 @@ class FingerLandscape:
     def _solved(self, candidate: Candidate, control: Control) -> Candidate:
         """Return where the frame's own schedule leads from a candidate, asking there what is in view."""
         model = self.terms.model
-        terms = self.terms.looked_at(model.bones(candidate.params))
+        terms = self.terms.as_seen_at(model.bones(candidate.params))
         settings = self.terms.settings.solver
         found = descend(model, settings, terms, candidate.params, control.should_stop)[0].params
         return self.measured(replace(candidate, params=found))
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with its energy in the narrowest band."""
-        terms = self.terms.looked_at(self.terms.model.bones(candidate.params))
+        terms = self.terms.as_seen_at(self.terms.model.bones(candidate.params))
         seen = terms.stage(terms.stages - 1, self.here)
         cost = Problem(terms.model, seen, terms.priors).cost(candidate.params)
         return replace(candidate, cost=cost)

@@ -111,7 +111,7 @@ def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
     return Simplified(few, start, whole)
 
 
-def steadier(settings: TrackerSettings) -> TrackerSettings:
+def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     """Return the settings for a poor cloud: doubted depths, and nothing extrapolated or looked for.
 
     A velocity from two poor poses would be mostly their errors; a lost finger cannot be looked for, nor a lost hand: among
@@ -133,7 +133,7 @@ def solve_doubted(task: FrameTask, params: Floats, solve: Callable[[FrameTask], 
 
     solve: solves a frame as it is described.
     """
-    model, settings, last = task.model, steadier(task.settings), task.previous[-1:]
+    model, settings, last = task.model, poor_cloud_settings(task.settings), task.previous[-1:]
     calm = replace(task, settings=settings, texture=None, previous=last)
     if last and last[0].status == Status.LOST:
         calm = replace(calm, belief=None)

@@ -193,14 +193,12 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
         "followed, cost 3.0", "index jumped, cost 4.0",
     ]  # fmt: skip
     count = len(model.skeleton.bone_names)
-    bones = model.bones(carried[1].params)
+    bones = model.bones(other)
     np.testing.assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
     version = bench.state.version
     bench.stage._guess_clicked(int(panel.guesses.owner[count + 2]))
     eventually(lambda: bench.state.version > version and 4 in document.by_hand, "taken by a click")
-    np.testing.assert_allclose(
-        document.by_hand[4], model.joint_params(carried[1].params), atol=1e-9
-    )
+    np.testing.assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible
     bench.stop()

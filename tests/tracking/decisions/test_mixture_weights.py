@@ -19,6 +19,7 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.hypotheses import mixture
 from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -30,9 +31,13 @@ STIFF = [SimpleNamespace(chain=Chain("none", (), ()))]
 """no chain that could jump"""
 
 
+@pytest.fixture(autouse=True)
+def nothing_is_too_alike(monkeypatch):
+    monkeypatch.setattr(mixture, "APART_MM", 0.1)
+
+
 def settings(**values):
-    apart = {"tracker.hypotheses": 3, "mixture.apart_mm": 0.1}
-    return TrackerSettings().with_values(apart | values)
+    return TrackerSettings().with_values({"tracker.hypotheses": 3} | values)
 
 
 def frame(model, *priors, keypoints=()):
@@ -97,7 +102,7 @@ def test_two_parameters_that_err_together_are_weighed_together():
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6])
-def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
+def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch, share):
     """Of the finger that jumped nothing is known but its limits: ∏ 1/range · ∫ exp(−cost), against the bell that followed."""
     chain = next(c for c in chains_of(HAND) if c.name == "index")
     columns = [HAND.transform.names.index(name) for name in chain.parameters]
@@ -113,7 +118,8 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
-    chosen = settings(**{"mixture.jump_share": share, "mixture.draws": 4})
+    monkeypatch.setattr(mixture, "JUMP_SHARE", share)
+    chosen = settings(**{"mixture.draws": 4})
     step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
     found = step.next(look, [Component(last, terms, 1.0)])
     weights = {h.origin: h.weight for h in found.hypotheses}
@@ -137,17 +143,17 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(share):
     )
 
 
-def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way():
+def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monkeypatch):
     """The middle one is 4 mm from the heaviest in shape: it is no alternative, however heavy beside the third."""
     bells = [(0.5, 0.0), (0.3, 0.1), (0.2, 1.5)]
     components = [
         Component(belief(turned(angle), 1e-4 * np.eye(6)), frame(BALL), w) for w, angle in bells
     ]
-    chosen = settings(**{"mixture.apart_mm": 0.1})
-    found = MixtureStep(BALL, chosen, STIFF).next(NOTHING, components)
+    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
     assert found.parents == (0, 1, 2)
     np.testing.assert_allclose([h.weight for h in found.hypotheses], [0.5, 0.3, 0.2], rtol=1e-6)
-    apart = settings(**{"mixture.apart_mm": 20.0, "tracker.hypotheses": 2})
+    apart = settings(**{"tracker.hypotheses": 2})
+    monkeypatch.setattr(mixture, "APART_MM", 20.0)
     found = MixtureStep(BALL, apart, STIFF).next(NOTHING, components)
     assert found.parents == (0, 2)
     np.testing.assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)

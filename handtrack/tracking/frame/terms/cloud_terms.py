@@ -63,7 +63,7 @@ class SeenCloud:
         found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
         return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
 
-    def looked_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
+    def as_seen_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
         """Return the same points, asking of the model what is in view at another pose.
 
         A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
