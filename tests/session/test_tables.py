@@ -15,8 +15,9 @@ from handtrack.files.atomic import replacing
 from handtrack.files.versions import versions
 from handtrack.session.formats.tables import EXPORTS, read_npz, write_npz, write_result
 from handtrack.session.formats.truth import read_truth
-from handtrack.tracking.frame.result import TrackResult
-from tests.sample_track import PARAMETERS, sample_track, stacked
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import Alternative, FrameResult, Status, TrackResult
+from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
 
 
 def assert_same(one: TrackResult, other: TrackResult) -> None:
@@ -59,6 +60,60 @@ def test_the_energys_parts_come_back(rng, tmp_path):
     np.testing.assert_array_equal(back.energies, [[1.5, np.nan], [np.nan, 2.0]])
     assert [frame.energies for frame in back.frames()] == [{"rest": 1.5}, {"cloud": 2.0}]
     assert back.between(range(second.frame, second.frame + 1)).energies.shape == (1, 2)
+
+
+def told_frames(rng):
+    """Return a tracked, a doubtful and a lost frame: reasons of three kinds, one or several poses carried along."""
+    poses = rng.normal(size=(2, len(PARAMETERS)))
+    carried = (
+        Alternative(poses[0], 3.0, 0.7, -1, "start"),
+        Alternative(poses[1], 4.5, 0.3, 2, "index jumped"),
+    )
+    doubtful = Reason("part outside", "index distal", "cam1", 0.61)
+    poor = Reason("poor cloud", "glove9", number=0.4, other=0.7)
+    return [
+        sample_frame(rng, 3),
+        replace(sample_frame(rng, 4, Status.DOUBTFUL), reason=doubtful, alternatives=carried),
+        replace(sample_frame(rng, 5, Status.LOST), reason=poor, alternatives=carried[:1]),
+        replace(sample_frame(rng, 6, Status.LOST), reason=Reason("unseen")),
+    ]
+
+
+def test_a_frame_read_back_is_the_frame(rng, tmp_path):
+    """All of it: why it is doubtful, and the poses that were carried along."""
+    frames = told_frames(rng)
+    write_npz(tmp_path / "poses.npz", stacked(frames))
+    track = read_npz(tmp_path / "poses.npz")
+    assert track.reason.tolist() == [frame.note for frame in frames]
+    for frame, back in zip(frames, track.frames(), strict=True):
+        assert repr(back.reason) == repr(frame.reason)  # NaN is not equal to itself
+        assert (back.note, back.fits, back.poor_cloud) == (frame.note, frame.fits, frame.poor_cloud)
+        assert back.is_simplified == (frame.frame == 5)
+        for field in fields(FrameResult):
+            if field.name not in ("reason", "alternatives"):
+                np.testing.assert_array_equal(getattr(back, field.name), getattr(frame, field.name))
+        assert len(back.alternatives) == len(frame.alternatives)
+        for pose, known in zip(back.alternatives, frame.alternatives, strict=True):
+            for field in fields(Alternative):
+                np.testing.assert_array_equal(getattr(pose, field.name), getattr(known, field.name))
+    part = track.between(range(4, 6))
+    assert [frame.note for frame in part.frames()] == [frame.note for frame in frames[1:3]]
+
+
+def test_reasons_are_whole_and_known(rng, tmp_path):
+    path = tmp_path / "poses.npz"
+    write_npz(path, stacked(told_frames(rng)))
+    altered(path, reason_where=None)
+    with pytest.raises(HandtrackError, match="arrays are missing: reason_where; expected all of"):
+        read_npz(path)
+    write_npz(path, stacked(told_frames(rng)))
+    altered(path, reason_kind=np.array(["", "a mood", "unseen", ""]))
+    with pytest.raises(HandtrackError, match="reason_kind has the unknown value 'a mood'"):
+        read_npz(path)
+    write_npz(path, stacked(told_frames(rng)))
+    names = ("reason", "reason_kind", "reason_where", "reason_numbers")
+    altered(path, **dict.fromkeys(names))  # as an earlier version wrote it
+    assert all(frame.reason is None for frame in read_npz(path).frames())
 
 
 def test_the_file_holds_exactly_the_contracts_keys(rng, tmp_path):

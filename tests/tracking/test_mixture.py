@@ -8,6 +8,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -159,3 +160,24 @@ def test_the_seed_decides_on_what_is_sampled(body, truth, observations):
     first, again, other = sampled(0), sampled(0), sampled(1)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
+
+
+@pytest.mark.parametrize("sequence", ["best", "path", "smooth"])
+def test_frames_come_again_with_the_poses_that_the_last_one_chose(
+    body, observations, truth, sequence
+):
+    tracker = Tracker(body, TrackerSettings().with_values(FEW | {"mixture.sequence": sequence}))
+    found = list(track_frames(tracker, lambda f, _: observations[f], 0, truth[0], range(4)))
+    again = found[4:]
+    assert [r.frame for r in found[:4]] == [0, 1, 2, 3]
+    assert [r.frame for r in again] == ([] if sequence == "best" else [0, 1, 2, 3])
+    for first, chosen in zip(found, again, strict=False):
+        if sequence == "path":  # one of those that were carried
+            poses = [h.parameters for h in first.alternatives]
+            assert any(np.allclose(chosen.parameters[6:], pose[6:], atol=1e-9) for pose in poses)
+        assert chosen.status == first.status
+    if sequence == "smooth":
+        moved = [
+            np.abs(c.parameters - f.parameters).max() for f, c in zip(found, again, strict=False)
+        ]
+        assert max(moved) > 1e-6

@@ -149,8 +149,10 @@ class TrackingJob(BackgroundJob):
     def work(self) -> None:
         run = self._run
         for leg in self._path:
+            seen: set[int] = set()  # frames may come again, with the poses that the last one chose
             for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
-                self.done += 1
+                self.done += result.frame not in seen
+                seen.add(result.frame)
                 if self.done == 1:
                     self._first_done, self.waited = time.monotonic(), 0.0
                 self._post(Tracked(self.number, result))
