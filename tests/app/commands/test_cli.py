@@ -210,6 +210,18 @@ def test_a_start_in_the_middle_is_tracked_both_ways(handtrack: CommandLine, sess
     assert read_npz(session / "tracks/poses.npz").frame.tolist() == [0, 1, 2, 3, 4]
 
 
+def test_the_searches_of_a_frame_are_explained(handtrack: CommandLine, session: Path) -> None:
+    ended = handtrack("track", session, "--frames", "0:2", "--explain", "1")
+    assert ended.code == 0
+    lines = ended.out.splitlines()
+    assert lines[1].startswith("frame 1: ")
+    assert "- a finger may be lost (one of the first 3 frames)" in lines
+    assert lines[-1].startswith("result: tracked, energy ")
+    outside = handtrack("track", session, "--frames", "0:2", "--explain", "4")
+    assert outside.code == 2
+    assert "--explain 4: expected one of the frames that are tracked, 0 to 1." in outside.err
+
+
 def test_the_size_fit_and_compiling_are_told(
     handtrack: CommandLine, session: Path, monkeypatch
 ) -> None:
