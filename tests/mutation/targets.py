@@ -25,6 +25,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.tracking.search.policy": (
         "tests/tracking/decisions/test_restart_choice.py",
         "tests/tracking/test_search_policy.py",
+        "tests/tracking/decisions/test_status.py",
     ),
     "handtrack.tracking.search.engine": (
         "tests/tracking/decisions/test_restart_choice.py",

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from handtrack.model.articulated import FINGERS
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.policy import LOST_FINGER
-from handtrack.tracking.search.proposers.finger_moves import finger_shifts
+from handtrack.tracking.search.proposers.finger_moves import finger_grid, finger_shifts
 
 BENDS = ("mcp_flex", "pip_flex", "dip_flex")
 TRUE = dict(zip(FINGERS[1:], (0.1, 0.5, 0.9, 1.2), strict=True))
@@ -101,7 +103,8 @@ def test_the_hand_goes_back_and_each_finger_takes_its_neighbours_bends(hand, sid
     found = found_from(model, cost, start)
     assert cost(found) <= least + 1.0
     names = model.parameter_names
-    for finger in FINGERS[2:4]:  # those that have neighbours on both sides
+    # all but the one at the end, whose own bends were overwritten
+    for finger in FINGERS[2:] if side > 0 else FINGERS[1:4]:
         pip = names.index(f"{finger}_pip_flex")
         assert model.joint_params(found)[pip] == pytest.approx(TRUE[finger], abs=1e-6)
 
@@ -121,3 +124,40 @@ def test_a_palm_alone_that_is_off_goes_back_with_its_bends(side):
 @pytest.mark.parametrize(("better_by", "taken"), [(1.9, False), (2.1, True)])
 def test_a_finger_is_taken_only_where_the_pose_is_two_log_likelihoods_better(better_by, taken):
     assert LOST_FINGER.is_better(50.0 - better_by, 50.0) == taken
+
+
+def test_a_finger_is_put_at_shares_of_its_joints_ranges():
+    """Asked for one place of the grid, 60 % flexed, half spread, 40 % curled, the search proposes just that."""
+    model = load_model()
+    names = ["index_mcp_flex", "index_mcp_abd", "index_pip_flex", "index_dip_flex"]
+    at = [model.skeleton.parameter(name) for name in names]
+    start = model.transform.solver_params(named_pose(model, "open"))
+    bent = model.joint_params(start)
+    low, high = model.limits.bounds(bent)[at].T
+    bent[at] = low + np.array([0.6, 0.5, 0.4, 0.4]) * (high - low)
+    wanted = model.clipped(model.transform.solver_params(bent))
+    far = SimpleNamespace(model=model, cost=lambda x: float(((x - wanted) ** 2).sum()))
+    finger, found = finger_grid(far, start)[0]
+    assert finger == "index"
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_of_each_finger_two_places_are_tried_well_apart_and_four_in_all():
+    """Whatever is nearest costs least here: what is within 2 cm of the standing finger, or of another place, is left out."""
+    model = load_model()
+    start = model.transform.solver_params(named_pose(model, "open"))
+    far = SimpleNamespace(model=model, cost=lambda x: float(((x - start) ** 2).sum()))
+    found = finger_grid(far, start)
+    assert len(found) == 4
+    assert [far.cost(x) for _, x in found] == sorted(far.cost(x) for _, x in found)
+
+    def tip(params, finger):
+        places = model.joint_positions(model.bones(params))
+        return places[model.joint_names.index(f"{finger}_tip")]
+
+    apart = []
+    for finger in {finger for finger, _ in found}:
+        tips = [tip(start, finger), *(tip(x, finger) for f, x in found if f == finger)]
+        assert len(tips) <= 3
+        apart += [np.linalg.norm(a - b) for n, a in enumerate(tips) for b in tips[:n]]
+    assert 0.02 < min(apart) < 0.04
