@@ -31,5 +31,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/decisions/test_restart_choice.py",
         "tests/tracking/test_search_policy.py",
     ),
-    "handtrack.tracking.search.poor_cloud": ("tests/tracking/decisions/test_poor_cloud.py",),
+    "handtrack.tracking.search.poor_cloud": (
+        "tests/tracking/decisions/test_poor_cloud.py",
+        "tests/tracking/test_fallback.py",
+    ),
 }
