@@ -19,8 +19,11 @@ def chain_votes(
     """Return the probability (C,) of each chain to be jumped at a minimum (P,) with a covariance (P, P).
 
     A chain's vote is Σ_k λ_k Σ_p u_k[p]², over the leading eigenpairs of the covariance in units of the limits' ranges
-    and over the chain's own parameters p. Without any uncertainty all chains are alike. 2003 paper, §4.
+    and over the chain's own parameters p. Without any uncertainty all chains are alike. 2003 paper, §4. A model without
+    chains has no votes.
     """
+    if not chains:
+        return np.zeros(0)
     low, high = model.bounds(params).T
     known = np.isfinite(low) & np.isfinite(high) & (high > low)
     width = np.where(known, np.where(known, high, 0.0) - np.where(known, low, 0.0), np.inf)

@@ -181,3 +181,14 @@ def test_frames_come_again_with_the_poses_that_the_last_one_chose(
             np.abs(c.parameters - f.parameters).max() for f, c in zip(found, again, strict=False)
         ]
         assert max(moved) > 1e-6
+
+
+def test_a_hand_without_chains_carries_hypotheses(camera):
+    """Nothing of it can jump: they are only followed."""
+    ball = load_model("ball6")
+    start = ball.rest_params()
+    places = ball.joint_positions(ball.bones(start))
+    joints = ImageKeypoints(camera, ball.joint_names, camera.project(places), 1.0)
+    seen = [Observation(frame, frame / 25.0, keypoints=(joints,)) for frame in range(3)]
+    results = _track(ball, seen, start)
+    assert {h.origin for r in results[1:] for h in r.alternatives} == {"followed"}
