@@ -45,8 +45,8 @@ def inheriting_doubt(
     """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
 
     hessian: (P, P) the one that poses are found with, which takes that pose for the truth; belief: its covariance (P, P),
-    None where nothing is said of it. What is stated must not: a
-    finger hidden for a second would be called as well known as after one frame. A mixture's prediction inherits by itself.
+    None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
+    well known as after one frame. A mixture's prediction inherits by itself.
     """
     terms = problem.parameter_terms
     motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]

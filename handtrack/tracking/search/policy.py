@@ -168,8 +168,8 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
     """Return why the hand is looked for elsewhere; empty where it is not.
 
     When a frame does not fit; of several such frames in a row the first, second, fourth, eighth …: what was not found in
-    one of them is rarely found in the next. Frames in which nothing was seen do not count, unless this is one (there may
-    be a cloud, but far from where the hand was expected): then every fifth is looked at as well. Among the wrong points
+    one of them is rarely found in the next. A frame in which nothing was seen ends such a row and begins one of its own
+    (there may be a cloud, but far from where the hand was expected), of which every fifth is looked at as well. Among the wrong points
     of a poor cloud another hand often fits better: there nothing is looked for.
     """
     if result.fits or not previous or result.poor_cloud:
