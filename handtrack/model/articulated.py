@@ -41,9 +41,12 @@ class HandScale:
         return self.overall * self.parts.get(group, 1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArticulatedModel:
-    """What moves and how, for one person. Solver parameters (P,) are what is estimated."""
+    """What moves and how, for one person. Solver parameters (P,) are what is estimated.
+
+    Compared by identity, so it can be the key of a cache.
+    """
 
     name: str
     side: str

@@ -22,6 +22,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
+from handtrack.session.look_ahead import LookAhead
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
@@ -231,8 +232,19 @@ class TrackingRun:
         self, control: Control, frames: range, start_frame: int, start_params: Floats
     ) -> Iterator[FrameResult]:
         """Yield results as `track` does, stopped, watched and told as control says."""
-        tracker, observe = self.tracker, self.observation
-        return track_frames(tracker, observe, start_frame, start_params, frames, control)
+        on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
+        observe = LookAhead(self.observation, self._prepare, on_the_way)
+        try:
+            yield from track_frames(
+                self.tracker, observe, start_frame, start_params, frames, control
+            )
+        finally:
+            observe.close()
+
+    def _prepare(self, frame: int) -> None:
+        """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""
+        silhouettes, cloud = self.settings.silhouettes.weight > 0, self.settings.cloud.weight > 0
+        self.session.prepare(frame, silhouettes, cloud)
 
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return the frames as one result, sorted, the latest of each, with where they came from."""

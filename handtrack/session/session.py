@@ -266,6 +266,12 @@ class Session:
             return self._with_cloud(self._kept(frame, silhouettes, False), hand_distance)
         return self._kept(frame, silhouettes, cloud)
 
+    def prepare(self, frame: int, silhouettes: bool, cloud: bool) -> None:
+        """Read and keep what `observation` needs of a frame wherever the hand is."""
+        self._kept(frame, silhouettes, False)
+        if cloud:
+            self.measured_cloud(frame)
+
     def images(self, frame: int) -> tuple[ImageView, ...]:
         """Return a frame's images without their lenses' distortion; missing ones are absent. Not kept."""
         return tuple(v for view in self.views if (v := view.undistorted(frame)) is not None)

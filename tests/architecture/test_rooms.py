@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import REPOSITORY
 
 CORE = REPOSITORY / "handtrack"
-GROUND = {"errors", "arrays", "setting"}
+GROUND = {"errors", "arrays", "setting", "parallel"}
 """what every room may import"""
 VIEWERS = ("handtrack_app", "viser", "rerun")
 MOST_FILES = 14

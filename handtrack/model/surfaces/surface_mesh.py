@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from skimage.measure import marching_cubes
 
 from handtrack.arrays import Floats, Ints
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 
@@ -36,6 +38,24 @@ class SurfaceMesh:
     def carried(self, bones: BonePoses) -> Floats:
         """Return the vertices (V, 3) where other bone poses carry them, world [m]."""
         return bones.to_world(self.bone, self.local)
+
+    def posed(self, bones: BonePoses, frame: BonePoses) -> SurfaceMesh:
+        """Return the mesh, made where the bones were at `frame`, as other bone poses carry it."""
+        turn = bones.rotation @ np.swapaxes(frame.rotation, 1, 2)
+        normals = np.einsum("vij,vj->vi", turn[self.bone], self.normals)
+        return replace(self, vertices=self.carried(bones), normals=normals)
+
+
+def carried_mesh(model: ArticulatedModel, bones: BonePoses) -> SurfaceMesh:
+    """Return the mesh of the relaxed hand or body, meshed once, as bone poses carry it: parts rigid, creases neglected."""
+    template, relaxed = _template(model)
+    return template.posed(bones, relaxed)
+
+
+@lru_cache(maxsize=8)
+def _template(model: ArticulatedModel) -> tuple[SurfaceMesh, BonePoses]:
+    relaxed = model.bones(model.rest_params())
+    return surface_mesh(MetaballSurface.of(model), relaxed), relaxed
 
 
 def surface_mesh(

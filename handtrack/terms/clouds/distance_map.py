@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import Array, Floats, check_shape
 from handtrack.errors import HandtrackError
-from handtrack.terms.clouds.distance_map_kernels import interpolate
+from handtrack.terms.clouds.distance_map_kernels import distances_to, interpolate
 
 SPACING_M = 0.004
 MOST_VOXELS = 8_000_000
@@ -81,10 +81,6 @@ def distance_map(
     nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
     place = np.zeros(shape, np.int32)
     place.reshape(-1)[filled] = np.arange(len(filled))
-    place = place[tuple(nearest)]  # type: ignore[index]
-    squared = np.zeros(shape, np.float32)
-    for axis in range(3):
-        node = low[axis] + spacing * np.arange(shape[axis])
-        node = node.reshape([-1 if i == axis else 1 for i in range(3)])
-        squared += (mean[axis][place] - node).astype(np.float32) ** 2
-    return DistanceMap(low, spacing, np.sqrt(squared))
+    values = np.empty(shape, np.float32)
+    distances_to(np.stack(mean, axis=1), place, nearest, low, spacing, values)
+    return DistanceMap(low, spacing, values)

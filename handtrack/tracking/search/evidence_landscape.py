@@ -14,6 +14,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
+from handtrack.parallel import in_parallel
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
@@ -113,7 +114,10 @@ class EvidenceLandscape:
         return self.distinct(ways, _BENT)
 
     def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
-        return [self._fitted(fit, c) for c in candidates if not control.should_stop()]
+        found = in_parallel(
+            lambda c: None if control.should_stop() else self._fitted(fit, c), candidates
+        )
+        return [c for c in found if c is not None]
 
     def _fitted(self, fit: Fit, candidate: Candidate) -> Candidate:
         if fit.kind in ("wide", "narrow"):

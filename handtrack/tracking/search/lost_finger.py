@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.kinematics import BonePoses
+from handtrack.parallel import in_parallel
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem
@@ -47,10 +48,13 @@ class FingerLandscape:
         ]
 
     def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
-        return [self._solved(c, control) for c in candidates if not control.should_stop()]
+        found = in_parallel(lambda c: self._solved(c, control), candidates)
+        return [c for c in found if c is not None]
 
-    def _solved(self, candidate: Candidate, control: Control) -> Candidate:
+    def _solved(self, candidate: Candidate, control: Control) -> Candidate | None:
         """Return where the frame's own schedule leads from a candidate, asking there what is in view."""
+        if control.should_stop():
+            return None
         model = self.terms.model
         terms = self.terms.as_seen_at(model.bones(candidate.params))
         settings = self.terms.settings.solver

@@ -11,7 +11,7 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
+from handtrack.model.surfaces.surface_mesh import SurfaceMesh, carried_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
@@ -69,7 +69,7 @@ class SeenCloud:
         """
         if self.emptiness is None:
             return self
-        mesh = surface_mesh(MetaballSurface.of(model), bones)
+        mesh = carried_mesh(model, bones)
         term = _hand_only(self.emptiness.for_mesh(mesh, self.views), model)
         return replace(self, emptiness=term)
 
@@ -96,7 +96,7 @@ def see_cloud(
     emptiness = None
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
-        mesh = surface_mesh(surface, start)
+        mesh = carried_mesh(model, start)
         filled = points
         if _is_doubted(seen.cloud_views, settings):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)

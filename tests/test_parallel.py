@@ -1,0 +1,43 @@
+"""Independent work on several threads."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from handtrack.parallel import in_parallel, thread_count
+
+
+def test_results_keep_the_order_of_their_items(monkeypatch):
+    monkeypatch.setenv("HANDTRACK_THREADS", "4")
+
+    def slow_for_the_first(item):
+        time.sleep(0.02 / (1 + item))
+        return item * item
+
+    assert in_parallel(slow_for_the_first, range(8)) == [i * i for i in range(8)]
+
+
+def test_work_within_work_does_not_wait_for_itself(monkeypatch):
+    monkeypatch.setenv("HANDTRACK_THREADS", "2")
+    found = in_parallel(lambda i: in_parallel(lambda j: 10 * i + j, range(3)), range(4))
+    assert found == [[10 * i + j for j in range(3)] for i in range(4)]
+
+
+def test_an_error_is_the_callers(monkeypatch):
+    monkeypatch.setenv("HANDTRACK_THREADS", "2")
+    with pytest.raises(ZeroDivisionError):
+        in_parallel(lambda item: 1 // item, [2, 1, 0])
+
+
+@pytest.mark.parametrize(("said", "one"), [("1", True), ("2", False)])
+def test_the_environment_says_how_many_threads(monkeypatch, said, one):
+    monkeypatch.setenv("HANDTRACK_THREADS", said)
+    assert thread_count() == int(said)
+    here = threading.current_thread().name
+    names = in_parallel(lambda _: threading.current_thread().name, range(4))
+    assert (set(names) == {here}) is one
+    monkeypatch.setenv("HANDTRACK_THREADS", "nonsense")
+    assert thread_count() >= 1
