@@ -56,7 +56,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         stop=document.frames.stop,
         first_frame=document.first_frame,
         cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
-        looked_at=looked_at(session.rig.cameras),
+        scene_centre=scene_centre(session.rig.cameras),
         parameter_names=model.parameter_names,
         driven=tuple(n for n in model.parameter_names if n not in driving),
         interval=model.limits.interval.copy(),
@@ -77,7 +77,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     )
 
 
-def looked_at(cameras: Sequence[Camera]) -> Floats:
+def scene_centre(cameras: Sequence[Camera]) -> Floats:
     """Return the point (3,) nearest to all optical axes, world [m]; for one camera, half a metre before it."""
     system, right = 1e-3 * np.eye(3), np.zeros(3)
     for camera in cameras:

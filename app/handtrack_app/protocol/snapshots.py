@@ -57,7 +57,7 @@ class SessionSnapshot:
     stop: int
     first_frame: int
     cameras: tuple[CameraCard, ...]
-    looked_at: Floats
+    scene_centre: Floats
     """(3,) where the cameras look, world [m]"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]

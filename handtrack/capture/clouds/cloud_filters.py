@@ -103,26 +103,26 @@ class CloudFilters:
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        eyes: Floats | None = None,
+        centres: Floats | None = None,
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
-        hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
+        hand_distance: of the frame before; None skips the crop. centres: (C, 3) world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
-        fate, reports = self.dropped_by(cloud, hand_distance, eyes)
+        fate, reports = self.dropped_by(cloud, hand_distance, centres)
         return cloud.select(fate == len(reports)), reports
 
     def dropped_by(
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        eyes: Floats | None = None,
+        centres: Floats | None = None,
     ) -> tuple[Array, tuple[FilterReport, ...]]:
         """Return which filter dropped each point (N,), by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
-        steps = self._steps(hand_distance, eyes)
+        steps = self._steps(hand_distance, centres)
         fate = np.full(len(cloud), len(steps), np.int8)
         left, place = cloud, np.arange(len(cloud))
         reports: list[FilterReport] = []
@@ -136,7 +136,7 @@ class CloudFilters:
         return fate, tuple(reports)
 
     def _steps(
-        self, hand_distance: HandDistance | None, eyes: Floats | None
+        self, hand_distance: HandDistance | None, centres: Floats | None
     ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
         """Return name, words and function of the filters that are on: the cheap ones first, so
         that the dear ones see few points."""
@@ -144,9 +144,9 @@ class CloudFilters:
         skin, part, front = self.skin, self.component, self.front_m
         voxel, neighbours, most = self.voxel_m, self.outlier_neighbours, self.max_points
         steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
-        if eyes is not None and (self.near_m or self.far_m):
+        if centres is not None and (self.near_m or self.far_m):
             text = f"{near:g} to {far:g} m from a camera"
-            steps.append(("range", text, lambda c: within_range(c.points, eyes, near, far)))
+            steps.append(("range", text, lambda c: within_range(c.points, centres, near, far)))
         if crop is not None and hand_distance is not None:
             text = f"within {crop * 1e3:g} mm of the previous hand"
             steps.append(("crop", text, lambda c: near_hand(c.points, hand_distance, crop)))
@@ -155,10 +155,10 @@ class CloudFilters:
             steps.append(("skin", text, lambda c: skin_coloured(c.colors, len(c), skin)))
         if part == "largest":
             steps.append(("component", "the largest part", lambda c: largest_part(c.points)))
-        if part == "nearest" and eyes is not None:
+        if part == "nearest" and centres is not None:
             reach = "" if front is None else f", {front * 1e3:g} mm deep"
             text = f"the part nearest to a camera{reach}"
-            steps.append(("component", text, lambda c: nearest_part(c.points, eyes, front)))
+            steps.append(("component", text, lambda c: nearest_part(c.points, centres, front)))
         if voxel is not None:
             text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
             steps.append(
@@ -186,11 +186,11 @@ def finite(points: Floats) -> Array:
     return np.asarray(np.isfinite(points).all(axis=1))
 
 
-def within_range(points: Floats, eyes: Floats, near_m: float, far_m: float) -> Array:
-    """Return which points (N, 3) lie in the range [m] of at least one camera at `eyes` (C, 3)."""
+def within_range(points: Floats, centres: Floats, near_m: float, far_m: float) -> Array:
+    """Return which points (N, 3) lie in the range [m] of at least one camera at `centres` (C, 3)."""
     keep = np.zeros(len(points), bool)
-    for eye in eyes:
-        square = ((points - eye) ** 2).sum(axis=1)
+    for centre in centres:
+        square = ((points - centre) ** 2).sum(axis=1)
         keep |= (square >= near_m**2) & (square <= far_m**2)
     return keep
 
@@ -221,9 +221,9 @@ def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
 
 
 def nearest_part(
-    points: Floats, eyes: Floats, front_m: float | None = None, link_m: float = _LINK_M
+    points: Floats, centres: Floats, front_m: float | None = None, link_m: float = _LINK_M
 ) -> Array:
-    """Return which points (N, 3) belong to the part nearest to a camera at `eyes` (C, 3).
+    """Return which points (N, 3) belong to the part nearest to a camera at `centres` (C, 3).
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
     nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
@@ -231,7 +231,7 @@ def nearest_part(
     """
     if len(points) == 0:
         return np.zeros(0, bool)
-    distance = np.min([np.linalg.norm(points - eye, axis=1) for eye in eyes], axis=0)
+    distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points))
     if front_m is None:
         return inside

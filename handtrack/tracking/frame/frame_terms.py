@@ -149,8 +149,8 @@ def frame_terms(
     expected: predicted joint parameters (S,), or None in a first frame. before: where texture is carried from.
     """
     prepared, scales = [], []
-    looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
-    for silhouette in looked_at:
+    weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
+    for silhouette in weighted:
         cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
         prepared.append(prepare(silhouette, cut))
         scales.append(_pixels_per_m(silhouette, start))

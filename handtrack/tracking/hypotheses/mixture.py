@@ -26,7 +26,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.posture import agility
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, unwound
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, with_wrapped_turn
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
 _FIRST_TREES, _FIRST_LEAVES = 6, 96  # of a first frame, and of each of its trees
@@ -284,7 +284,7 @@ class MixtureStep:
                 params[row], float(cost[row]), spread, float(weight), via.origin, belief,
                 seen.linearize(params[row]),
             )  # fmt: skip
-            hypotheses.append(unwound(found))
+            hypotheses.append(with_wrapped_turn(found))
         return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
 
     def _apart(self, params: Floats, carried: int) -> Ints:

@@ -92,7 +92,7 @@ class Stage:
         before = self.session
         self.session = session
         if self.cameras is None:
-            self.cameras = add_cameras(self.page.server, "/cameras", session, session.looked_at)
+            self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
@@ -196,7 +196,7 @@ class Stage:
         """Return the middle of the hand shown (3,) [m]."""
         return None if self.pose is None else middle_of(self.pose)
 
-    def axes_looked_along(self) -> Floats | None:
+    def view_axes(self) -> Floats | None:
         """Return the axes (3, 3), camera → world, of the camera looked through."""
         through = self.page.state.display.through
         if through is None or self.cameras is None or through not in self.cameras.cards:
