@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D2, D3, Array, Bytes, E, Floats, H, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
@@ -23,8 +23,11 @@ OUTLINE = (255, 194, 10)
 
 
 def field_image(
-    camera: Camera, flesh: PosedEllipsoids, levels: Floats | None = None, depth_scaled: bool = False
-) -> Floats:
+    camera: Camera,
+    flesh: PosedEllipsoids,
+    levels: Floats[E, D2] | None = None,
+    depth_scaled: bool = False,
+) -> Floats[H, W]:
     """Return the lowest field (H, W), 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
 
     levels: (E, 2) t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
@@ -54,12 +57,14 @@ def field_image(
     return image
 
 
-def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array:
+def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array[H, W]:
     """Return (H, W) True where the undistorted camera sees the model."""
     return field_image(camera, flesh) < 0
 
 
-def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses) -> Floats:
+def predicted_image(
+    term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses
+) -> Floats[H, W]:
     """Return P (H, W) of a term's silhouette number `index`."""
     flesh, shape = term.ellipsoids.posed(bones), term.shape
     image = field_image(
@@ -68,12 +73,14 @@ def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: Bone
     return np.maximum(image, -shape.limit)
 
 
-def residual_image(predicted: Floats, mask: Array) -> Floats:
+def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:
     """Return P − Z (H, W) for Z = −mask: negative where only the model is, positive where only the mask is."""
     return predicted + mask
 
 
-def residual_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids, mask: Array) -> Bytes:
+def residual_picture(
+    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, mask: Array[H, W]
+) -> Bytes[H, W, D3]:
     """Return the picture (H, W, 3) RGB with the disagreement of hard outline and mask (H, W) painted over it."""
     residual = mask - model_mask(camera, flesh).astype(float)
     share = 0.75 * np.abs(residual)[..., None]
@@ -81,14 +88,16 @@ def residual_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids, mask:
     return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
 
 
-def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats]:
+def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats[N, D2]]:
     """Return the model's outlines, holes too, each (N, 2) pixels of the undistorted camera."""
     mask = model_mask(camera, flesh).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [np.asarray(line, dtype=float).reshape(-1, 2) for line in found]
 
 
-def outline_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids) -> Bytes:
+def outline_picture(
+    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids
+) -> Bytes[H, W, D3]:
     """Return the picture (H, W, 3) RGB with the model's outline drawn over it."""
     picture = np.ascontiguousarray(image).copy()
     lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, flesh)]
@@ -96,7 +105,7 @@ def outline_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids) -> Byt
     return picture
 
 
-def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes:
+def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes[H, W, D3]:
     """Return the normalised field as a picture (H, W, 3) RGB, dark outside, brightest at the ellipses' centres."""
     depth = np.rint(-255 * field_image(camera, flesh)).astype(np.uint8)
     colors = cv2.applyColorMap(depth, cv2.COLORMAP_VIRIDIS)[..., ::-1]

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, D6, D21, Array, Axes, B, Floats, Ints, J, K, P, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
@@ -51,22 +51,22 @@ class ArticulatedModel:
     skeleton: Skeleton
     transform: ParameterTransform
     limits: Limits
-    rest: Floats
+    rest: Floats[S]
     """(S,) joint parameters of the relaxed pose; the root's are zero."""
     flesh: dict[str, Ellipsoids]
     """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
     joint_names: tuple[str, ...]
-    joint_bone: Ints
+    joint_bone: Ints[J]
     """(J,) the bone that carries each named joint."""
-    joint_point: Floats
+    joint_point: Floats[J, D3]
     """(J, 3) in that bone's frame [m]."""
     kind: str = "hand"
     """`hand` or `body`; a body has no side: it is never mirrored"""
-    stabilise: Floats | None = None
+    stabilise: Floats[S] | None = None
     """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
-    proportion_moves: Floats | None = None
+    proportion_moves: Floats[K, B, D3] | None = None
     """(K, B, 3) by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
@@ -82,19 +82,19 @@ class ArticulatedModel:
     def has_forearm(self) -> bool:
         return "forearm" in self.skeleton.bone_names
 
-    def is_forearm(self, bone: Ints) -> Array:
+    def is_forearm(self, bone: Ints[*Axes]) -> Array[*Axes]:
         """Return, for bones of any shape, whether they are the forearm."""
         return bone == (self.skeleton.bone("forearm") if self.has_forearm else -1)
 
-    def joint_params(self, params: Floats) -> Floats:
+    def joint_params(self, params: Floats[P]) -> Floats[S]:
         """Return the joint parameters (S,) of solver parameters (P,)."""
         return self.transform.joint_params(params)
 
-    def bones(self, params: Floats) -> BonePoses:
+    def bones(self, params: Floats[P]) -> BonePoses:
         """Return the bones' poses for solver parameters (P,)."""
         return kinematics.bone_poses(self.skeleton, self.joint_params(params))
 
-    def linearize(self, params: Floats) -> tuple[BonePoses, Floats, Floats]:
+    def linearize(self, params: Floats[P]) -> tuple[BonePoses, Floats[B, D6, S], Floats[S]]:
         """Return bone poses, twist Jacobian (B, 6, S) and joint parameters (S,) at params (P,)."""
         joint_params = self.joint_params(params)
         bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
@@ -105,20 +105,20 @@ class ArticulatedModel:
         """The solver parameters' limits, and what they move with."""
         return moving_limits(self.limits, self.transform)
 
-    def bounds(self, params: Floats) -> Floats:
+    def bounds(self, params: Floats[P]) -> Floats[P, D2]:
         """Return the solver parameters' limits (P, 2) that hold at params (P,)."""
         return self.transform.reduce_bounds(self.limits.bounds(self.joint_params(params)))
 
-    def clipped(self, params: Floats) -> Floats:
+    def clipped(self, params: Floats[P]) -> Floats[P]:
         """Return params (P,) moved into their limits."""
         bounds = self.bounds(params)
         return np.clip(params, bounds[:, 0], bounds[:, 1])
 
-    def rest_params(self) -> Floats:
+    def rest_params(self) -> Floats[P]:
         """Return the solver parameters (P,) of the relaxed pose at the world's origin."""
         return self.transform.solver_params(self.rest)
 
-    def joint_positions(self, bones: BonePoses) -> Floats:
+    def joint_positions(self, bones: BonePoses) -> Floats[J, D3]:
         """Return (J, 3) the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
 
@@ -127,7 +127,7 @@ class ArticulatedModel:
         """Whether the model has all 21 joints of a hand."""
         return set(keypoint_names()) <= set(self.joint_names)
 
-    def keypoints21(self, bones: BonePoses) -> Floats:
+    def keypoints21(self, bones: BonePoses) -> Floats[D21, D3]:
         """Return (21, 3) world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
         if not self.has_keypoints21:
@@ -136,7 +136,7 @@ class ArticulatedModel:
             )
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 
-    def params_from(self, values: dict[str, float]) -> Floats:
+    def params_from(self, values: dict[str, float]) -> Floats[P]:
         """Return solver parameters (P,) from joint parameters by name [m, rad]; missing ones are 0."""
         joint = np.zeros(len(self.parameter_names))
         for name, value in values.items():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, E, Floats, Ints
 from handtrack.model.kinematics import BonePoses
 
 
@@ -14,13 +14,13 @@ from handtrack.model.kinematics import BonePoses
 class PosedEllipsoids:
     """Ellipsoids in the world."""
 
-    bone: Ints
+    bone: Ints[E]
     """(E,) the bone each one sits on."""
-    centre: Floats
+    centre: Floats[E, D3]
     """(E, 3) world [m]."""
-    rotation: Floats
+    rotation: Floats[E, D3, D3]
     """(E, 3, 3) ellipsoid axes → world."""
-    radii: Floats
+    radii: Floats[E, D3]
     """(E, 3) semi-axes [m]."""
 
 
@@ -29,13 +29,13 @@ class Ellipsoids:
     """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3)."""
 
     name: tuple[str, ...]
-    bone: Ints
+    bone: Ints[E]
     """(E,) the bone each one sits on."""
-    centre: Floats
+    centre: Floats[E, D3]
     """(E, 3) in the bone's frame, origin at its proximal end [m]."""
-    rotation: Floats
+    rotation: Floats[E, D3, D3]
     """(E, 3, 3) ellipsoid axes → bone frame."""
-    radii: Floats
+    radii: Floats[E, D3]
     """(E, 3) semi-axes [m]."""
 
     def __len__(self) -> int:
@@ -54,7 +54,7 @@ class Ellipsoids:
         centre, radii = (bones.grown(self.bone, each) for each in (self.centre, self.radii))
         return replace(self, centre=centre, radii=radii)
 
-    def subset(self, keep: Array) -> Ellipsoids:
+    def subset(self, keep: Array[E]) -> Ellipsoids:
         """Return only the ellipsoids for which `keep` (E,) is True."""
         kept = np.flatnonzero(keep)
         names = tuple(self.name[i] for i in kept)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.arrays import D3, D4, D6, Axes, B, Floats, Ints, S, check_shape
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
 from handtrack.model.skeleton import Skeleton
@@ -16,17 +16,17 @@ from handtrack.model.skeleton import Skeleton
 class BonePoses:
     """Where every bone is, in the world."""
 
-    reference: Floats
+    reference: Floats[D3]
     """(3,) the point o that twists are taken about: the root's position [m]."""
-    rotation: Floats
+    rotation: Floats[B, D3, D3]
     """(B, 3, 3) bone frame → world."""
-    position: Floats
+    position: Floats[B, D3]
     """(B, 3) proximal end of each bone, world [m]."""
-    growth: Floats | None = None
+    growth: Floats[B] | None = None
     """(B,) how much larger each bone is than what is fixed to it was made for, about its proximal end; None: nowhere."""
 
     @property
-    def T_world_bone(self) -> Floats:
+    def T_world_bone(self) -> Floats[B, D4, D4]:
         """Return (B, 4, 4) transforms, bone → world."""
         transforms = np.zeros((len(self.position), 4, 4))
         transforms[:, :3, :3] = self.rotation
@@ -34,12 +34,12 @@ class BonePoses:
         transforms[:, 3, 3] = 1.0
         return transforms
 
-    def to_world(self, bone: int | Ints, points: Floats) -> Floats:
+    def to_world(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
         """Return points (..., 3) of a bone's frame in the world [m]."""
         turned = np.einsum("...ij,...j->...i", self.rotation[bone], self.grown(bone, points))
         return self.position[bone] + turned
 
-    def grown(self, bone: int | Ints, points: Floats) -> Floats:
+    def grown(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
         """Return points (..., 3) of a bone's frame [m] where its growth has moved them, in that frame."""
         return points if self.growth is None else points * self.growth[bone][..., None]
 
@@ -65,12 +65,12 @@ def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
     return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world
 
 
-def bone_poses(skeleton: Skeleton, joint_params: Floats) -> BonePoses:
+def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
     """Return the bones' poses for joint parameters (S,) [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
     return _pose(skeleton, joint_params)[0]
 
 
-def linearize(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
+def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, Floats[B, D6, S]]:
     """Return the poses and the twist Jacobian (B, 6, S): rows (v, ω), world axes, about the root.
 
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Ints, check_shape
+from handtrack.arrays import D2, Array, Axes, Bytes, H, Ints, W, check_shape
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import ImageView, Silhouette
 
@@ -27,7 +27,7 @@ class _Maps(NamedTuple):
     valid: Ints
 
 
-def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) -> Silhouette:
+def undistort_silhouette(camera: Camera, mask: Bytes[H, W], roi: Roi | None = None) -> Silhouette:
     """Return the silhouette of a mask (H, W) uint8, 0 background to 255 hand, of the real image.
 
     Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
@@ -46,7 +46,7 @@ def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) ->
     return Silhouette(maps.camera, coverage, maps.valid)
 
 
-def undistort_image(camera: Camera, pixels: Array) -> ImageView:
+def undistort_image(camera: Camera, pixels: Array[H, W, *Axes]) -> ImageView:
     """Return an image (H, W, 3) uint8 BGR as the camera without distortion would have taken it."""
     width, height = camera.size
     check_shape(pixels, (height, width, 3), f"image of camera '{camera.name}'")
@@ -85,7 +85,7 @@ def _inside(source: Array, box: Roi) -> Array:
     return np.asarray(((source >= low) & (source < high)).all(axis=-1))
 
 
-def longest_runs(inside: Array) -> Ints:
+def longest_runs(inside: Array[H, W]) -> Ints[H, D2]:
     """Return per row (H, W) of booleans the longest run of true, half-open, as (H, 2) int32; the
     first of equals."""
     height, width = inside.shape

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D2, Array, Floats, Ints, J, K, L, P, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -35,11 +35,11 @@ class TreeSettings:
 class InterpretationTree:
     """The leaves of a tree, L poses."""
 
-    params: Floats
+    params: Floats[L, P]
     """(L, P) solver parameters"""
-    far: Array
+    far: Array[L, K]
     """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
-    exact: Array
+    exact: Array[L]
     """(L,) whether every joint of the chains is on its viewing ray, within limits"""
     complete: int
     """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
@@ -50,10 +50,10 @@ class InterpretationTree:
 
 def interpretation_tree(
     model: ArticulatedModel,
-    params: Floats,
+    params: Floats[P],
     chains: Sequence[Chain | PreparedChain] | None,
     camera: Camera,
-    targets_px: Floats | None = None,
+    targets_px: Floats[J, D2] | None = None,
     settings: TreeSettings = TreeSettings(),
     rng: np.random.Generator | None = None,
 ) -> InterpretationTree:

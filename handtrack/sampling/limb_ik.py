@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, J, K, L, M, N, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
@@ -27,26 +27,29 @@ _FOLLOWED_SIGMA_M = 0.001
 class Branches:
     """Poses of a chain grown link by link, N of them."""
 
-    rotation: Floats
+    rotation: Floats[N, D3, D3]
     """(N, 3, 3) of the last link, zero pose → world"""
-    end: Floats
+    end: Floats[N, D3]
     """(N, 3) the last joint placed so far, world [m]"""
-    angles: Floats
+    angles: Floats[N, K]
     """(N, K) of the chain's hinges [rad]"""
-    source: Ints
+    source: Ints[N]
     """(N,) the pose that a branch started from"""
-    choice: Ints
+    choice: Ints[N, L]
     """(N, links) which target each link's end took"""
-    exact: Array
+    exact: Array[N]
     """(N,) whether every joint is on its target, within limits"""
 
-    def taken(self, rows: Array | Ints) -> Branches:
+    def taken(self, rows: Array[N] | Ints[N]) -> Branches:
         """Return some of the branches."""
         return Branches(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def rooted(
-    model: ArticulatedModel, chain: PreparedChain, poses: Sequence[BonePoses], joint_params: Floats
+    model: ArticulatedModel,
+    chain: PreparedChain,
+    poses: Sequence[BonePoses],
+    joint_params: Floats[N, S],
 ) -> Branches:
     """Return a branch for each pose (joint_params: (N, S)) that holds only the chain's first joint."""
     rotation = np.stack([bones.rotation[chain.carrier] for bones in poses]) @ chain.carrier_zero.T
@@ -64,9 +67,9 @@ def extended(
     chain: PreparedChain,
     branches: Branches,
     link: int,
-    targets: Floats,
-    missed: Ints,
-    spare: Floats,
+    targets: Floats[N, M, D3],
+    missed: Ints[N, M],
+    spare: Floats[N, K],
     take_nearest: bool = False,
     tolerance: float = REACHED_M,
 ) -> Branches:
@@ -97,10 +100,10 @@ def extended(
 
 def fit_positions(
     model: ArticulatedModel,
-    params: Floats,
+    params: Floats[P],
     free: Sequence[str],
     joints: Sequence[str],
-    positions: Floats,
+    positions: Floats[J, D3],
     settings: SolverSettings | None = None,
 ) -> SolveSummary:
     """Return the pose within limits that comes closest to joint positions (J, 3), by damped Gauss-Newton.
@@ -114,7 +117,7 @@ def fit_positions(
     return solve(problem, params, settings or SolverSettings(iterations=50, damping=1e-3))
 
 
-def bounds_of_many(limits: Limits, joint_params: Floats) -> Floats:
+def bounds_of_many(limits: Limits, joint_params: Floats[N, S]) -> Floats[N, S, D2]:
     """Return the limits (N, S, 2) that hold at joint parameters (N, S); row by row `Limits.bounds`."""
     bounds = np.tile(limits.interval, (len(joint_params), 1, 1))
     for (which, by), at, to in zip(

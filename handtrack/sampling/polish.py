@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import Array, Floats, Ints, N, P, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
@@ -39,25 +39,25 @@ class PolishSettings:
 class Polished:
     """Where the starts ended."""
 
-    params: Floats
+    params: Floats[N, P]
     """(N, P) solver parameters, within limits"""
-    cost: Floats
+    cost: Floats[N]
     """(N,) infinite where the start was behind a camera"""
-    gradient_norm: Floats
+    gradient_norm: Floats[N]
     """(N,) √Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
-    least_eigenvalue: Floats
+    least_eigenvalue: Floats[N]
     """(N,) of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
-    iterations: Ints
+    iterations: Ints[N]
     """(N,) linearisations used"""
-    normal: Floats
+    normal: Floats[N, P, P]
     """(N, P, P) Gauss-Newton matrix and priors; its inverse is the covariance"""
-    is_minimum: Array
+    is_minimum: Array[N]
     """(N,) gradient below the tolerance, and positive Hessian on the free directions"""
 
 
 def polish(
     model: ArticulatedModel,
-    starts: Floats,
+    starts: Floats[N, P],
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = Quadratic(),
@@ -76,7 +76,7 @@ def polish(
 
 
 def polish_problem(
-    problem: KeypointProblem, starts: Floats, settings: PolishSettings = PolishSettings()
+    problem: KeypointProblem, starts: Floats[N, P], settings: PolishSettings = PolishSettings()
 ) -> Polished:
     """Return `polish` of a problem that is already packed."""
     params = np.array(starts, dtype=float, order="C")
@@ -96,7 +96,7 @@ def polish_problem(
     return Polished(params, cost, norm, least, used, normal, minimum)
 
 
-def least_eigenvalues(hessian: Floats, normal: Floats) -> Floats:
+def least_eigenvalues(hessian: Floats[N, P, P], normal: Floats[N, P, P]) -> Floats[N]:
     """Return (N,) least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
 
     hessian: (N, P, P), with nothing but a large diagonal where a parameter is held. The scaling changes no sign.

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D3, Bytes, C, Floats, K
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
@@ -34,12 +34,12 @@ class CloudSource(Protocol):
         ...
 
     @property
-    def camera_centres(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         """(C, 3) world [m], the centres of the cameras that measured."""
         ...
 
     @property
-    def cloud_views(self) -> tuple[Floats, ...]:
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
         """Camera centres (K, 3) that must all see a point for it to be measured, a set each."""
         ...
 
@@ -59,11 +59,11 @@ class DepthClouds:
         return []  # those of the images are the view's
 
     @property
-    def camera_centres(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         return np.stack([view.camera.centre for view in self._views])
 
     @property
-    def cloud_views(self) -> tuple[Floats, ...]:
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
         return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
@@ -91,11 +91,11 @@ class StereoClouds:
         return [*filter(None, (_length_warning(a, b) for a, b, _ in self._pairs)), *met]
 
     @property
-    def camera_centres(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         return np.stack([view.camera.centre for a, b, _ in self._pairs for view in (a, b)])
 
     @property
-    def cloud_views(self) -> tuple[Floats, ...]:
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
         return tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b, _ in self._pairs)
 
     def read(self, frame: int) -> PointCloud | None:
@@ -152,11 +152,11 @@ class FileClouds:
         return list(self._notes.texts)
 
     @property
-    def camera_centres(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         return self._camera_centres
 
     @property
-    def cloud_views(self) -> tuple[Floats, ...]:
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
         return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:

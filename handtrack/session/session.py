@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
@@ -166,11 +166,11 @@ class Session:
         """Return the time of a frame [s]: frame / fps, or the median of the cameras' timestamps."""
         return self._times.time_of(frame)
 
-    def image(self, camera: str, frame: int) -> Array | None:
+    def image(self, camera: str, frame: int) -> Array[H, W, D3] | None:
         """Return an image (H, W, 3) uint8 BGR as it was taken, None where missing."""
         return self.view(camera).image(frame)
 
-    def mask(self, camera: str, frame: int) -> Bytes | None:
+    def mask(self, camera: str, frame: int) -> Bytes[H, W] | None:
         """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where
         missing."""
         return self.view(camera).mask(frame)
@@ -212,7 +212,7 @@ class Session:
         )
 
     @property
-    def cloud_camera_centres(self) -> Floats | None:
+    def cloud_camera_centres(self) -> Floats[C, D3] | None:
         """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
         return None if self._clouds is None else self._clouds.camera_centres
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -23,7 +23,7 @@ _TURN_RAD = 0.25
 
 def motion(
     model: ArticulatedModel, name: str, frames: int, rng: np.random.Generator, wander: float = 1.0
-) -> Floats:
+) -> Floats[F, S]:
     """Return joint parameters (F, S) of a named motion.
 
     Angles pass through the poses without overshoot; the palm stays near the world's origin, its back

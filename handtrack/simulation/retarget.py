@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats, check_shape
+from handtrack.arrays import D3, F, Floats, J, P, check_shape
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
@@ -23,7 +23,9 @@ _SOLVER = SolverSettings(iterations=30, damping=1e-3)
 _FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as well
 
 
-def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats) -> Floats:
+def retarget(
+    model: ArticulatedModel, names: tuple[str, ...], positions: Floats[F, J, D3]
+) -> Floats[F, P]:
     """Return solver parameters (F, P) whose joints are nearest to positions (F, J, 3) world [m], within limits.
 
     names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
@@ -43,7 +45,9 @@ def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats)
 
 
 def fitted_model(
-    build: Callable[[HandScale], ArticulatedModel], names: tuple[str, ...], positions: Floats
+    build: Callable[[HandScale], ArticulatedModel],
+    names: tuple[str, ...],
+    positions: Floats[F, J, D3],
 ) -> ArticulatedModel:
     """Return the model in the size of the person whose joints are at positions (F, J, 3) world [m].
 
@@ -63,8 +67,11 @@ def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
 
 
 def retarget_errors(
-    model: ArticulatedModel, names: tuple[str, ...], positions: Floats, params: Floats
-) -> Floats:
+    model: ArticulatedModel,
+    names: tuple[str, ...],
+    positions: Floats[F, J, D3],
+    params: Floats[F, P],
+) -> Floats[F, J]:
     """Return (F, J) how far the model's joints are from positions (F, J, 3) [m]; NaN where unknown."""
     pairs = zip(positions, params, strict=True)
     return np.stack(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -27,13 +27,13 @@ _AMBIENT = 0.55
 class Pattern:
     """Smooth random patterns, another on every bone: sums of waves in the bone's own frame."""
 
-    base: Floats
+    base: Floats[B, D3]
     """(B, 3) mean colour"""
-    wave: Floats
+    wave: Floats[B, K, D3]
     """(B, K, 3) [1/m]"""
-    phase: Floats
+    phase: Floats[B, K]
     """(B, K)"""
-    swing: Floats
+    swing: Floats[B, K, D3]
     """(B, K, 3) of each colour"""
 
     @classmethod
@@ -50,14 +50,14 @@ class Pattern:
             rng.normal(scale=22.0, size=(bones, count, 3)),
         )
 
-    def __call__(self, bone: Ints, local: Floats) -> Floats:
+    def __call__(self, bone: Ints[N], local: Floats[N, D3]) -> Floats[N, D3]:
         angle = np.einsum("nki,ni->nk", self.wave[bone], local) + self.phase[bone]
         return self.base[bone] + np.einsum("nk,nkc->nc", np.sin(angle), self.swing[bone])
 
 
 def textured_picture(
-    camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array
-) -> tuple[Array, Array]:
+    camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array[H, W, D3]
+) -> tuple[Array[H, W, D3], Array[H, W]]:
     """Return a picture (H, W, 3) uint8 and the share (H, W) of each pixel that the model covers.
 
     Lit from the upper left. background: (H, W, 3). Four samples a pixel; no lens distortion.
@@ -78,7 +78,7 @@ def textured_picture(
     return np.clip(np.rint(small), 0, 255).astype(np.uint8), share
 
 
-def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array:
+def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array[H, W, D3]:
     """Return a picture (H, W, 3) uint8 of random rectangles and spots of all sizes, width and height `size`."""
     width, height = size
     image = np.full((height, width, 3), rng.uniform(60, 190, 3), np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.term import ObservationTerm, ParameterTerm
@@ -12,7 +12,7 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 def assemble(
     model: ArticulatedModel,
-    params: Floats,
+    params: Floats[P],
     observation_terms: Sequence[ObservationTerm],
     parameter_terms: Sequence[ParameterTerm],
 ) -> JointSystem:

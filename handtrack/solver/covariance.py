@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, D6, Array, B, Floats, J, K, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 
@@ -18,15 +18,15 @@ UNOBSERVABLE_STD = 1.0
 class Uncertainty:
     """Covariance of solver parameters and of all that follows from them."""
 
-    covariance: Floats
+    covariance: Floats[P, P]
     """(P, P)"""
-    parameter_std: Floats
+    parameter_std: Floats[S]
     """(S,) of joint parameters [m, rad]; infinite where unobservable"""
-    joint_covariance: Floats
+    joint_covariance: Floats[J, D3, D3]
     """(J, 3, 3) of joint positions [m²]"""
 
 
-def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
+def covariance(hessian: Floats[P, P], variance: float = 1.0) -> tuple[Floats[P, P], Array[P, K]]:
     """Return variance · H⁻¹ (P, P) and the directions (P, K), unit vectors, that H does not determine.
 
     A direction is undetermined when its eigenvalue gives a standard deviation above UNOBSERVABLE_STD;
@@ -39,7 +39,7 @@ def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
     return (vectors * spread) @ vectors.T, vectors[:, blind]
 
 
-def inherited_information(motion: Floats, before: Floats | None) -> Floats:
+def inherited_information(motion: Floats[P, P], before: Floats[K, K] | None) -> Floats[P, P]:
     """Return what a prediction tells of a pose, an inverse covariance (P, P), when the pose before is not known exactly either.
 
     motion: (P, P) what it would tell otherwise: the inverse of how much a frame may change. before: (P, P) covariance of
@@ -54,9 +54,9 @@ def inherited_information(motion: Floats, before: Floats | None) -> Floats:
 
 def uncertainty(
     model: ArticulatedModel,
-    params: Floats,
-    hessian: Floats,
-    seen: Floats | None = None,
+    params: Floats[P],
+    hessian: Floats[P, P],
+    seen: Floats[P, P] | None = None,
     variance: float = 1.0,
 ) -> Uncertainty:
     """Return the uncertainty of a pose. hessian: (P, P) of the cost ½ Σ r²; variance: of one residual.
@@ -77,8 +77,8 @@ def uncertainty(
 
 
 def joint_position_jacobian(
-    model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats
-) -> Floats:
+    model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats[B, D6, S]
+) -> Floats[J, D3, S]:
     """Return (J, 3, S), the velocity of each named joint per unit of each joint parameter."""
     arm = model.joint_positions(bones) - bones.reference
     twist = twist_jacobian[model.joint_bone]

@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.setting import setting
 from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
@@ -21,9 +21,9 @@ class BoundedProblem(Protocol):
     @property
     def limits(self) -> MovingLimits: ...
 
-    def cost(self, params: Floats) -> float: ...
+    def cost(self, params: Floats[P]) -> float: ...
 
-    def linearize(self, params: Floats) -> JointSystem: ...
+    def linearize(self, params: Floats[P]) -> JointSystem: ...
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class SolverSettings:
 class SolveSummary:
     """Where the loop ended, and why."""
 
-    params: Floats
+    params: Floats[P]
     cost: float
     iterations: int
     why: str
@@ -84,10 +84,10 @@ _REJECTIONS = 8  # trials at one linearisation before giving up
 
 def solve(
     problem: BoundedProblem,
-    params: Floats,
+    params: Floats[P],
     settings: SolverSettings | None = None,
     should_stop: Callable[[], bool] | None = None,
-    on_iteration: Callable[[int, Floats, float], None] | None = None,
+    on_iteration: Callable[[int, Floats[P], float], None] | None = None,
 ) -> SolveSummary:
     """Return the minimum that descent reaches from params (P,), within the problem's limits.
 
@@ -148,8 +148,8 @@ def solve(
 
 
 def bounded_step(
-    system: JointSystem, params: Floats, limits: MovingLimits | None, damping: float
-) -> Floats | None:
+    system: JointSystem, params: Floats[P], limits: MovingLimits | None, damping: float
+) -> Floats[P] | None:
     """Return the step (P,) that minimises the damped quadratic model within the limits; None if it has no minimum."""
     box, step = new_box(len(params)), np.empty(len(params))
     if limits is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, Array, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.assembly import assemble
@@ -21,14 +21,14 @@ class Problem:
     observation_terms: Sequence[ObservationTerm]
     parameter_terms: Sequence[ParameterTerm] = ()
 
-    def cost(self, params: Floats) -> float:
+    def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
         bones = self.model.bones(params)
         seen = sum(term.cost(bones) for term in self.observation_terms)
         joint = self.model.joint_params(params)
         return float(seen + sum(term.cost(joint) for term in self.parameter_terms))
 
-    def costs(self, params: Floats) -> dict[str, float]:
+    def costs(self, params: Floats[P]) -> dict[str, float]:
         """Return the cost of each kind of term, by its name; terms of one name are summed."""
         bones, joint = self.model.bones(params), self.model.joint_params(params)
         costs: dict[str, float] = {}
@@ -38,7 +38,7 @@ class Problem:
             costs[prior.name] = costs.get(prior.name, 0.0) + float(prior.cost(joint))
         return costs
 
-    def linearize(self, params: Floats) -> JointSystem:
+    def linearize(self, params: Floats[P]) -> JointSystem:
         """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
         return assemble(self.model, params, self.observation_terms, self.parameter_terms)
 
@@ -46,7 +46,7 @@ class Problem:
     def limits(self) -> MovingLimits:
         return self.model.moving_limits
 
-    def bounds(self, params: Floats) -> Floats:
+    def bounds(self, params: Floats[P]) -> Floats[P, D2]:
         """Return the limits (P, 2) that hold at params."""
         return self.model.bounds(params)
 
@@ -56,14 +56,14 @@ class FreeProblem:
     """A problem in which only some solver parameters move; the others stay at `params` (P,)."""
 
     problem: Problem
-    free: Array
+    free: Array[P]
     """(P,) bool"""
-    params: Floats
+    params: Floats[P]
 
-    def cost(self, params: Floats) -> float:
+    def cost(self, params: Floats[P]) -> float:
         return self.problem.cost(params)
 
-    def linearize(self, params: Floats) -> JointSystem:
+    def linearize(self, params: Floats[P]) -> JointSystem:
         return self.problem.linearize(params)
 
     @property

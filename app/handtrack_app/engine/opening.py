@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.session import bundled
@@ -39,7 +39,7 @@ def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     return Document(run, frame, params, pending)
 
 
-def placed_in_view(run: TrackingRun) -> Floats:
+def placed_in_view(run: TrackingRun) -> Floats[P]:
     """Return solver parameters (P,) of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
     the first one.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.arrays import D3, Axes, Bytes, Floats, Ints, N
 
 FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
     "palm": (168, 158, 150),
@@ -66,12 +66,12 @@ def colour_of(name: str) -> tuple[int, int, int]:
     return FINGER_COLOURS[finger_of(name)] if limb is None else LIMB_COLOURS[limb]
 
 
-def colours_of(bone_names: tuple[str, ...], bones: Ints) -> Bytes:
+def colours_of(bone_names: tuple[str, ...], bones: Ints[N]) -> Bytes[N, D3]:
     """Return (N, 3) colours of things that sit on bones (N,)."""
     return linear([colour_of(bone_names[b]) for b in bones])
 
 
-def linear(colours: object) -> Bytes:
+def linear(colours: object) -> Bytes[*Axes, D3]:
     """Return (..., 3) colours as the scene's light is computed; sent as they are, they would look washed out."""
     share = np.asarray(colours, dtype=float) / 255
     low = share <= 0.04045
@@ -115,7 +115,7 @@ _RAMP = np.array(
 )
 
 
-def residual_colours(residual_mm: Floats) -> Bytes:
+def residual_colours(residual_mm: Floats[N]) -> Bytes[N, D3]:
     """Return (N, 3) colours of distances to the model (N,) [mm]: blue inside, grey on it, orange outside."""
     share = np.nan_to_num(np.clip(residual_mm / RESIDUAL_MM, -1.0, 1.0))
     place = 0.5 * (share + 1.0) * (len(_RAMP) - 1)

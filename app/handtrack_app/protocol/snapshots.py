@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N, S, T, V, W
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
 
@@ -22,9 +22,9 @@ class PartCard:
     """A part of a body as the scene draws it: a closed mesh, fixed to a bone."""
 
     bone: int
-    vertices: Floats
+    vertices: Floats[V, D3]
     """(V, 3) in that bone's frame [m]"""
-    faces: Ints
+    faces: Ints[T, D3]
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class CameraCard:
 
     name: str
     size: tuple[int, int]
-    matrix: Floats
-    rotation: Floats
+    matrix: Floats[D3, D3]
+    rotation: Floats[D3, D3]
     """(3, 3) camera → world"""
-    centre: Floats
+    centre: Floats[D3]
     """(3,) world [m]"""
 
     @classmethod
@@ -57,19 +57,19 @@ class SessionSnapshot:
     stop: int
     first_frame: int
     cameras: tuple[CameraCard, ...]
-    scene_centre: Floats
+    scene_centre: Floats[D3]
     """(3,) where the cameras look, world [m]"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
-    interval: Floats
+    interval: Floats[S, D2]
     """(S, 2) limits in force [m, rad]"""
-    own_interval: Floats
+    own_interval: Floats[S, D2]
     """(S, 2) the model's own limits"""
     bone_names: tuple[str, ...]
-    bone_length: Floats
-    ellipsoid_bone: Ints
-    radii: Floats
+    bone_length: Floats[B]
+    ellipsoid_bone: Ints[E]
+    radii: Floats[E, D3]
     """(E, 3) [m]"""
     settings: dict[str, object]
     own_settings: dict[str, object]
@@ -93,24 +93,24 @@ class PoseSnapshot:
 
     frame: int
     version: int
-    values: Floats
+    values: Floats[S]
     """(S,) joint parameters [m, rad]"""
-    bone_position: Floats
-    bone_rotation: Floats
+    bone_position: Floats[B, D3]
+    bone_rotation: Floats[B, D3]
     """(B, 3) and (B, 3, 3)"""
-    centre: Floats
-    rotation: Floats
+    centre: Floats[E, D3]
+    rotation: Floats[E, D3]
     """ellipsoids: (E, 3) and (E, 3, 3)"""
-    tips: Floats
+    tips: Floats[L, D3]
     """(T, 3) fingertips, world [m]"""
     origin: str
     """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float
-    std: Floats | None
+    std: Floats[S] | None
     """(S,) [m, rad]"""
-    truth: Floats | None
+    truth: Floats[K, D3] | None
     """(K, 3) true keypoints, world [m]"""
     error_mm: float
     """mean distance to the truth; NaN without"""
@@ -123,11 +123,11 @@ class PictureSnapshot:
     """Pictures of one frame, RGB."""
 
     frame: int
-    thumbnails: dict[str, Bytes] = field(default_factory=dict)
-    sheet: Bytes | None = None
+    thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
+    sheet: Bytes[H, W, D3] | None = None
     """the thumbnails side by side"""
     screen: str | None = None
-    screen_image: Bytes | None = None
+    screen_image: Bytes[H, W, D3] | None = None
 
 
 @dataclass(frozen=True)
@@ -135,14 +135,14 @@ class TimelineSnapshot:
     """The whole recording at a glance; rows are frames from `start`."""
 
     start: int
-    status: Ints
+    status: Ints[F]
     """(F,) contracts §5; −1 untracked"""
-    energy: Floats
-    error_mm: Floats
+    energy: Floats[F]
+    error_mm: Floats[F]
     """(F,) NaN where unknown"""
     by_hand: tuple[int, ...]
     """frames whose pose was given, by hand or by a search"""
-    terms: dict[str, Floats] = field(default_factory=dict)
+    terms: dict[str, Floats[F]] = field(default_factory=dict)
     """(F,) the energy's parts in words"""
     found: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
@@ -212,13 +212,13 @@ class GuessesSnapshot:
     kind: str
     """`found` without a first pose, `carried` by the tracker, or empty: there are none"""
     guesses: tuple[Guess, ...] = ()
-    owner: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    owner: Ints[N] = field(default_factory=lambda: np.zeros(0, np.int64))
     """(N,) the guess that each bone belongs to"""
-    position: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    position: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
     """(N, 3) where bones begin, world [m]"""
-    rotation: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    rotation: Floats[N, D3, D3] = field(default_factory=lambda: np.zeros((0, 3, 3)))
     """(N, 3, 3) bone → world; bones lie along y"""
-    length: Floats = field(default_factory=lambda: np.zeros(0))
+    length: Floats[N] = field(default_factory=lambda: np.zeros(0))
     """(N,) [m]"""
     is_new: bool = False
     """just found: the surest is to be taken"""
@@ -230,9 +230,9 @@ class SurfaceSnapshot:
 
     frame: int
     version: int
-    vertices: Floats
+    vertices: Floats[V, D3]
     """(V, 3) world [m]"""
-    faces: Ints
+    faces: Ints[T, D3]
 
 
 @dataclass(frozen=True)
@@ -250,13 +250,13 @@ class CloudSnapshot:
     """The cloud of one frame, as the tracker gets it, against the hand shown."""
 
     frame: int
-    points: Floats
+    points: Floats[N, D3]
     """(N, 3) world [m]; of very many, a random part"""
-    colors: Bytes | None
+    colors: Bytes[N, D3] | None
     """(N, 3) RGB"""
-    residual_mm: Floats
+    residual_mm: Floats[N]
     """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
-    dropped: Floats
+    dropped: Floats[M, D3]
     """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
     measured: int
     left: int
@@ -270,7 +270,7 @@ class CloudPicture:
     """The picture of the cloud panel."""
 
     frame: int
-    image: Bytes
+    image: Bytes[H, W, D3]
     """(H, W, 3) RGB"""
     wide: bool
     words: str

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.bench.measuring import joint_error_mm
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -100,7 +100,7 @@ def repair(seed: int, seen: str) -> Repair:
     return Repair(*errors, *costs)
 
 
-def one_finger_off(model: ArticulatedModel, params: Floats, side: float) -> Floats:
+def one_finger_off(model: ArticulatedModel, params: Floats[P], side: float) -> Floats[P]:
     """Return params (P,) with each finger in its neighbour's place, bent as that one is; side 1: towards the little."""
     bones = model.bones(params)
     places = model.joint_positions(bones)

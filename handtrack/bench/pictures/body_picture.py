@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D3, Bytes, Floats, H, P, W
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -28,7 +28,7 @@ _SUBPIXEL_BITS = 4
 _SHADES = 64
 
 
-def body_pictures(model: ArticulatedModel) -> Bytes:
+def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
     """Return the pictures side by side (H, W, 3) BGR."""
     if model.superquadrics is None:
         raise HandtrackError(f"body picture: the model '{model.name}' has no superquadrics.")
@@ -41,7 +41,7 @@ def body_pictures(model: ArticulatedModel) -> Bytes:
     return np.concatenate(shown, axis=1)
 
 
-def drawn(model: ArticulatedModel, mesh: PartMesh, params: Floats, turn: float) -> Bytes:
+def drawn(model: ArticulatedModel, mesh: PartMesh, params: Floats[P], turn: float) -> Bytes[P]:
     """Return a picture of a mesh posed by params (P,), turned about the vertical [rad], without perspective."""
     vertices, _ = mesh.carried(model.bones(params))
     c, s = np.cos(turn), np.sin(turn)

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, C, Floats, Ints, N
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
@@ -103,7 +103,7 @@ class CloudFilters:
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        centres: Floats | None = None,
+        centres: Floats[C, D3] | None = None,
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
@@ -117,8 +117,8 @@ class CloudFilters:
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        centres: Floats | None = None,
-    ) -> tuple[Array, tuple[FilterReport, ...]]:
+        centres: Floats[C, D3] | None = None,
+    ) -> tuple[Array[N], tuple[FilterReport, ...]]:
         """Return which filter dropped each point (N,), by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
@@ -181,12 +181,14 @@ class CloudFilters:
         return steps
 
 
-def finite(points: Floats) -> Array:
+def finite(points: Floats[N, D3]) -> Array[N]:
     """Return which points (N, 3) have three finite coordinates."""
     return np.asarray(np.isfinite(points).all(axis=1))
 
 
-def within_range(points: Floats, centres: Floats, near_m: float, far_m: float) -> Array:
+def within_range(
+    points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
+) -> Array[N]:
     """Return which points (N, 3) lie in the range [m] of at least one camera at `centres` (C, 3)."""
     keep = np.zeros(len(points), bool)
     for centre in centres:
@@ -195,7 +197,7 @@ def within_range(points: Floats, centres: Floats, near_m: float, far_m: float) -
     return keep
 
 
-def near_hand(points: Floats, hand_distance: HandDistance, crop_m: float) -> Array:
+def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:
     """Return which points (N, 3) lie within crop_m [m] of the hand of the frame before."""
     parts = range(0, len(points), _AT_ONCE)
     return np.concatenate(
@@ -203,14 +205,14 @@ def near_hand(points: Floats, hand_distance: HandDistance, crop_m: float) -> Arr
     )
 
 
-def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
+def skin_coloured(colors: Array[N, D3] | None, count: int, skin: SkinEllipse) -> Array[N]:
     """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
     if colors is None:
         return np.ones(count, bool)
     return np.less_equal(skin.distance(colors), skin.size)
 
 
-def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
+def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
     """Return which points (N, 3) belong to the largest part that hangs together, by touching cells
     of side link_m."""
     if len(points) == 0:
@@ -221,8 +223,11 @@ def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
 
 
 def nearest_part(
-    points: Floats, centres: Floats, front_m: float | None = None, link_m: float = _LINK_M
-) -> Array:
+    points: Floats[N, D3],
+    centres: Floats[C, D3],
+    front_m: float | None = None,
+    link_m: float = _LINK_M,
+) -> Array[N]:
     """Return which points (N, 3) belong to the part nearest to a camera at `centres` (C, 3).
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
@@ -242,7 +247,7 @@ def nearest_part(
     return inside
 
 
-def thinned(points: Floats, voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array:
+def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
     """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
     order = np.random.default_rng(seed).permutation(len(points))
     cells = cell_numbers(points, voxel_m)[order]
@@ -255,7 +260,7 @@ def thinned(points: Floats, voxel_m: float, per_voxel: int = 1, seed: int = 0) -
     return keep
 
 
-def random_part(count: int, most: int, seed: int = 0) -> Array:
+def random_part(count: int, most: int, seed: int = 0) -> Array[N]:
     """Return a mask (count,) with at most `most` true, evenly at random, the same for one seed."""
     keep = np.ones(count, bool)
     if count > most:
@@ -264,7 +269,7 @@ def random_part(count: int, most: int, seed: int = 0) -> Array:
     return keep
 
 
-def inliers(points: Floats, neighbours: int, ratio: float, seed: int = 0) -> Array:
+def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0) -> Array[N]:
     """Return which points (N, 3) have their neighbours about as near as points usually have.
 
     The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
@@ -278,7 +283,7 @@ def inliers(points: Floats, neighbours: int, ratio: float, seed: int = 0) -> Arr
     return distance <= ratio * np.median(distance)
 
 
-def cell_numbers(points: Floats, side_m: float) -> Ints:
+def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
     """Return one whole number (N,) per point (N, 3), equal within a cell of one grid."""
     cells = np.floor(points / side_m)
     cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0

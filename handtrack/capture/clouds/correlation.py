@@ -7,21 +7,21 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Bytes, H, W
 
 
 class Correlated(NamedTuple):
     """The best match of every pixel, in both directions."""
 
-    left: Array
+    left: Array[H, W]
     """(H, W) float32 disparity of the left pixels, between whole pixels; NaN where none."""
-    right: Array
+    right: Array[H, W]
     """(H, W) float32 disparity of the right pixels, whole; NaN where none."""
 
 
 def correlate(
-    left: Bytes,
-    right: Bytes,
+    left: Bytes[H, W],
+    right: Bytes[H, W],
     least: int,
     most: int,
     window_px: int = 9,

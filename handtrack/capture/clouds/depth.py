@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats, check_shape
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W, check_shape
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 
@@ -32,8 +32,8 @@ class DepthSettings:
 
 
 def surface_pixels(
-    depth_m: Array, focal_px: float, settings: DepthSettings = DepthSettings()
-) -> Array:
+    depth_m: Array[H, W], focal_px: float, settings: DepthSettings = DepthSettings()
+) -> Array[H, W]:
     """Return where a depth image (H, W) [m] shows a surface, as (H, W) of booleans.
 
     0, negative and infinite depths are no measurement.
@@ -53,9 +53,9 @@ def surface_pixels(
 
 def depth_cloud(
     camera: Camera,
-    depth_m: Array,
-    mask: Array | None = None,
-    image: Bytes | None = None,
+    depth_m: Array[H, W],
+    mask: Array[H, W] | None = None,
+    image: Bytes[H, W, D3] | None = None,
     settings: DepthSettings | None = DepthSettings(),
 ) -> PointCloud:
     """Return the points of a depth image (H, W) [m] in the world frame.

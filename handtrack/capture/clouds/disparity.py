@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.clouds.correlation import correlate
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import setting
@@ -69,19 +69,19 @@ class StereoSettings:
 class Matches(NamedTuple):
     """What was matched, and what of it was thrown away."""
 
-    disparity: Array
+    disparity: Array[H, W]
     """(H, W) float32 [px] of the left pixels, NaN where there is none."""
-    rejected: Bytes
+    rejected: Bytes[H, W]
     """(H, W) uint8: why a match does not count, see REJECTED."""
 
 
 def disparity(
-    left: Bytes,
-    right: Bytes,
+    left: Bytes[H, W, *Axes],
+    right: Bytes[H, W, *Axes],
     least: int,
     most: int,
     settings: StereoSettings = StereoSettings(),
-) -> Array:
+) -> Array[H, W]:
     """Return the disparity (H, W) float32 [px] of the left pixels, NaN where there is no match
     that both directions agree on.
 
@@ -91,7 +91,13 @@ def disparity(
     return matches(left, right, least, most, settings).disparity
 
 
-def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSettings) -> Matches:
+def matches(
+    left: Bytes[H, W, *Axes],
+    right: Bytes[H, W, *Axes],
+    least: int,
+    most: int,
+    settings: StereoSettings,
+) -> Matches:
     """Return what `disparity` does, and why the other matches were thrown away."""
     if settings.method == "correlation":
         both = correlate(_grey(left), _grey(right), least, most, settings.window)
@@ -111,7 +117,7 @@ def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSe
     return Matches(kept, rejected)
 
 
-def consistent(left: Array, right: Array, tolerance_px: float) -> Array:
+def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Array[H, W]:
     """Return where left disparities (H, W) are also those of the right pixels they lead to."""
     columns = np.arange(left.shape[1])
     partner = columns - np.nan_to_num(left).round().astype(int)
@@ -121,7 +127,7 @@ def consistent(left: Array, right: Array, tolerance_px: float) -> Array:
         return inside & (np.abs(left - back) <= tolerance_px)
 
 
-def without_speckles(found: Array, least_px: int, step_px: float = 1.0) -> Array:
+def without_speckles(found: Array[H, W], least_px: int, step_px: float = 1.0) -> Array[H, W]:
     """Return disparities (H, W) without patches, bounded by steps above step_px, of fewer than
     least_px pixels."""
     known = np.isfinite(found)

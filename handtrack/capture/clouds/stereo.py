@@ -7,7 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.clouds.depth import DepthSettings, surface_pixels
 from handtrack.capture.clouds.disparity import REJECTED, StereoSettings, disparity, matches
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
@@ -26,16 +26,16 @@ _ASTRAY = REJECTED.index("outside the other mask")
 class StereoView(NamedTuple):
     """A matched pair, for the screen and for checks."""
 
-    left: Bytes
+    left: Bytes[H, W, D3]
     """(H, W, 3) uint8 BGR, rectified."""
-    right: Bytes
-    disparity: Array
+    right: Bytes[H, W, D3]
+    disparity: Array[H, W]
     """(H, W) float32 [px] of the left pixels, NaN where there is none."""
     searched: tuple[int, int]
     """least and most disparity looked for."""
     asked: int
     """pixels that could have had a disparity: those of the mask, or all."""
-    rejected: Bytes
+    rejected: Bytes[H, W]
     """(H, W) uint8: why a match does not count, see disparity.REJECTED."""
 
     @property
@@ -64,10 +64,10 @@ class StereoMatcher:
 
     def match(
         self,
-        first: Bytes,
-        second: Bytes,
-        first_mask: Bytes | None = None,
-        second_mask: Bytes | None = None,
+        first: Bytes[H, W, D3],
+        second: Bytes[H, W, D3],
+        first_mask: Bytes[H, W] | None = None,
+        second_mask: Bytes[H, W] | None = None,
     ) -> StereoView:
         """Return the disparities of two images (H, W, 3) uint8 BGR taken at once.
 
@@ -103,10 +103,10 @@ class StereoMatcher:
 
     def cloud(
         self,
-        first: Bytes,
-        second: Bytes,
-        first_mask: Bytes | None = None,
-        second_mask: Bytes | None = None,
+        first: Bytes[H, W, D3],
+        second: Bytes[H, W, D3],
+        first_mask: Bytes[H, W] | None = None,
+        second_mask: Bytes[H, W] | None = None,
     ) -> PointCloud:
         """Return the points that `match` finds, coloured by the left image, world [m]."""
         return self.triangulate(self.match(first, second, first_mask, second_mask))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array
+from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.images.frames import check_size
 from handtrack.errors import HandtrackError
 
@@ -85,7 +85,7 @@ class VideoFile:
     def has(self, frame: int) -> bool:
         return frame in self.frames
 
-    def read(self, frame: int) -> Array | None:
+    def read(self, frame: int) -> Array[H, W, D3] | None:
         if frame < 0:
             return None
         with self._lock:

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.errors import HandtrackError
@@ -41,7 +41,7 @@ class BackgroundMedian:
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array], Bytes]:
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
         """Return the function from a BGR image to its mask.
 
         Raises HandtrackError with fewer than 3 readable frames.
@@ -85,7 +85,7 @@ class BackgroundMog2:
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array], Bytes]:
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
         """Return the function from a BGR image to its mask.
 
         Raises HandtrackError with fewer than 3 readable frames.
@@ -104,7 +104,7 @@ class BackgroundMog2:
         return segment
 
 
-def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
+def sampled_images(source: FrameSource, count: int) -> Iterator[Array[H, W, D3]]:
     """Yield up to `count` images evenly spaced over a recording.
 
     Raises HandtrackError with fewer than 3.

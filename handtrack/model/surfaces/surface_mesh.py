@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from skimage.measure import marching_cubes
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, F, Floats, Ints, N, V
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -20,20 +20,20 @@ MOST_NODES = 16_000_000
 class SurfaceMesh:
     """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
 
-    vertices: Floats
+    vertices: Floats[V, D3]
     """(V, 3) world [m]"""
-    faces: Ints
+    faces: Ints[F, D3]
     """(F, 3) counter-clockwise seen from outside"""
-    normals: Floats
+    normals: Floats[V, D3]
     """(V, 3) unit, outwards"""
-    ellipsoid: Ints
+    ellipsoid: Ints[V]
     """(V,) the closest ellipsoid"""
-    bone: Ints
+    bone: Ints[V]
     """(V,) its bone, to which the vertex is fixed"""
-    local: Floats
+    local: Floats[V, D3]
     """(V, 3) in that bone's frame [m]"""
 
-    def carried(self, bones: BonePoses) -> Floats:
+    def carried(self, bones: BonePoses) -> Floats[V, D3]:
         """Return the vertices (V, 3) where other bone poses carry them, world [m]."""
         return bones.to_world(self.bone, self.local)
 
@@ -69,7 +69,7 @@ def sample_surface(
     count: int,
     rng: np.random.Generator,
     spacing_m: float = 0.004,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats[N, D3], Floats[N, D3]]:
     """Return points (count, 3) spread evenly over the surface, world [m], and its unit normals there (count, 3)."""
     mesh = surface_mesh(surface, bones, spacing_m)
     corners = mesh.vertices[mesh.faces]

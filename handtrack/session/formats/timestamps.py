@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N
 from handtrack.errors import HandtrackError
 
 COLUMNS = ("camera", "frame", "time_s")
@@ -22,9 +22,9 @@ class FrameTimes:
 
     fps: float
     """frames a second; the median rate when only times were given."""
-    frame: Floats | None = None
+    frame: Floats[N] | None = None
     """(N,) frames with a measured time, ascending."""
-    time_s: Floats | None = None
+    time_s: Floats[N] | None = None
     """(N,) [s], ascending."""
 
     def time_of(self, frame: int) -> float:

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -40,14 +40,14 @@ class JumpScene:
 
     model: ArticulatedModel
     camera: Camera
-    truth: Floats
+    truth: Floats[P]
     """(P,)"""
     seen: ImageKeypoints
     priors: BodyPriors
-    start: Floats
+    start: Floats[P]
     """(P,) the minimum next to the truth"""
     start_cost: float
-    covariance: Floats
+    covariance: Floats[P, P]
     """(P, P) there"""
 
     @property
@@ -55,7 +55,7 @@ class JumpScene:
         """The prior that parts do not pass through each other."""
         return next((term for term in self.priors.bones if isinstance(term, CollisionTerm)), None)
 
-    def polished(self, starts: Floats) -> Polished:
+    def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts (N, P)."""
         return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
 
@@ -85,7 +85,7 @@ def front_camera() -> Camera:
     return Camera("front", (1280, 960), matrix, np.zeros(5), turn, -turn @ [0.0, 0.2, 4.0])
 
 
-def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats:
+def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats[P]:
     """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
 
     Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a

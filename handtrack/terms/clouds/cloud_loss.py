@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Axes, Floats
 from handtrack.errors import HandtrackError
 from handtrack.terms.clouds.cloud_loss_kernels import GEMAN_MCCLURE, HUBER, OUTLIERS, QUADRATIC
 from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
@@ -34,10 +34,10 @@ class UniformOutliers:
         """c, an outlier's density beside an exact point's."""
         return self.share / (1.0 - self.share) * np.sqrt(2.0 * np.pi) / (2.0 * self.half_width)
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         return -2.0 * np.log((np.exp(-0.5 * squared) + self.level) / (1.0 + self.level))
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         inlier = np.exp(-0.5 * squared)
         return inlier / (inlier + self.level)
 

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, check_shape
+from handtrack.arrays import D3, Floats, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -29,9 +29,9 @@ class CloudRaysTerm(CompiledTerm):
     is behind it. So a far side never explains a point.
     """
 
-    points: Floats
+    points: Floats[N, D3]
     """(N, 3) finite, world [m]"""
-    centre: Floats
+    centre: Floats[D3]
     """(3,) of the camera whose pixels they are, world [m]"""
     surface: MetaballSurface
     along_m: float = 0.004

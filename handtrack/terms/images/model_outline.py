@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, N
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -20,18 +20,18 @@ class OutlinePoints:
     """Short pieces of outline, each by its middle."""
 
     camera: Camera
-    bone: Ints
+    bone: Ints[N]
     """(N,)"""
-    local: Floats
+    local: Floats[N, D3]
     """(N, 3) in the bone's frame [m]"""
-    pixel: Floats
+    pixel: Floats[N, D2]
     """(N, 2) where the point is seen at the pose the outline was made for [px]"""
-    normal: Floats
+    normal: Floats[N, D2]
     """(N, 2) unit, out of the model, in the image"""
-    length_px: Floats
+    length_px: Floats[N]
     """(N,) of each piece"""
 
-    def subset(self, keep: Array) -> OutlinePoints:
+    def subset(self, keep: Array[N]) -> OutlinePoints:
         """Return the pieces for which `keep` (N,) is True."""
         return OutlinePoints(
             self.camera,

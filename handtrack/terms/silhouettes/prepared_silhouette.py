@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D2, D4, D8, D24, Array, Floats, H, Ints, K, L, M, N, W, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
@@ -20,24 +20,26 @@ class PreparedSilhouette:
     """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
 
     camera: Camera
-    valid: Array
+    valid: Array[H, D2]
     """(H, 2) int32: per row the half-open column span that counts."""
-    sums: Floats
+    sums: Floats[K, L, D4]
     """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
-    window: Ints
+    window: Ints[D4]
     """(4,): image width, the window's first column and row, the column where x = 0 [px]."""
     energy: float
     """Σ Z² over valid pixels."""
     area: float
     """−Σ Z over valid pixels: the mask's area [px]."""
-    powers: Floats
+    powers: Floats[M, D8]
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
-    heights: Floats
+    heights: Floats[N, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
 
 
 def prepare(
-    silhouette: Silhouette, line: Sequence[float] | None = None, observation: Array | None = None
+    silhouette: Silhouette,
+    line: Sequence[float] | None = None,
+    observation: Array[H, W] | None = None,
 ) -> PreparedSilhouette:
     """Return a silhouette made ready for ConicFieldTerm and CoverageTerm.
 
@@ -78,7 +80,7 @@ def prepare(
     )
 
 
-def clip_spans(valid: Array, line: Sequence[float]) -> Array:
+def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
     """Return the spans (H, 2) without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
     a, b, c = (float(x) for x in line)
     begin, end = valid[:, 0].astype(float), valid[:, 1].astype(float)
@@ -104,7 +106,7 @@ def clip_spans(valid: Array, line: Sequence[float]) -> Array:
 
 
 @lru_cache(maxsize=16)
-def power_sums(width: int) -> Floats:
+def power_sums(width: int) -> Floats[K, D8]:
     """Return (2W + 1, 8): row i holds Σ x⁰ … Σ x⁴ over whole x from −W to i − W − 1. Exact up to W ≈ 2000."""
     x = np.arange(-width, width, dtype=float)
     table = np.zeros((2 * width + 1, 8))
@@ -114,7 +116,7 @@ def power_sums(width: int) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def height_powers(height: int) -> Floats:
+def height_powers(height: int) -> Floats[K, D24]:
     """Return (2H + 1, 24): row j holds, with y = j − H, the power of y in each sum of MOMENTS."""
     y = np.arange(-height, height + 1, dtype=float)[:, None]
     powers = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4, 0, 0, 0, 0, 1, 1, 2, 0, 0])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, C, E, Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -23,7 +23,7 @@ MOST_ELLIPSOIDS = 1000
 class FieldShape:
     """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
 
-    levels: Floats
+    levels: Floats[C, E, D2]
     """(C, E, 2): t and s of each ellipsoid in each camera."""
     limit: float
     """infinite for a field without a floor"""
@@ -53,7 +53,7 @@ def field_system(
     weight: float | Sequence[float],
     want_system: bool = True,
     growing: bool = False,
-) -> tuple[BoneSystem, Floats]:
+) -> tuple[BoneSystem, Floats[C, D2]]:
     """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
 
     weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
@@ -24,16 +24,16 @@ _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 class Minima:
     """Where N starts ended."""
 
-    params: Floats
+    params: Floats[N, P]
     """(N, P)"""
-    cost: Floats
+    cost: Floats[N]
     """(N,) infinite where a start led nowhere"""
-    hessian: Floats
+    hessian: Floats[N, P, P]
     """(N, P, P) of the cost, Gauss-Newton"""
 
 
 def stage_problem(
-    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats
+    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
 ) -> Problem:
     """Return the problem of one stage of the schedule; bands are frozen at params (P,)."""
     return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
@@ -43,7 +43,7 @@ def descend(
     model: ArticulatedModel,
     settings: SolverSettings,
     terms: FrameTerms,
-    params: Floats,
+    params: Floats[P],
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Watch | None = None,
 ) -> tuple[SolveSummary, Problem, int]:
@@ -76,7 +76,7 @@ def minima(
     model: ArticulatedModel,
     settings: SolverSettings,
     terms: FrameTerms,
-    starts: Sequence[Floats] | Floats,
+    starts: Sequence[Floats[N, P]] | Floats[N, P],
     most: int,
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,

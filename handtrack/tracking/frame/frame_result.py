@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, J, P, S
 from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -25,7 +25,7 @@ class Solved:
     """A frame's result, and what only the next frame's prediction needs of it."""
 
     result: FrameResult
-    covariance: Floats | None = None
+    covariance: Floats[P, P] | None = None
     """(P, P) of the solver parameters; None where nothing is said of them"""
 
 
@@ -33,10 +33,10 @@ def solved_result(
     observation: Observation,
     terms: FrameTerms,
     problem: Problem,
-    params: Floats,
+    params: Floats[P],
     iterations: int,
     previous: Sequence[FrameResult] = (),
-    belief: Floats | None = None,
+    belief: Floats[P, P] | None = None,
     exact: Problem | None = None,
 ) -> Solved:
     """Return what is found of a frame at solver parameters (P,), with its uncertainty and status.
@@ -66,7 +66,7 @@ def solved_result(
     return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
 
 
-def unseen_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
+def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
     """Return a frame in which nothing was seen: lost, at the pose that is handed in (P,)."""
     cloud = terms.settings.cloud
     elsewhere = observation.cloud is not None and cloud.weight > 0
@@ -74,7 +74,7 @@ def unseen_result(terms: FrameTerms, observation: Observation, params: Floats) -
     return posed_result(terms.model, observation, params, Status.LOST, reason)
 
 
-def given_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
+def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
     """Return a first frame that is only to be compared with those after it, at the given pose (P,)."""
     return posed_result(terms.model, observation, params, Status.DOUBTFUL, Reason("given"))
 
@@ -82,13 +82,13 @@ def given_result(terms: FrameTerms, observation: Observation, params: Floats) ->
 def posed_result(
     model: ArticulatedModel,
     observation: Observation,
-    params: Floats,
+    params: Floats[P],
     status: Status,
     reason: Reason | None,
     energy: float = float("nan"),
     iterations: int = 0,
-    std: Floats | None = None,
-    joint_covariance: Floats | None = None,
+    std: Floats[S] | None = None,
+    joint_covariance: Floats[J, D3, D3] | None = None,
 ) -> FrameResult:
     """Return a result at solver parameters (P,). Without std and covariance, nothing is known: a metre."""
     joint = model.joint_params(params)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import (
@@ -139,7 +139,7 @@ def frame_terms(
     settings: TrackerSettings,
     observation: Observation,
     start: BonePoses,
-    expected: Floats | None,
+    expected: Floats[S] | None,
     frames_ahead: int = 1,
     before: Before | None = None,
 ) -> FrameTerms:

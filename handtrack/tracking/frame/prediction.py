@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import inherited_information
@@ -17,7 +17,9 @@ from handtrack.tracking.frame.result import FrameResult, Status
 _SPAN = 4  # frames; an older motion says nothing about the next one
 
 
-def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int) -> Floats | None:
+def predict(
+    model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
+) -> Floats[S] | None:
     """Return joint parameters (S,) at `frame` if the last two frames' motion goes on, or None.
 
     The wrist's place and all angles go on linearly, the hand's turn as a constant rotation. Needs two
@@ -40,8 +42,8 @@ def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
 
 
 def inheriting_doubt(
-    problem: Problem, params: Floats, hessian: Floats, belief: Floats | None
-) -> Floats:
+    problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
+) -> Floats[P, P]:
     """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
 
     hessian: (P, P) the one that poses are found with, which takes that pose for the truth; belief: its covariance (P, P),

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, S
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.reason import Reason
 
@@ -52,7 +52,7 @@ class Status(IntEnum):
 class Alternative:
     """One of several poses that may be a frame's, where `tracker.hypotheses` is above 1."""
 
-    parameters: Floats
+    parameters: Floats[S]
     """(S,) joint parameters [m, rad]"""
     energy: float
     weight: float
@@ -69,21 +69,21 @@ class FrameResult:
 
     frame: int
     time_s: float
-    parameters: Floats
+    parameters: Floats[S]
     """(S,) joint parameters [m, rad], all of the model's, whatever the coupling."""
     status: Status
     energy: float
     """final cost; NaN where nothing was seen."""
     iterations: int
-    parameter_std: Floats
+    parameter_std: Floats[S]
     """(S,) [m, rad]; infinite where unobservable."""
-    joint_covariance: Floats
+    joint_covariance: Floats[J, D3, D3]
     """(J, 3, 3) [m²]."""
-    T_world_bone: Floats
+    T_world_bone: Floats[B, D4, D4]
     """(B, 4, 4) bone → world."""
-    joint_positions: Floats
+    joint_positions: Floats[J, D3]
     """(J, 3) world [m]."""
-    keypoints21: Floats | None
+    keypoints21: Floats[D21, D3] | None
     """(21, 3) world [m]; hands only."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
@@ -122,30 +122,30 @@ class FrameResult:
 class TrackResult:
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
-    frame: Ints
+    frame: Ints[F]
     """(F,)"""
-    time_s: Floats
+    time_s: Floats[F]
     """(F,) [s]"""
     parameter_names: tuple[str, ...]
-    parameters: Floats
+    parameters: Floats[F, S]
     """(F, S) [m, rad]"""
     bone_names: tuple[str, ...]
-    T_world_bone: Floats
+    T_world_bone: Floats[F, B, D4, D4]
     """(F, B, 4, 4) bone → world"""
     joint_names: tuple[str, ...]
-    joint_positions: Floats
+    joint_positions: Floats[F, J, D3]
     """(F, J, 3) world [m]"""
-    keypoints21: Floats | None
+    keypoints21: Floats[F, D21, D3] | None
     """(F, 21, 3) world [m]; hands only"""
-    status: Ints
+    status: Ints[F]
     """(F,) values of Status"""
-    energy: Floats
+    energy: Floats[F]
     """(F,)"""
-    iterations: Ints
+    iterations: Ints[F]
     """(F,)"""
-    parameter_std: Floats
+    parameter_std: Floats[F, S]
     """(F, S) [m, rad]"""
-    joint_covariance: Floats
+    joint_covariance: Floats[F, J, D3, D3]
     """(F, J, 3, 3) [m²]"""
     model: str
     side: str
@@ -157,25 +157,25 @@ class TrackResult:
     version: str
     energy_names: tuple[str, ...] | None = None
     """(T,) terms of the energy; None where they were not kept"""
-    energies: Floats | None = None
+    energies: Floats[F, L] | None = None
     """(F, T) each term's part of the energy, NaN where a frame has no such term"""
-    reason: Array | None = None
+    reason: Array[F] | None = None
     """(F,) why a frame is doubtful or lost, in words"""
-    reason_kind: Array | None = None
+    reason_kind: Array[F] | None = None
     """(F,) the same as a key of reason.KINDS, with what follows"""
-    reason_where: Array | None = None
+    reason_where: Array[F, D2] | None = None
     """(F, 2) part and camera, where the reason names them"""
-    reason_numbers: Floats | None = None
+    reason_numbers: Floats[F, D2] | None = None
     """(F, 2) numbers of the reason, NaN where it has none"""
-    hypothesis_parameters: Floats | None = None
+    hypothesis_parameters: Floats[F, K, S] | None = None
     """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
-    hypothesis_energy: Floats | None = None
+    hypothesis_energy: Floats[F, K] | None = None
     """(F, H)"""
-    hypothesis_weight: Floats | None = None
+    hypothesis_weight: Floats[F, K] | None = None
     """(F, H) share of the posterior"""
-    hypothesis_parent: Ints | None = None
+    hypothesis_parent: Ints[F, K] | None = None
     """(F, H) which of the frame before's each continues; −1 in a first frame and beyond the last"""
-    hypothesis_origin: Array | None = None
+    hypothesis_origin: Array[F, K] | None = None
     """(F, H) how each was found"""
 
     @classmethod

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Floats, Ints, P
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
@@ -79,7 +79,7 @@ class MixtureStep:
     chains: Sequence[PreparedChain]
 
     def first(
-        self, observation: Observation, terms: FrameTerms, start: Floats,
+        self, observation: Observation, terms: FrameTerms, start: Floats[P],
         should_stop: Callable[[], bool] | None = None,
     ) -> Mixture:  # fmt: skip
         """Return the hypotheses of a first frame: minima near start (P,) in any heading, and what their trees hold.
@@ -173,7 +173,7 @@ class MixtureStep:
         rows[1:, 3:6] = rotation_vector(facing[1:])
         return np.array([self.model.transform.solver_params(row) for row in rows])
 
-    def speed_of_change(self) -> Floats:
+    def speed_of_change(self) -> Floats[P]:
         """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
         prior, strength = self.settings.prior, self.settings.tracker.smoothing
         push = np.full(self._size, np.deg2rad(prior.motion_sigma_deg))

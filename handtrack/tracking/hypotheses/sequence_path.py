@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import F, Floats, Ints, P
 from handtrack.geometry.rotation import (
     left_jacobian,
     rotation_matrix,
@@ -60,9 +60,9 @@ def lineage(carried: Sequence[Carried]) -> list[MovingHypothesis]:
 def smoothed(
     model: ArticulatedModel,
     path: Sequence[MovingHypothesis],
-    frames: Ints,
-    push: Floats,
-) -> Floats:
+    frames: Ints[F],
+    push: Floats[P],
+) -> Floats[F, P]:
     """Return poses (F, P) that weigh what was seen against steady motion: one Gauss-Newton step on the whole path.
 
     Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push (P,) the unknown

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
@@ -20,7 +20,7 @@ from handtrack.tracking.size.sized_problem import fit_size
 _FEWEST = 4
 
 
-def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
+def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
     """Return solver parameters (P,) of the hand fitted to points in space, within limits.
 
     Starts from the relaxed hand, laid rigidly on the points; a weak pull to that pose settles what the
@@ -38,7 +38,7 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
     return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
 
 
-def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
+def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S]) -> Floats[P]:
     """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
     joint = posture.copy()
     joint[:6] = 0.0
@@ -56,7 +56,7 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) 
     return model.transform.solver_params(joint)
 
 
-def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedModel) -> Floats:
+def carried_over(source: ArticulatedModel, params: Floats[P], model: ArticulatedModel) -> Floats[P]:
     """Return solver parameters (P,) of `model` with all joint parameters that it shares with `source` by name.
 
     The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
@@ -70,7 +70,7 @@ def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedMod
 
 def fit_scale(
     build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
-) -> tuple[HandScale, Floats]:
+) -> tuple[HandScale, Floats[P]]:
     """Return a person's hand and solver parameters (P,) fitted together to points in space.
 
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
@@ -29,7 +29,7 @@ class FingerLandscape:
     """where the bands are frozen while poses are compared"""
 
     @classmethod
-    def at(cls, terms: FrameTerms, params: Floats) -> FingerLandscape:
+    def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerLandscape:
         """Return the landscape around a pose (P,) that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
@@ -69,8 +69,8 @@ class FingerLandscape:
 
 
 def with_fingers_found(
-    terms: FrameTerms, params: Floats, control: Control, frame: int, why: str
-) -> Floats:
+    terms: FrameTerms, params: Floats[P], control: Control, frame: int, why: str
+) -> Floats[P]:
     """Return solver parameters (P,) with lost fingers found; the very same where none was lost."""
     landscape = FingerLandscape.at(terms, params)
     standing = landscape.measured(Candidate(terms.model, params, origin="standing pose"))

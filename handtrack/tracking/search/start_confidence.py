@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import joint_position_jacobian
@@ -46,7 +46,7 @@ def independent_errors(sources: Sequence[EvidenceSource], candidate: Candidate) 
     return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
 
-def shares(costs: Floats, count: float) -> Floats:
+def shares(costs: Floats[N], count: float) -> Floats[N]:
     """Return (N,) the share of each pose among all found, from their costs (N,) and how many errors are independent.
 
     How large errors usually are is not known for a first frame, so it is integrated out: with n independent
@@ -58,7 +58,7 @@ def shares(costs: Floats, count: float) -> Floats:
 
 
 def nearness(
-    problem: Problem, params: Floats, count: float, size_sigma: float, seed: int = 0
+    problem: Problem, params: Floats[P], count: float, size_sigma: float, seed: int = 0
 ) -> float:
     """Return how surely a pose (P,) has its joints within 12 mm of the true ones on average, if it is the right one.
 
@@ -93,7 +93,7 @@ def nearness(
 
 
 def fit_quality(
-    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats
+    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats[P]
 ) -> float:
     """Return 0 to 1: 0 where tracking would call the pose (P,) lost, ½ where doubtful, 1 as far above that again."""
     bones = model.bones(params)

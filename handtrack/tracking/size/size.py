@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
@@ -28,7 +28,7 @@ def refine_scale(
     settings: TrackerSettings,
     scale: HandScale,
     observations: Sequence[Observation],
-    poses: Sequence[Floats],
+    poses: Sequence[Floats[P]],
     should_stop: Callable[[], bool] | None = None,
     parts: bool = True,
 ) -> HandScale:

@@ -10,7 +10,7 @@ import numpy as np
 import viser
 import viser.transforms as vtf
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Keys, Page
 
@@ -44,7 +44,12 @@ NUDGES: dict[str, Nudge] = {
 
 
 def nudged(
-    root: Floats, nudge: Nudge, view: Floats, pivot: Floats, step_m: float, step_rad: float
+    root: Floats[D6],
+    nudge: Nudge,
+    view: Floats[D3, D3],
+    pivot: Floats[D3],
+    step_m: float,
+    step_rad: float,
 ) -> dict[str, float]:
     """Return root parameters by name after a nudge.
 
@@ -85,9 +90,9 @@ class NudgePanel:
     """Handles of the nudges."""
 
     page: Page
-    pivot: Callable[[], Floats | None]
+    pivot: Callable[[], Floats[D3] | None]
     """the hand's middle (3,) world [m]"""
-    axes: Callable[[], Floats | None]
+    axes: Callable[[], Floats[D3, D3] | None]
     """the axes (3, 3) of the camera looked through, camera → world, if any"""
     keys: Keys
 

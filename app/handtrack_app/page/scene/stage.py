@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
@@ -192,11 +192,11 @@ class Stage:
             ),
         )  # fmt: skip
 
-    def hand_middle(self) -> Floats | None:
+    def hand_middle(self) -> Floats[D3] | None:
         """Return the middle of the hand shown (3,) [m]."""
         return None if self.pose is None else middle_of(self.pose)
 
-    def view_axes(self) -> Floats | None:
+    def view_axes(self) -> Floats[D3, D3] | None:
         """Return the axes (3, 3), camera → world, of the camera looked through."""
         through = self.page.state.display.through
         if through is None or self.cameras is None or through not in self.cameras.cards:
@@ -351,6 +351,6 @@ class Stage:
                 marked(box)
 
 
-def middle_of(pose: PoseSnapshot) -> Floats:
+def middle_of(pose: PoseSnapshot) -> Floats[D3]:
     """Return the middle of the hand (3,) [m]: of its ellipsoids near the palm and fingers."""
     return np.median(pose.centre, axis=0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, D4, Array, Floats, K, P, S, V, X, Y, Z
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -30,27 +30,27 @@ class HandShape:
 
     model: ArticulatedModel
     posture: str
-    joint: Floats
+    joint: Floats[S]
     """(S,) joint parameters"""
-    middle: Floats
+    middle: Floats[D3]
     """(3,) the palm's middle [m]"""
     reach: float
     """[m] around the middle: points further away say nothing about this hand"""
-    points: Floats
+    points: Floats[V, D3]
     """(V, 3) evenly on the surface, within reach [m]"""
-    normals: Floats
+    normals: Floats[V, D3]
     """(V, 3) unit, outwards"""
-    is_arm: Array
+    is_arm: Array[V]
     """(V,) whether a point is on the forearm, which a sleeve may hide anywhere"""
     area: float
     """of the surface around each point [m²]"""
-    spheres: Floats
+    spheres: Floats[K, D4]
     """(K, 4) centres and radii of balls that fill the inside [m]"""
     mesh: SurfaceMesh
     """the same surface, with all of its points, each on its bone"""
-    low: Floats
+    low: Floats[D3]
     """(3,) the first node of `field` [m]"""
-    field: Array
+    field: Array[X, Y, Z]
     """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
 
     @property
@@ -63,7 +63,7 @@ class HandShape:
     def spacing(self) -> float:
         return _NODE_M
 
-    def params_at(self, rotation: Floats, place: Floats) -> Floats:
+    def params_at(self, rotation: Floats[D3, D3], place: Floats[D3]) -> Floats[P]:
         """Return solver parameters (P,) with this posture, turned by rotation (3, 3), its palm's middle at place (3,)."""
         joint = self.joint.copy()
         joint[3:6] = rotation_vector(rotation)
@@ -84,14 +84,14 @@ def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> 
     return shapes
 
 
-def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
+def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:
     """Return (3,) the palm's middle at solver parameters (P,), world [m]."""
     places = model.joint_positions(model.bones(params))
     wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
     return wrist + _MIDDLE * (knuckle - wrist)
 
 
-def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> HandShape:
+def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandShape:
     """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
     joint = joint.copy()
     joint[:6] = 0.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 from handtrack.tracking.search.evidence.source import EvidenceSource
@@ -29,7 +29,7 @@ def rigid_grid(
     shapes: Sequence[HandShape],
     most: int,
     should_stop: Callable[[], bool],
-    within: tuple[Floats, float] | None = None,
+    within: tuple[Floats[D3], float] | None = None,
 ) -> list[Candidate]:
     """Return the shapes at all turns and places, the best first, at most `most`, none like a better one; at most half
     of them at one place, if nothing is known of where the hand is.
