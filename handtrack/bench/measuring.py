@@ -73,17 +73,17 @@ def tracked(
     seen: Sequence[Observation],
     start: Floats[P],
 ) -> list[FrameResult]:
-    """Return frames 0, 1, … tracked from solver parameters (P,) on, with settings that differ from the defaults."""
+    """Return frames 0, 1, … tracked from solver parameters on, with settings that differ from the defaults."""
     tracker = Tracker(model, TrackerSettings().with_values(settings))
     return list(track_frames(tracker, lambda frame, *_: seen[frame], 0, start, range(len(seen))))
 
 
 def mean_mm(found: Floats[*Axes, D3], true: Floats[*Axes, D3]) -> float:
-    """Return the mean distance between points (..., 3) [m], in mm."""
+    """Return the mean distance between points [m], in mm."""
     return 1e3 * float(np.linalg.norm(found - true, axis=-1).mean())
 
 
 def joint_error_mm(model: ArticulatedModel, params: Floats[P], truth: Floats[P]) -> float:
-    """Return the mean distance of all joints and fingertips between two poses (P,) [mm]."""
+    """Return the mean distance of all joints and fingertips between two poses [mm]."""
     found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
     return mean_mm(found, true)

@@ -82,7 +82,7 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
 
 
 def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
-    """Return points (N, 3) moved, turned and scaled to fit target (N, 3) best (Umeyama 1991)."""
+    """Return points moved, turned and scaled to fit target best (Umeyama 1991)."""
     centre, goal = points.mean(axis=0), target.mean(axis=0)
     a, b = points - centre, target - goal
     u, s, vt = np.linalg.svd(a.T @ b)

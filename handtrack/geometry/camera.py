@@ -31,13 +31,13 @@ class Camera:
     size: tuple[int, int]
     """width, height [px]."""
     matrix: Floats[D3, D3]
-    """(3, 3) [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    """[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
     distortions: Floats[K]
     """(4, 5, 8, 12 or 14,) in OpenCV's order: k1 k2 p1 p2 k3 ..."""
     rotation: Floats[D3, D3]
-    """(3, 3) R_camera_world."""
+    """R_camera_world."""
     translation: Floats[D3]
-    """(3,) [m], the world's origin in the camera frame."""
+    """[m], the world's origin in the camera frame."""
 
     def __post_init__(self) -> None:
         for name in ("matrix", "distortions", "rotation", "translation"):
@@ -49,12 +49,12 @@ class Camera:
 
     @cached_property
     def centre(self) -> Floats[D3]:
-        """(3,) the camera's position, world [m]."""
+        """The camera's position, world [m]."""
         return -self.rotation.T @ self.translation
 
     @cached_property
     def projection(self) -> Floats[D3, D4]:
-        """(3, 4) K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
+        """K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
         return self.matrix @ np.column_stack([self.rotation, self.translation])
 
     @property
@@ -63,7 +63,7 @@ class Camera:
         return bool(np.any(self.distortions))
 
     def to_camera(self, points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
-        """Return world points (..., 3) [m] in the camera frame (..., 3) [m]."""
+        """Return world points [m] in the camera frame [m]."""
         return np.asarray(points, dtype=float) @ self.rotation.T + self.translation
 
     @property
@@ -76,7 +76,7 @@ class Camera:
         return self.focal_px / np.maximum(np.asarray(depth, float), _LEAST_DEPTH_M)
 
     def project(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2]:
-        """Return the pixels (..., 2) of world points (..., 3) [m], with distortion.
+        """Return the pixels of world points [m], with distortion.
 
         NaN behind the camera, and beyond the field in which the lens's polynomial is valid.
         """
@@ -92,18 +92,18 @@ class Camera:
         return replace(self, distortions=np.zeros(5))
 
     def undistort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
-        """Return pixels (..., 2) of the undistorted camera; NaN where the lens cannot have put
+        """Return pixels of the undistorted camera; NaN where the lens cannot have put
         them."""
         return self._pixels(undistort(self._directions(pixels), self.distortions))
 
     def distort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
-        """Return where pixels (..., 2) of the undistorted camera lie in the real image; NaN beyond
+        """Return where pixels of the undistorted camera lie in the real image; NaN beyond
         the lens's field."""
         return self._pixels(distort(self._directions(pixels), self.distortions))
 
     def project_jacobian(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2, D3]:
-        """Return d pixel / d point (..., 2, 3) [px/m] of the undistorted pinhole at world points
-        (..., 3) [m]."""
+        """Return d pixel / d point [px/m] of the undistorted pinhole at world points
+        [m]."""
         x, y, z = np.moveaxis(self.to_camera(points_world), -1, 0)
         zero, one = np.zeros_like(x), np.ones_like(x)
         across = np.stack(
@@ -113,7 +113,7 @@ class Camera:
         return focal * across / z[..., None, None] @ self.rotation
 
     def rays(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D3]:
-        """Return unit directions (..., 3), world, of viewing rays through pixels (..., 2) of the
+        """Return unit directions, world, of viewing rays through pixels of the
         real image."""
         flat = undistort(self._directions(pixels), self.distortions)
         directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)

@@ -19,7 +19,7 @@ _CONVERGED = 1e-9  # in normalised units: below a millionth of a pixel
 
 
 def distort(directions: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes, D2]:
-    """Return where the lens puts straight directions (..., 2); NaN beyond the lens's field."""
+    """Return where the lens puts straight directions; NaN beyond the lens's field."""
     directions = np.asarray(directions, dtype=float)
     if not np.any(coefficients):
         return directions.copy()
@@ -30,7 +30,7 @@ def distort(directions: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*A
 
 
 def undistort(bent: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes, D2]:
-    """Return the straight directions (..., 2) of distorted ones, by Newton's method; NaN where
+    """Return the straight directions of distorted ones, by Newton's method; NaN where
     there is none."""
     bent = np.asarray(bent, dtype=float)
     if not np.any(coefficients):

@@ -52,22 +52,22 @@ class ArticulatedModel:
     transform: ParameterTransform
     limits: Limits
     rest: Floats[S]
-    """(S,) joint parameters of the relaxed pose; the root's are zero."""
+    """joint parameters of the relaxed pose; the root's are zero."""
     flesh: dict[str, Ellipsoids]
     """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
     joint_names: tuple[str, ...]
     joint_bone: Ints[J]
-    """(J,) the bone that carries each named joint."""
+    """the bone that carries each named joint."""
     joint_point: Floats[J, D3]
-    """(J, 3) in that bone's frame [m]."""
+    """in that bone's frame [m]."""
     kind: str = "hand"
     """`hand` or `body`; a body has no side: it is never mirrored"""
     stabilise: Floats[S] | None = None
-    """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
+    """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
     proportion_moves: Floats[K, B, D3] | None = None
-    """(K, B, 3) by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
+    """by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     superquadrics: Superquadrics | None = None
@@ -87,15 +87,15 @@ class ArticulatedModel:
         return bone == (self.skeleton.bone("forearm") if self.has_forearm else -1)
 
     def joint_params(self, params: Floats[P]) -> Floats[S]:
-        """Return the joint parameters (S,) of solver parameters (P,)."""
+        """Return the joint parameters of solver parameters."""
         return self.transform.joint_params(params)
 
     def bones(self, params: Floats[P]) -> BonePoses:
-        """Return the bones' poses for solver parameters (P,)."""
+        """Return the bones' poses for solver parameters."""
         return kinematics.bone_poses(self.skeleton, self.joint_params(params))
 
     def linearize(self, params: Floats[P]) -> tuple[BonePoses, Floats[B, D6, S], Floats[S]]:
-        """Return bone poses, twist Jacobian (B, 6, S) and joint parameters (S,) at params (P,)."""
+        """Return bone poses, twist Jacobian and joint parameters at params."""
         joint_params = self.joint_params(params)
         bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
         return bones, jacobian, joint_params
@@ -106,20 +106,20 @@ class ArticulatedModel:
         return moving_limits(self.limits, self.transform)
 
     def bounds(self, params: Floats[P]) -> Floats[P, D2]:
-        """Return the solver parameters' limits (P, 2) that hold at params (P,)."""
+        """Return the solver parameters' limits that hold at params."""
         return self.transform.reduce_bounds(self.limits.bounds(self.joint_params(params)))
 
     def clipped(self, params: Floats[P]) -> Floats[P]:
-        """Return params (P,) moved into their limits."""
+        """Return params moved into their limits."""
         bounds = self.bounds(params)
         return np.clip(params, bounds[:, 0], bounds[:, 1])
 
     def rest_params(self) -> Floats[P]:
-        """Return the solver parameters (P,) of the relaxed pose at the world's origin."""
+        """Return the solver parameters of the relaxed pose at the world's origin."""
         return self.transform.solver_params(self.rest)
 
     def joint_positions(self, bones: BonePoses) -> Floats[J, D3]:
-        """Return (J, 3) the named joints and fingertips, world [m]."""
+        """Return the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
 
     @property
@@ -128,7 +128,7 @@ class ArticulatedModel:
         return set(keypoint_names()) <= set(self.joint_names)
 
     def keypoints21(self, bones: BonePoses) -> Floats[D21, D3]:
-        """Return (21, 3) world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
+        """Return world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
         if not self.has_keypoints21:
             raise HandtrackError(
@@ -137,7 +137,7 @@ class ArticulatedModel:
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 
     def params_from(self, values: dict[str, float]) -> Floats[P]:
-        """Return solver parameters (P,) from joint parameters by name [m, rad]; missing ones are 0."""
+        """Return solver parameters from joint parameters by name [m, rad]; missing ones are 0."""
         joint = np.zeros(len(self.parameter_names))
         for name, value in values.items():
             if name not in self.parameter_names:

@@ -15,13 +15,13 @@ class PosedEllipsoids:
     """Ellipsoids in the world."""
 
     bone: Ints[E]
-    """(E,) the bone each one sits on."""
+    """the bone each one sits on."""
     centre: Floats[E, D3]
-    """(E, 3) world [m]."""
+    """world [m]."""
     rotation: Floats[E, D3, D3]
-    """(E, 3, 3) ellipsoid axes → world."""
+    """ellipsoid axes → world."""
     radii: Floats[E, D3]
-    """(E, 3) semi-axes [m]."""
+    """semi-axes [m]."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Ellipsoids:
 
     name: tuple[str, ...]
     bone: Ints[E]
-    """(E,) the bone each one sits on."""
+    """the bone each one sits on."""
     centre: Floats[E, D3]
-    """(E, 3) in the bone's frame, origin at its proximal end [m]."""
+    """in the bone's frame, origin at its proximal end [m]."""
     rotation: Floats[E, D3, D3]
-    """(E, 3, 3) ellipsoid axes → bone frame."""
+    """ellipsoid axes → bone frame."""
     radii: Floats[E, D3]
-    """(E, 3) semi-axes [m]."""
+    """semi-axes [m]."""
 
     def __len__(self) -> int:
         return len(self.bone)
@@ -55,7 +55,7 @@ class Ellipsoids:
         return replace(self, centre=centre, radii=radii)
 
     def subset(self, keep: Array[E]) -> Ellipsoids:
-        """Return only the ellipsoids for which `keep` (E,) is True."""
+        """Return only the ellipsoids for which `keep` is True."""
         kept = np.flatnonzero(keep)
         names = tuple(self.name[i] for i in kept)
         return Ellipsoids(

@@ -20,14 +20,14 @@ class Limits:
 
     interval: Floats[S, D2]
     narrowed: Ints[N, D2]
-    """(N, 2) indices of parameters."""
+    """indices of parameters."""
     narrow_at: Floats[N]
-    """(N,) [rad]"""
+    """[rad]"""
     narrow_to: Floats[N]
-    """(N,) share of the interval's width that is left."""
+    """share of the interval's width that is left."""
 
     def bounds(self, joint_params: Floats[S]) -> Floats[S, D2]:
-        """Return the intervals (S, 2) that hold at joint parameters (S,)."""
+        """Return the intervals that hold at joint parameters."""
         bounds = self.interval.copy()
         if len(self.narrowed):
             which, by = self.narrowed.T

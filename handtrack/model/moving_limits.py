@@ -18,27 +18,23 @@ class MovingLimits(NamedTuple):
     """
 
     param: Ints[K]
-    """(K,) whose interval it is"""
+    """whose interval it is"""
     first: Floats[K, D2]
-    """(K, 2)"""
     by: Ints[K]
-    """(K,) what it moves with; −1 where it stays `first`"""
+    """what it moves with; −1 where it stays `first`"""
     begin: Floats[K]
-    """(K,)"""
     end: Floats[K]
-    """(K,)"""
     last: Floats[K, D2]
-    """(K, 2)"""
 
     @classmethod
     def fixed(cls, bounds: Floats[P, D2]) -> MovingLimits:
-        """Return limits (P, 2) that do not move."""
+        """Return limits that do not move."""
         count, bounds = len(bounds), np.array(bounds, dtype=float, order="C")
         nothing = np.zeros(count)
         return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
 
     def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
-        """Return these limits, but no room at all for some parameters: where (P,) bool, at params (P,)."""
+        """Return these limits, but no room at all for some parameters: where bool, at params."""
         kept, stay = ~where[self.param], np.flatnonzero(where)
         nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)
         return MovingLimits(

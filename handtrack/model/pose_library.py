@@ -52,7 +52,7 @@ def alphabet() -> tuple[str, ...]:
 
 
 def named_pose(model: ArticulatedModel, name: str) -> Floats[S]:
-    """Return joint parameters (S,) of a named hand pose, the root at the world's origin."""
+    """Return joint parameters of a named hand pose, the root at the world's origin."""
     joint = np.zeros(len(model.parameter_names))
     for parameter, degrees in _pose(name).items():
         if parameter not in _HINTS:
@@ -61,7 +61,7 @@ def named_pose(model: ArticulatedModel, name: str) -> Floats[S]:
 
 
 def pose_turn(name: str, side: str = "right") -> Floats[D3]:
-    """Return the rotation vector (3,) [rad] that holds the hand as the pose is shown to a viewer.
+    """Return the rotation vector [rad] that holds the hand as the pose is shown to a viewer.
 
     It turns the hand's axes into the viewer's: x to the viewer's right, y up, z to the viewer. A pose
     without a hint is held with its palm to the viewer and fingers up. A left hand is the mirror image.

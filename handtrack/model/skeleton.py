@@ -20,13 +20,13 @@ class Skeleton:
 
     bone_names: tuple[str, ...]
     parent: Ints[B]
-    """(B,) index of each bone's parent; −1 for the root, which is bone 0."""
+    """index of each bone's parent; −1 for the root, which is bone 0."""
     offset: Floats[B, D3]
-    """(B, 3) proximal end in the parent's frame [m]; zero for the root."""
+    """proximal end in the parent's frame [m]; zero for the root."""
     rest_rotation: Floats[B, D3, D3]
-    """(B, 3, 3) bone frame → parent's frame when all freedoms are zero."""
+    """bone frame → parent's frame when all freedoms are zero."""
     length: Floats[B]
-    """(B,) [m]"""
+    """[m]"""
     parameter_names: tuple[str, ...]
     """(S,) the six of the root, then the hinges, sorted by bone; within a bone the first hinge turns first."""
     hinge_bone: Ints[K]
@@ -34,7 +34,7 @@ class Skeleton:
     hinge_axis: Floats[K, D3]
     """(S − 6, 3) unit axis in the bone's rest frame."""
     growth: Floats[B] | None = None
-    """(B,) as of `BonePoses`: of a person whose size is being fitted."""
+    """as of `BonePoses`: of a person whose size is being fitted."""
 
     @property
     def bone_count(self) -> int:

@@ -30,15 +30,15 @@ class ParameterTransform:
     offset: Floats[S]
 
     def joint_params(self, params: Floats[P]) -> Floats[S]:
-        """Return the joint parameters (S,) of solver parameters (P,)."""
+        """Return the joint parameters of solver parameters."""
         return self.matrix @ params + self.offset
 
     def solver_params(self, joint_params: Floats[S]) -> Floats[P]:
-        """Return the solver parameters (P,) closest, in least squares, to joint parameters (S,)."""
+        """Return the solver parameters closest, in least squares, to joint parameters."""
         return np.linalg.lstsq(self.matrix, joint_params - self.offset, rcond=None)[0]
 
     def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
-        """Return bounds (P, 2) that keep all joint parameters within `bounds` (S, 2).
+        """Return bounds that keep all joint parameters within `bounds`.
 
         A solver parameter that leads several joints gets the intersection of their intervals, each
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.

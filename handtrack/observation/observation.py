@@ -16,9 +16,9 @@ class Silhouette:
     camera: Camera
     """without distortion; its size is the mask's."""
     mask: Array[H, W]
-    """(H, W) float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
+    """float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
     valid: Ints[H, D2]
-    """(H, 2) int32: per row the half-open column span that was really observed; equal ends where
+    """int32: per row the half-open column span that was really observed; equal ends where
     none."""
 
 
@@ -29,7 +29,7 @@ class ImageView:
     camera: Camera
     """without distortion; its size is the image's."""
     pixels: Array[H, W, D3]
-    """(H, W, 3) uint8, BGR; beyond the real image its border goes on"""
+    """uint8, BGR; beyond the real image its border goes on"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Keypoints:
 
     names: tuple[str, ...]
     positions: Floats[J, D3]
-    """(J, 3) world [m], NaN where unknown."""
+    """world [m], NaN where unknown."""
     sigma_m: float
 
 
@@ -49,7 +49,7 @@ class ImageKeypoints:
     camera: Camera
     names: tuple[str, ...]
     pixels: Floats[J, D2]
-    """(J, 2) [px], NaN where unknown."""
+    """[px], NaN where unknown."""
     sigma_px: float
 
 
@@ -63,6 +63,6 @@ class Observation:
     keypoints: tuple[Keypoints | ImageKeypoints, ...] = ()
     cloud: PointCloud | None = None
     cloud_views: tuple[Floats[K, D3], ...] = ()
-    """what can have seen the cloud's points: camera centres (K, 3), world [m], that must all see one"""
+    """what can have seen the cloud's points: camera centres, world [m], that must all see one"""
     images: tuple[ImageView, ...] = ()
     """only where edges or intensity are looked at"""

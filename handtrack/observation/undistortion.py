@@ -28,7 +28,7 @@ class _Maps(NamedTuple):
 
 
 def undistort_silhouette(camera: Camera, mask: Bytes[H, W], roi: Roi | None = None) -> Silhouette:
-    """Return the silhouette of a mask (H, W) uint8, 0 background to 255 hand, of the real image.
+    """Return the silhouette of a mask uint8, 0 background to 255 hand, of the real image.
 
     Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
     largest run of pixels that come from inside the image and the region of interest. Without
@@ -86,7 +86,7 @@ def _inside(source: Array, box: Roi) -> Array:
 
 
 def longest_runs(inside: Array[H, W]) -> Ints[H, D2]:
-    """Return per row (H, W) of booleans the longest run of true, half-open, as (H, 2) int32; the
+    """Return per row of booleans the longest run of true, half-open, as int32; the
     first of equals."""
     height, width = inside.shape
     position = np.arange(1, width + 1)

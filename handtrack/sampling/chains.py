@@ -38,33 +38,33 @@ class PreparedChain:
     carrier: int
     """the bone that carries the chain: parent of the first hinge's bone"""
     carrier_zero: Floats[D3, D3]
-    """(3, 3) its rotation at the zero pose"""
+    """its rotation at the zero pose"""
     start_bone: int
     start_point: Floats[D3]
-    """(3,) where the chain's first joint is, in that bone's frame [m]"""
+    """where the chain's first joint is, in that bone's frame [m]"""
     base_columns: Ints[M]
     """the joint parameters of all hinges before the chain"""
     columns: Ints[K]
-    """(K,) joint parameter of each hinge"""
+    """joint parameter of each hinge"""
     axes: Floats[K, D3]
-    """(K, 3) at the zero pose, world"""
+    """at the zero pose, world"""
     link: Ints[K]
-    """(K,) the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
+    """the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
     joint of the chain"""
     leader: Ints[K]
-    """(K,) the hinge that this one follows; itself when free; −1 when it keeps its angle"""
+    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
     ratio: Floats[K]
-    """(K,) to the leader's angle"""
+    """to the leader's angle"""
     interval: Floats[K, D2]
-    """(K, 2) limits [rad]"""
+    """limits [rad]"""
     reach: Floats[L, D3]
-    """(L, 3) from a link's start to its end at the zero pose [m]"""
+    """from a link's start to its end at the zero pose [m]"""
     end_joints: Ints[L]
-    """(L,) index of each link's end among the model's joints"""
+    """index of each link's end among the model's joints"""
 
     @property
     def own(self) -> Array[K]:
-        """Return (K,) which hinges the chain moves."""
+        """Return which hinges the chain moves."""
         return (self.link >= 0) & (self.link < len(self.reach))
 
     def hinges(self, link: int) -> Ints[M]:
@@ -143,7 +143,7 @@ def moved_joints(model: ArticulatedModel) -> Array[J, K]:
     axis = np.einsum("hij,hj->hi", zero.rotation[bone], skeleton.hinge_axis)
     arm = model.joint_positions(zero)[:, None] - zero.position[bone]
     on_axis = np.linalg.norm(np.cross(axis, arm), axis=2) < _SAME_POINT_M
-    moved = np.zeros(on_axis.shape, dtype=bool)
+    moved = np.zeros_like(on_axis, dtype=bool)
     for j, carrier in enumerate(model.joint_bone):
         before = np.flatnonzero(np.isin(bone, _ancestors(skeleton.parent, int(carrier))))
         swinging = before[

@@ -20,7 +20,7 @@ def covariance_scaled(
     rng: np.random.Generator,
     tails: Tails = "gaussian",
 ) -> Floats[N, P]:
-    """Return samples (N, P) = mean + scale · U √Λ z, with U Λ Uᵀ = covariance (P, P) [m, rad].
+    """Return samples = mean + scale · U √Λ z, with U Λ Uᵀ = covariance [m, rad].
 
     z is normal, or Cauchy along each principal axis on its own: a few axes then go far, the others stay. 2003 paper, §5.1
     (covariance scaled sampling); limits are not looked at, see `projected`.
@@ -38,7 +38,7 @@ def spherical(
     rng: np.random.Generator,
     tails: Tails = "gaussian",
 ) -> Floats[N, P]:
-    """Return samples (N, P) = mean + scale · r z: what knows nothing of the cost but how large its core is.
+    """Return samples = mean + scale · r z: what knows nothing of the cost but how large its core is.
 
     r = `core_radius`: sphere and covariance ellipsoid have the same volume, as in the 2003 paper, §5.1.
     """
@@ -51,7 +51,7 @@ def core_radius(covariance: Floats[P, P]) -> float:
 
 
 def projected(model: ArticulatedModel, samples: Floats[N, P]) -> Floats[N, P]:
-    """Return samples (N, P) moved into their limits, also into those that narrow with another parameter."""
+    """Return samples moved into their limits, also into those that narrow with another parameter."""
     # twice: a parameter that narrows another one may itself have been moved
     return np.array([model.clipped(model.clipped(row)) for row in samples]).reshape(samples.shape)
 

@@ -47,20 +47,19 @@ class KeypointProblem(NamedTuple):
     chain: Ints[Q]
     """the hinges that move each bone, from the root"""
     joint: Ints[L]
-    """(L,) joint parameter, … """
+    """joint parameter, …"""
     leader: Ints[L]
-    """(L,) … the one solver parameter that leads it …"""
+    """… the one solver parameter that leads it …"""
     ratio: Floats[L]
-    """(L,) … and by how much"""
+    """… and by how much"""
     shift: Floats[S]
-    """(S,) joint parameters = ratio · leader + shift"""
+    """joint parameters = ratio · leader + shift"""
     limits: MovingLimits
     is_metre: Ints[P]
-    """(P,) 1 where a solver parameter is in metres"""
+    """1 where a solver parameter is in metres"""
     point_bone: Ints[K]
-    """(K,)"""
     point: Floats[K, D3]
-    """(K, 3) in the bone's frame [m]"""
+    """in the bone's frame [m]"""
     seen_start: Ints[L]
     """(K + 1,) where each point's observations begin"""
     camera: Ints[M]
@@ -70,18 +69,18 @@ class KeypointProblem(NamedTuple):
     information: Floats[M]
     """(O,) 1/σ²"""
     camera_rotation: Floats[C, D3, D3]
-    """(C, 3, 3) R_camera_world"""
+    """R_camera_world"""
     camera_translation: Floats[C, D3]
     camera_focal: Floats[C, D2]
-    """(C, 2) [px]"""
+    """[px]"""
     camera_middle: Floats[C, D2]
-    """(C, 2) [px]"""
+    """[px]"""
     overlaps: Overlaps | None
     """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
     loss_kind: int
     loss_scale: float
     prior_at: Floats[P]
-    """(P,) where the priors were expanded; they are quadratic, so this is exact everywhere"""
+    """where the priors were expanded; they are quadratic, so this is exact everywhere"""
     prior_cost: float
     prior_gradient: Floats[P]
     prior_hessian: Floats[P, P]

@@ -40,19 +40,19 @@ class Polished:
     """Where the starts ended."""
 
     params: Floats[N, P]
-    """(N, P) solver parameters, within limits"""
+    """solver parameters, within limits"""
     cost: Floats[N]
-    """(N,) infinite where the start was behind a camera"""
+    """infinite where the start was behind a camera"""
     gradient_norm: Floats[N]
-    """(N,) √Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
+    """√Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
     least_eigenvalue: Floats[N]
-    """(N,) of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
+    """of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
     iterations: Ints[N]
-    """(N,) linearisations used"""
+    """linearisations used"""
     normal: Floats[N, P, P]
-    """(N, P, P) Gauss-Newton matrix and priors; its inverse is the covariance"""
+    """Gauss-Newton matrix and priors; its inverse is the covariance"""
     is_minimum: Array[N]
-    """(N,) gradient below the tolerance, and positive Hessian on the free directions"""
+    """gradient below the tolerance, and positive Hessian on the free directions"""
 
 
 def polish(
@@ -64,7 +64,7 @@ def polish(
     collision: CollisionTerm | None = None,
     settings: PolishSettings = PolishSettings(),
 ) -> Polished:
-    """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms, priors and collisions.
+    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and collisions.
 
     observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
     not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the
@@ -97,9 +97,9 @@ def polish_problem(
 
 
 def least_eigenvalues(hessian: Floats[N, P, P], normal: Floats[N, P, P]) -> Floats[N]:
-    """Return (N,) least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
+    """Return least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
 
-    hessian: (N, P, P), with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
+    hessian: with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
     """
     scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
     return np.linalg.eigvalsh(hessian / (scale[:, :, None] * scale[:, None, :]))[:, 0]

@@ -35,12 +35,12 @@ class CloudSource(Protocol):
 
     @property
     def camera_centres(self) -> Floats[C, D3]:
-        """(C, 3) world [m], the centres of the cameras that measured."""
+        """World [m], the centres of the cameras that measured."""
         ...
 
     @property
     def cloud_views(self) -> tuple[Floats[K, D3], ...]:
-        """Camera centres (K, 3) that must all see a point for it to be measured, a set each."""
+        """Camera centres that must all see a point for it to be measured, a set each."""
         ...
 
     def read(self, frame: int) -> PointCloud | None:

@@ -149,7 +149,7 @@ class TrackingRun:
 
     def with_arm_in_view(self, frame: int, params: Floats[P]) -> TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
-        frame show one beyond the hand's pose (P,); without a first pose nothing else can tell.
+        frame show one beyond the hand's pose; without a first pose nothing else can tell.
         """
         chosen = self.settings.model.forearm
         if chosen == "auto":
@@ -185,7 +185,7 @@ class TrackingRun:
         return Tracker(self.model, self.settings)
 
     def initial(self) -> tuple[int, Floats[P]]:
-        """Return the first pose: its frame, and solver parameters (P,). HandtrackError without one."""
+        """Return the first pose: its frame, and solver parameters. HandtrackError without one."""
         if self.first is None:
             raise HandtrackError(
                 f"{self.session.folder}: there is no init.json, so tracking has no first pose. Pose the hand in the "

@@ -167,11 +167,11 @@ class Session:
         return self._times.time_of(frame)
 
     def image(self, camera: str, frame: int) -> Array[H, W, D3] | None:
-        """Return an image (H, W, 3) uint8 BGR as it was taken, None where missing."""
+        """Return an image uint8 BGR as it was taken, None where missing."""
         return self.view(camera).image(frame)
 
     def mask(self, camera: str, frame: int) -> Bytes[H, W] | None:
-        """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where
+        """Return a mask uint8 in the image as it was taken, read or computed; None where
         missing."""
         return self.view(camera).mask(frame)
 
@@ -213,7 +213,7 @@ class Session:
 
     @property
     def cloud_camera_centres(self) -> Floats[C, D3] | None:
-        """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
+        """Centres world [m] of the cameras that measured the clouds; None without clouds."""
         return None if self._clouds is None else self._clouds.camera_centres
 
     def with_clouds(self, clouds: CloudSettings | None) -> Session:

@@ -24,7 +24,7 @@ _TURN_RAD = 0.25
 def motion(
     model: ArticulatedModel, name: str, frames: int, rng: np.random.Generator, wander: float = 1.0
 ) -> Floats[F, S]:
-    """Return joint parameters (F, S) of a named motion.
+    """Return joint parameters of a named motion.
 
     Angles pass through the poses without overshoot; the palm stays near the world's origin, its back
     turned to +z, and wanders smoothly (`wander` = 1: about 2 cm and 15°; 0: the root stays).

@@ -26,7 +26,7 @@ _FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as
 def retarget(
     model: ArticulatedModel, names: tuple[str, ...], positions: Floats[F, J, D3]
 ) -> Floats[F, P]:
-    """Return solver parameters (F, P) whose joints are nearest to positions (F, J, 3) world [m], within limits.
+    """Return solver parameters whose joints are nearest to positions world [m], within limits.
 
     names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
     that leads far off. The model's size stays: `fitted_model` finds a person's.
@@ -49,7 +49,7 @@ def fitted_model(
     names: tuple[str, ...],
     positions: Floats[F, J, D3],
 ) -> ArticulatedModel:
-    """Return the model in the size of the person whose joints are at positions (F, J, 3) world [m].
+    """Return the model in the size of the person whose joints are at positions world [m].
 
     build: makes the model of a given size.
     """
@@ -72,7 +72,7 @@ def retarget_errors(
     positions: Floats[F, J, D3],
     params: Floats[F, P],
 ) -> Floats[F, J]:
-    """Return (F, J) how far the model's joints are from positions (F, J, 3) [m]; NaN where unknown."""
+    """Return how far the model's joints are from positions [m]; NaN where unknown."""
     pairs = zip(positions, params, strict=True)
     return np.stack(
         [_errors(model, Keypoints(tuple(names), points, _SIGMA_M), pose) for points, pose in pairs]

@@ -28,13 +28,12 @@ class Pattern:
     """Smooth random patterns, another on every bone: sums of waves in the bone's own frame."""
 
     base: Floats[B, D3]
-    """(B, 3) mean colour"""
+    """mean colour"""
     wave: Floats[B, K, D3]
-    """(B, K, 3) [1/m]"""
+    """[1/m]"""
     phase: Floats[B, K]
-    """(B, K)"""
     swing: Floats[B, K, D3]
-    """(B, K, 3) of each colour"""
+    """of each colour"""
 
     @classmethod
     def random(cls, bones: int, rng: np.random.Generator, wave_length_m: float) -> Pattern:
@@ -58,9 +57,9 @@ class Pattern:
 def textured_picture(
     camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array[H, W, D3]
 ) -> tuple[Array[H, W, D3], Array[H, W]]:
-    """Return a picture (H, W, 3) uint8 and the share (H, W) of each pixel that the model covers.
+    """Return a picture uint8 and the share of each pixel that the model covers.
 
-    Lit from the upper left. background: (H, W, 3). Four samples a pixel; no lens distortion.
+    Lit from the upper left. Four samples a pixel; no lens distortion.
     """
     fine = _finer(camera)
     picture = depth_picture(mesh, bones, fine)
@@ -79,7 +78,7 @@ def textured_picture(
 
 
 def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array[H, W, D3]:
-    """Return a picture (H, W, 3) uint8 of random rectangles and spots of all sizes, width and height `size`."""
+    """Return a picture uint8 of random rectangles and spots of all sizes, width and height `size`."""
     width, height = size
     image = np.full((height, width, 3), rng.uniform(60, 190, 3), np.float32)
     for _ in range(60):

@@ -16,7 +16,7 @@ def assemble(
     observation_terms: Sequence[ObservationTerm],
     parameter_terms: Sequence[ParameterTerm],
 ) -> JointSystem:
-    """Return the sum of all terms at solver parameters (P,), as a system in them."""
+    """Return the sum of all terms at solver parameters, as a system in them."""
     bones, twist_jacobian, joint_params = model.linearize(params)
     systems = [term.linearize(bones) for term in observation_terms]
     seen = sum(systems[1:], systems[0]) if systems else BoneSystem.zero(len(bones.position))

@@ -89,7 +89,7 @@ def solve(
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Callable[[int, Floats[P], float], None] | None = None,
 ) -> SolveSummary:
-    """Return the minimum that descent reaches from params (P,), within the problem's limits.
+    """Return the minimum that descent reaches from params, within the problem's limits.
 
     A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
     way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
@@ -150,7 +150,7 @@ def solve(
 def bounded_step(
     system: JointSystem, params: Floats[P], limits: MovingLimits | None, damping: float
 ) -> Floats[P] | None:
-    """Return the step (P,) that minimises the damped quadratic model within the limits; None if it has no minimum."""
+    """Return the step that minimises the damped quadratic model within the limits; None if it has no minimum."""
     box, step = new_box(len(params)), np.empty(len(params))
     if limits is not None:
         fill_box(limits, params, box)

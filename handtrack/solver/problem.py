@@ -39,7 +39,7 @@ class Problem:
         return costs
 
     def linearize(self, params: Floats[P]) -> JointSystem:
-        """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
+        """Return cost, gradient and Gauss-Newton Hessian (P, P)."""
         return assemble(self.model, params, self.observation_terms, self.parameter_terms)
 
     @property
@@ -47,7 +47,7 @@ class Problem:
         return self.model.moving_limits
 
     def bounds(self, params: Floats[P]) -> Floats[P, D2]:
-        """Return the limits (P, 2) that hold at params."""
+        """Return the limits that hold at params."""
         return self.model.bounds(params)
 
 
@@ -57,7 +57,7 @@ class FreeProblem:
 
     problem: Problem
     free: Array[P]
-    """(P,) bool"""
+    """bool"""
     params: Floats[P]
 
     def cost(self, params: Floats[P]) -> float:

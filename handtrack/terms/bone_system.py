@@ -24,7 +24,7 @@ class JointSystem:
         )
 
     def pull_back(self, matrix: Floats[S, P]) -> JointSystem:
-        """Return the system of q where these parameters are matrix · q + offset. matrix: (S, P)."""
+        """Return the system of q where these parameters are matrix · q + offset."""
         return JointSystem(self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix)
 
 
@@ -56,7 +56,7 @@ class BoneSystem:
         return BoneSystem(weight * self.cost, weight * self.gradient, weight * self.hessian)
 
     def with_growth(self, moves_like: Floats[D3]) -> BoneSystem:
-        """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like (3,)."""
+        """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like."""
         bones = len(self.gradient) // 6
         gradient, hessian = np.empty((bones, 7)), np.empty((bones, 7, bones, 7))
         gradient[:, :6] = self.gradient.reshape(bones, 6)

@@ -27,7 +27,7 @@ class CollisionTerm(CompiledTerm):
 
     flesh: Ellipsoids
     pairs: Ints[K, D2]
-    """(K, 2) ellipsoids that may not overlap"""
+    """ellipsoids that may not overlap"""
     sigma_m: float = 0.01
     slack_m: float = 0.01
     """flesh gives way by this much before it counts"""
@@ -64,7 +64,7 @@ class CollisionTerm(CompiledTerm):
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 
     def depths(self, bones: BonePoses) -> Floats[K]:
-        """Return (K,) how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
+        """Return how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
         return _depths(self.flesh, bones, self.pairs)
 
     def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
@@ -83,7 +83,7 @@ class CollisionTerm(CompiledTerm):
 def colliding_pairs(
     model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01
 ) -> Ints[K, D2]:
-    """Return (K, 2) the pairs of ellipsoids that can collide.
+    """Return the pairs of ellipsoids that can collide.
 
     Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
     already: shoulder and chest, the thighs' tops.

@@ -62,7 +62,7 @@ class CorrelatedPrior:
 
     mean: Floats[S]
     information: Floats[S, S]
-    """(S, S), symmetric, no negative direction"""
+    """symmetric, no negative direction"""
     name: str = "motion"
 
     def cost(self, joint_params: Floats[S]) -> float:

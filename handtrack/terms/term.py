@@ -40,9 +40,9 @@ class ParameterTerm(Protocol):
     def name(self) -> str: ...
 
     def cost(self, joint_params: Floats[S]) -> float:
-        """Return ½ Σ r² (weighted). joint_params: (S,)"""
+        """Return ½ Σ r² (weighted)."""
         ...
 
     def linearize(self, joint_params: Floats[S]) -> JointSystem:
-        """Return cost, gradient (S,) and Hessian (S, S)."""
+        """Return cost, gradient and Hessian (S, S)."""
         ...

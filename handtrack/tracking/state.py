@@ -20,11 +20,11 @@ class TrackerState:
     """Immutable: a state may be stepped from again, with other settings or another observation."""
 
     start: Floats[P] | None = None
-    """(P,) where the first frame begins"""
+    """where the first frame begins"""
     results: tuple[FrameResult, ...] = ()
     """the latest last, in the order of tracking; they predict, and tell what is usual and how long the hand is lost"""
     belief: Floats[P, P] | None = None
-    """(P, P) covariance of the latest pose that was not lost; None where nothing is said of it"""
+    """covariance of the latest pose that was not lost; None where nothing is said of it"""
     hypotheses: tuple[MovingHypothesis, ...] = ()
     """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
     texture: Before | None = None
@@ -32,7 +32,7 @@ class TrackerState:
 
     @classmethod
     def beginning_at(cls, start: Floats[P]) -> TrackerState:
-        """Return the state before a first frame, whose pose is about `start`, solver parameters (P,)."""
+        """Return the state before a first frame, whose pose is about `start`, solver parameters."""
         return cls(start=start)
 
     @classmethod

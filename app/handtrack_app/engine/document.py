@@ -32,7 +32,7 @@ def drivers(model: ArticulatedModel) -> list[int]:
 
 
 def params_of(model: ArticulatedModel, values: Floats[S]) -> Floats[P]:
-    """Return solver parameters (P,), within limits, for joint parameters (S,) as set on the page.
+    """Return solver parameters, within limits, for joint parameters as set on the page.
 
     Under a coupling the driving joints count and the driven ones follow.
     """
@@ -66,7 +66,7 @@ class ModelWork:
 def renamed(
     values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
 ) -> Floats[S]:
-    """Return joint parameters of another model by name; those that are not known are `others` (S,)."""
+    """Return joint parameters of another model by name; those that are not known are `others`."""
     known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
     return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
 
@@ -114,7 +114,7 @@ class Document:
         self.shown = self.pose_at(self.frame)
 
     def pose_at(self, frame: int) -> Floats[S]:
-        """Return the joint parameters (S,) of a frame."""
+        """Return the joint parameters of a frame."""
         if frame in self.by_hand:
             return self.by_hand[frame]
         if frame in self.results:
@@ -155,16 +155,15 @@ class Document:
             taken = self.pose_at(max(known)) if known else self.start
         else:
             taken = self.start
-        self.set_pose(frame, tuple(taken))
+        self.set_pose(frame, taken.tolist())
 
     def pull_tip(self, frame: int, tip: str, target: Sequence[float]) -> None:
         """Bend a finger so that its tip comes to a point, and show it."""
         point = np.asarray(target, dtype=float)
         if tip in self.tip_names and point.shape == (3,) and np.isfinite(point).all():
             params = params_of(self.model, self.pose_at(frame))
-            self.set_pose(
-                frame, tuple(self.model.joint_params(reach(self.model, params, tip, point)))
-            )
+            bent = self.model.joint_params(reach(self.model, params, tip, point))
+            self.set_pose(frame, bent.tolist())
 
     @property
     def pose_names(self) -> tuple[str, ...]:
@@ -202,7 +201,7 @@ class Document:
         return True
 
     def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
-        """Return solver parameters (P,) that tracking from a frame starts with.
+        """Return solver parameters that tracking from a frame starts with.
 
         anew: at the first frame, its saved pose as `handtrack track` takes it, unless the user has moved it since.
         """
@@ -217,7 +216,7 @@ class Document:
         return self.run.first is not None or bool(self.by_hand) or bool(self.results)
 
     def keyframes(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses set by hand at some of the frames, as solver parameters (P,)."""
+        """Return the poses set by hand at some of the frames, as solver parameters."""
         return {
             f: params_of(self.model, self.by_hand[f]) for f in sorted(self.by_hand) if f in frames
         }

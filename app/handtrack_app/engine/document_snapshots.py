@@ -78,7 +78,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
 
 
 def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
-    """Return the point (3,) nearest to all optical axes, world [m]; for one camera, half a metre before it."""
+    """Return the point nearest to all optical axes, world [m]; for one camera, half a metre before it."""
     system, right = 1e-3 * np.eye(3), np.zeros(3)
     for camera in cameras:
         centre, axis = camera.centre, camera.rotation[2]
@@ -150,7 +150,7 @@ def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
 
 
 def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
-    """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
+    """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
     truth = document.run.session.truth
     points = None if truth is None else truth.keypoints21
     if truth is not None and points is None and truth.joint_names == document.model.joint_names:
@@ -180,7 +180,7 @@ def mean_error_mm(found: Floats[K, D3] | None, truth: Floats[K, D3] | None) -> f
 
 
 def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats[F]]:
-    """Return the energy's parts (F,) of frames in words, NaN where a frame has none."""
+    """Return the energy's parts of frames in words, NaN where a frame has none."""
     parts: dict[str, Floats] = {}
     for frame, result in results.items():
         if frame not in frames:

@@ -42,7 +42,7 @@ def tip_names(model: ArticulatedModel) -> tuple[str, ...]:
 
 
 def reach(model: ArticulatedModel, params: Floats[P], tip: str, target: Floats[D3]) -> Floats[P]:
-    """Return params (P,) with one limb bent, within limits, so that its end comes nearest to target (3,) [m]."""
+    """Return params with one limb bent, within limits, so that its end comes nearest to target [m]."""
     free = _limb(model, tip)
     sigma = np.full(len(model.parameter_names), np.inf)
     sigma[6:] = _STAY_SIGMA

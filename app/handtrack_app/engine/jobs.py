@@ -214,16 +214,16 @@ class Leg:
     frames: range
     first: int
     params: Floats[P]
-    """(P,) to start with at `first`"""
+    """to start with at `first`"""
 
 
 def legs(
     frames: range, first: int, params: Floats[P], held: Mapping[int, Floats[P]]
 ) -> tuple[Leg, ...]:
-    """Return in which legs frames are tracked from a pose (P,) at `first`: away from it, up to the next keyframe, and on
+    """Return in which legs frames are tracked from a pose at `first`: away from it, up to the next keyframe, and on
     from that.
 
-    held: poses (P,) set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
+    held: poses set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
     `first` is among them, tracking begins beside it.
     """
     later = [k for k in sorted(held) if first < k < frames.stop]

@@ -40,7 +40,7 @@ def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
 
 
 def placed_in_view(run: TrackingRun) -> Floats[P]:
-    """Return solver parameters (P,) of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
+    """Return solver parameters of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
     the first one.
     """
     cameras = list(run.session.rig.cameras)

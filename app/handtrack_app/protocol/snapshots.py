@@ -23,7 +23,7 @@ class PartCard:
 
     bone: int
     vertices: Floats[V, D3]
-    """(V, 3) in that bone's frame [m]"""
+    """in that bone's frame [m]"""
     faces: Ints[T, D3]
 
 
@@ -35,9 +35,9 @@ class CameraCard:
     size: tuple[int, int]
     matrix: Floats[D3, D3]
     rotation: Floats[D3, D3]
-    """(3, 3) camera → world"""
+    """camera → world"""
     centre: Floats[D3]
-    """(3,) world [m]"""
+    """world [m]"""
 
     @classmethod
     def of(cls, camera: Camera) -> CameraCard:
@@ -58,19 +58,19 @@ class SessionSnapshot:
     first_frame: int
     cameras: tuple[CameraCard, ...]
     scene_centre: Floats[D3]
-    """(3,) where the cameras look, world [m]"""
+    """where the cameras look, world [m]"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
     interval: Floats[S, D2]
-    """(S, 2) limits in force [m, rad]"""
+    """limits in force [m, rad]"""
     own_interval: Floats[S, D2]
-    """(S, 2) the model's own limits"""
+    """the model's own limits"""
     bone_names: tuple[str, ...]
     bone_length: Floats[B]
     ellipsoid_bone: Ints[E]
     radii: Floats[E, D3]
-    """(E, 3) [m]"""
+    """[m]"""
     settings: dict[str, object]
     own_settings: dict[str, object]
     """as session.toml has them"""
@@ -94,24 +94,23 @@ class PoseSnapshot:
     frame: int
     version: int
     values: Floats[S]
-    """(S,) joint parameters [m, rad]"""
+    """joint parameters [m, rad]"""
     bone_position: Floats[B, D3]
-    bone_rotation: Floats[B, D3]
-    """(B, 3) and (B, 3, 3)"""
+    bone_rotation: Floats[B, D3, D3]
     centre: Floats[E, D3]
-    rotation: Floats[E, D3]
-    """ellipsoids: (E, 3) and (E, 3, 3)"""
+    rotation: Floats[E, D3, D3]
+    """of ellipsoids"""
     tips: Floats[L, D3]
-    """(T, 3) fingertips, world [m]"""
+    """fingertips, world [m]"""
     origin: str
     """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float
     std: Floats[S] | None
-    """(S,) [m, rad]"""
+    """[m, rad]"""
     truth: Floats[K, D3] | None
-    """(K, 3) true keypoints, world [m]"""
+    """true keypoints, world [m]"""
     error_mm: float
     """mean distance to the truth; NaN without"""
     note: str = ""
@@ -136,14 +135,14 @@ class TimelineSnapshot:
 
     start: int
     status: Ints[F]
-    """(F,) contracts §5; −1 untracked"""
+    """contracts §5; −1 untracked"""
     energy: Floats[F]
     error_mm: Floats[F]
-    """(F,) NaN where unknown"""
+    """NaN where unknown"""
     by_hand: tuple[int, ...]
     """frames whose pose was given, by hand or by a search"""
     terms: dict[str, Floats[F]] = field(default_factory=dict)
-    """(F,) the energy's parts in words"""
+    """the energy's parts in words"""
     found: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
 
@@ -213,13 +212,13 @@ class GuessesSnapshot:
     """`found` without a first pose, `carried` by the tracker, or empty: there are none"""
     guesses: tuple[Guess, ...] = ()
     owner: Ints[N] = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(N,) the guess that each bone belongs to"""
+    """the guess that each bone belongs to"""
     position: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
-    """(N, 3) where bones begin, world [m]"""
+    """where bones begin, world [m]"""
     rotation: Floats[N, D3, D3] = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    """(N, 3, 3) bone → world; bones lie along y"""
+    """bone → world; bones lie along y"""
     length: Floats[N] = field(default_factory=lambda: np.zeros(0))
-    """(N,) [m]"""
+    """[m]"""
     is_new: bool = False
     """just found: the surest is to be taken"""
 
@@ -231,7 +230,7 @@ class SurfaceSnapshot:
     frame: int
     version: int
     vertices: Floats[V, D3]
-    """(V, 3) world [m]"""
+    """world [m]"""
     faces: Ints[T, D3]
 
 
@@ -251,13 +250,13 @@ class CloudSnapshot:
 
     frame: int
     points: Floats[N, D3]
-    """(N, 3) world [m]; of very many, a random part"""
+    """world [m]; of very many, a random part"""
     colors: Bytes[N, D3] | None
-    """(N, 3) RGB"""
+    """RGB"""
     residual_mm: Floats[N]
-    """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
+    """distance to the model's surface, negative inside; NaN where there is no such surface"""
     dropped: Floats[M, D3]
-    """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
+    """world [m] points that a filter dropped, thinned ones not among them"""
     measured: int
     left: int
     counts: tuple[FilterCount, ...] = ()
@@ -271,7 +270,7 @@ class CloudPicture:
 
     frame: int
     image: Bytes[H, W, D3]
-    """(H, W, 3) RGB"""
+    """RGB"""
     wide: bool
     words: str
 

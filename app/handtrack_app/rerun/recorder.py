@@ -41,7 +41,6 @@ class Step(NamedTuple):
     """A state that the solver accepted."""
 
     params: Floats[P]
-    """(P,)"""
     cost: float
 
 

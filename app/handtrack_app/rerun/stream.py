@@ -39,11 +39,11 @@ class CameraPictures:
 
     camera: str
     observed: Floats[H, W] | Bytes[H, W] | None = None
-    """(H, W) coverage by the hand, 0…1, or bytes 0…255"""
+    """coverage by the hand, 0…1, or bytes 0…255"""
     predicted: Floats[H, W] | Bytes[H, W] | None = None
-    """(H, W) likewise"""
+    """likewise"""
     residual: Floats[H, W] | None = None
-    """(H, W) signed, −1…1: observed − predicted"""
+    """signed, −1…1: observed − predicted"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,14 +229,14 @@ def _log_pictures(
 
 
 def grey(picture: Array[H, W]) -> Bytes[H, W]:
-    """Return bytes (H, W) of a picture in 0…1; bytes stay as they are."""
+    """Return bytes of a picture in 0…1; bytes stay as they are."""
     if picture.dtype == np.uint8:
         return picture
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
 def signed_colours(residual: Floats[H, W]) -> Bytes[H, W, D3]:
-    """Return (H, W, 3): red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
+    """Return colours: red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
     value = np.clip(np.nan_to_num(residual), -1.0, 1.0)
     fade = np.rint(255 * (1 - np.abs(value))).astype(np.uint8)
     full = np.full_like(fade, 255)

@@ -36,11 +36,10 @@ class CloudScene:
     model: ArticulatedModel
     surface: MetaballSurface
     points: Floats[N, D3]
-    """(N, 3) world [m]"""
+    """world [m]"""
     truth: Floats[P]
-    """(P,)"""
     start: Floats[P]
-    """(P,) 10 mm off, all angles off by 5° (standard deviation), within limits"""
+    """10 mm off, all angles off by 5° (standard deviation), within limits"""
 
 
 def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> CloudScene:

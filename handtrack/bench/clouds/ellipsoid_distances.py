@@ -20,7 +20,7 @@ LEVELS_MM = (-8, -4, -1, 1, 5, 20)
 
 
 def distance(radii: tuple[float, float, float], form: str, points: Floats[N, D3]) -> Floats[N]:
-    """Return one form's distance (N,) of points (N, 3) to an ellipsoid around the origin."""
+    """Return one form's distance of points to an ellipsoid around the origin."""
     flesh = Ellipsoids(
         ("e",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.array([radii])
     )

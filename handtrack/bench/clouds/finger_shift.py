@@ -101,7 +101,7 @@ def repair(seed: int, seen: str) -> Repair:
 
 
 def one_finger_off(model: ArticulatedModel, params: Floats[P], side: float) -> Floats[P]:
-    """Return params (P,) with each finger in its neighbour's place, bent as that one is; side 1: towards the little."""
+    """Return params with each finger in its neighbour's place, bent as that one is; side 1: towards the little."""
     bones = model.bones(params)
     places = model.joint_positions(bones)
     index, little = (places[model.joint_names.index(f"{f}_mcp")] for f in ("index", "little"))

@@ -74,7 +74,7 @@ def mean_error_mm(run: TrackingRun, frames: range | None = None) -> float:
 
 
 def true_factors(model: ArticulatedModel, keypoints: Floats[F, D21, D3]) -> dict[str, float]:
-    """Return by bone how much longer it is in the truth (F, 21, 3) than in a model.
+    """Return by bone how much longer it is in the truth than in a model.
 
     The palm's bones, from the wrist to a knuckle or the thumb's base, share the factor of that distance.
     """

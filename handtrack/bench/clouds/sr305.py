@@ -52,13 +52,13 @@ class DepthFit:
     model: ArticulatedModel
     result: FrameResult
     hand: Floats[N, D3]
-    """(N, 3) the hand's points, world [m]"""
+    """the hand's points, world [m]"""
     cloud_to_model_mm: Floats[N]
-    """(N,) distance of each of them to the surface"""
+    """distance of each of them to the surface"""
     model_to_cloud_mm: Floats[M]
-    """(M,) of the hand's surface that the camera sees, point by point, to the nearest measured one"""
+    """of the hand's surface that the camera sees, point by point, to the nearest measured one"""
     measured: Floats[K, D3]
-    """(K, 3) everything measured, world [m]"""
+    """everything measured, world [m]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ def _measured(
 
 
 def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats[M, D3]:
-    """Return (M, 3) world [m], points of the hand's merged surface, the forearm's left out, that the camera sees."""
+    """Return world [m], points of the hand's merged surface, the forearm's left out, that the camera sees."""
     surface = MetaballSurface.of(model)
     posed = surface.ellipsoids.posed(bones)
     rays = pixel_rays(CAMERA)[::_EVERY_PX, ::_EVERY_PX]

@@ -49,12 +49,12 @@ class Dance:
 
     model: ArticulatedModel
     params: Floats[F, P]
-    """(F, P) the truth"""
+    """the truth"""
     camera: Camera
     images: tuple[Array[H, W, D3], ...]
-    """(H, W, 3) uint8 of each frame"""
+    """uint8 of each frame"""
     covered: tuple[Array[H, W], ...]
-    """(H, W) the share of each pixel that the dancer covers"""
+    """the share of each pixel that the dancer covers"""
 
     def bones(self, frame: int) -> BonePoses:
         """Return the true pose."""
@@ -78,9 +78,9 @@ class DanceTrack:
 
     results: tuple[FrameResult, ...]
     overlap: Floats[F]
-    """(F,) intersection over union with the true silhouette"""
+    """intersection over union with the true silhouette"""
     error_mm: Floats[F]
-    """(F,) mean over joints, relative to the root"""
+    """mean over joints, relative to the root"""
 
 
 def dance(frames: int = FRAMES, size: tuple[int, int] = (640, 480), seed: int = 0) -> Dance:
@@ -106,7 +106,7 @@ def front_camera(size: tuple[int, int] = (640, 480)) -> Camera:
 
 
 def first_guess(what: Dance) -> Floats[P]:
-    """Return the first pose (P,) as somebody poses it by hand: near the truth."""
+    """Return the first pose as somebody poses it by hand: near the truth."""
     rng = np.random.default_rng(2)
     scale = np.full(what.params.shape[1], np.deg2rad(_NOISE_DEG))
     scale[:3] = _NOISE_M

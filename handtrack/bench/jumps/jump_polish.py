@@ -94,13 +94,13 @@ class DenseKeypoints:
         self.count = 2 * len(self.problem.camera)
 
     def residual(self, params: Floats[P]) -> Floats[R]:
-        """Return (R,) image joints [px], then priors [standard deviations]."""
+        """Return image joints [px], then priors [standard deviations]."""
         return np.concatenate(
             [self._image(params, False)[0], self.prior_rows @ params - self.prior_means]
         )
 
     def jacobian(self, params: Floats[P]) -> Floats[R, P]:
-        """Return (R, P)."""
+        """Return the residual's derivative by solver parameters."""
         return np.concatenate([self._image(params, True)[1], self.prior_rows])
 
     def _image(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:

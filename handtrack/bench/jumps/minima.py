@@ -68,9 +68,8 @@ class Sampled:
 
     row: Row
     raw: Floats[N, P]
-    """(N, P)"""
     found: Floats[M, P]
-    """(M, P) distinct minima"""
+    """distinct minima"""
 
 
 def sampled(
@@ -102,7 +101,7 @@ def _medians(values: Floats, count: int) -> tuple[float, float]:
 
 
 def scene_costs(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
-    """Return the whole cost (N,) at params (N, P)."""
+    """Return the whole cost at params."""
     problem = keypoint_problem(
         scene.model, [scene.seen], scene.priors.joints, collision=scene.collision
     )
@@ -111,12 +110,12 @@ def scene_costs(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
 
 
 def parameter_distance(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
-    """Return the Euclidean distances (N,) of params (N, P) from the scene's start."""
+    """Return the Euclidean distances of params from the scene's start."""
     return np.linalg.norm(params - scene.start, axis=1)
 
 
 def std_distance(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
-    """Return the Mahalanobis distances (N,) of params (N, P) from the scene's start."""
+    """Return the Mahalanobis distances of params from the scene's start."""
     off = params - scene.start
     return np.sqrt(np.einsum("np,np->n", off, np.linalg.solve(scene.covariance, off.T).T))
 

@@ -49,12 +49,12 @@ class SeenDance:
 
     model: ArticulatedModel
     params: Floats[F, P]
-    """(F, P) the truth"""
+    """the truth"""
     places: Floats[F, J, D3]
-    """(F, J, 3) world [m]"""
+    """world [m]"""
     camera: Camera
     pixels: Floats[F, J, D2]
-    """(F, J, 2) with noise"""
+    """with noise"""
 
     def observation(self, frame: int) -> Observation:
         """Return the joints as seen."""
@@ -63,12 +63,12 @@ class SeenDance:
         return Observation(frame, frame / FPS, keypoints=(joints,))
 
     def start(self) -> Floats[P]:
-        """Return a first guess (P,) that knows nothing of the pose: at rest in the middle of the scene, facing the camera."""
+        """Return a first guess that knows nothing of the pose: at rest in the middle of the scene, facing the camera."""
         params = self.model.rest_params()
         params[:3] = self.places[:, self.model.joint_names.index("pelvis")].mean(axis=0)
         return params
 
-    def errors(self, shape: Floats[P], frame: int) -> float:
+    def errors(self, shape: Floats[J, D3], frame: int) -> float:
         """Return the mean over the joints (J, 3) of their distance to the truth, both relative to the pelvis [mm]."""
         root = self.model.joint_names.index("pelvis")
         true = self.places[frame] - self.places[frame, root]
@@ -80,9 +80,9 @@ class DanceErrors:
     """Joint errors of each frame [mm]."""
 
     oracle: Floats[F]
-    """(F,) of the best of the hypotheses shown"""
+    """of the best of the hypotheses shown"""
     own: Floats[F]
-    """(F,) of the heaviest"""
+    """of the heaviest"""
     path: Floats[F]
     smooth: Floats[F]
     results: tuple[FrameResult, ...]
@@ -111,7 +111,7 @@ def seen_dance(first: int = 0, frames: int = FRAMES, seed: int = 0) -> SeenDance
 
 
 def framing_camera(places: Floats[*Axes, D3]) -> Camera:
-    """Return a camera in front, 4.5 m from the middle of the points (..., 3), that they fill."""
+    """Return a camera in front, 4.5 m from the middle of the points, that they fill."""
     points = places.reshape(-1, 3)
     rotation = np.diag([1.0, -1.0, -1.0])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))

@@ -29,7 +29,7 @@ _SHADES = 64
 
 
 def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
-    """Return the pictures side by side (H, W, 3) BGR."""
+    """Return the pictures side by side BGR."""
     if model.superquadrics is None:
         raise HandtrackError(f"body picture: the model '{model.name}' has no superquadrics.")
     parts = model.superquadrics.mesh(40, 28)
@@ -42,7 +42,7 @@ def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
 
 
 def drawn(model: ArticulatedModel, mesh: PartMesh, params: Floats[P], turn: float) -> Bytes[P]:
-    """Return a picture of a mesh posed by params (P,), turned about the vertical [rad], without perspective."""
+    """Return a picture of a mesh posed by params, turned about the vertical [rad], without perspective."""
     vertices, _ = mesh.carried(model.bones(params))
     c, s = np.cos(turn), np.sin(turn)
     seen = vertices @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T

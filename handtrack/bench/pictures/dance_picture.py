@@ -29,7 +29,7 @@ _OUTLINE = (255, 255, 255)
 
 
 def fig7(what: Dance, found: DanceTrack, shown: tuple[int, ...] = SHOWN) -> Array[H, W, D3]:
-    """Return the picture (H, W, 3) uint8 BGR: four rows, the last one the truth from above for comparison."""
+    """Return the picture uint8 BGR: four rows, the last one the truth from above for comparison."""
     columns = []
     by_frame = {result.frame: result for result in found.results}
     for frame in shown:

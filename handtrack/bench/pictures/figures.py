@@ -73,7 +73,7 @@ def draw_gesture(
     binary: Floats[F, S],
     shown: tuple = SHOWN,
 ) -> Any:
-    """Return the paper's Fig. 2. truth, field, binary: (F, S), the latter two what each experiment found."""
+    """Return the paper's Fig. 2. truth, field, binary: the latter two what each experiment found."""
     camera = simulated_rig(2).cameras[0]
     around = simulated_rig(6).cameras[0]
     figure, axes = pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.5))

@@ -23,7 +23,7 @@ _GHOST = 0.45  # how much of the flesh is seen where all is shown
 
 
 def segments(model: ArticulatedModel, bones: BonePoses) -> Floats[N, D2, D3]:
-    """Return (N, 2, 3) world [m]: from each bone's start to its child's, and to the fingertips."""
+    """Return world [m]: from each bone's start to its child's, and to the fingertips."""
     parent = model.skeleton.parent
     lines = [(bones.position[p], bones.position[b]) for b, p in enumerate(parent) if p >= 0]
     joints = dict(zip(model.joint_names, model.joint_positions(bones), strict=True))
@@ -51,7 +51,7 @@ def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids
 def rendered(
     camera: Camera, flesh: PosedEllipsoids, color: Floats[D3], background: Array[H, W, D3]
 ) -> Bytes[H, W, D3]:
-    """Return a picture (H, W, 3) RGB of ellipsoids in one colour."""
+    """Return a picture RGB of ellipsoids in one colour."""
     front, _, normal = render(camera, flesh)
     colors = np.tile(color, (len(flesh.radii), 1))
     height, width = front.shape
@@ -61,7 +61,7 @@ def rendered(
 def model_pictures(
     model: ArticulatedModel, params: Floats[P], size: tuple[int, int] = (640, 480)
 ) -> dict[str, Bytes[H, W, D3]]:
-    """Return four pictures (H, W, 3) RGB of a pose (P,), by title."""
+    """Return four pictures RGB of a pose, by title."""
     beside, *_, seen_by = simulated_rig(3, size).cameras
     bones = model.bones(params)
     balls, flesh = skeleton_balls(model, bones), model.flesh["fine"].posed(bones)

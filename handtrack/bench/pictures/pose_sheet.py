@@ -28,7 +28,7 @@ _VISIBLE_M = 0.235
 def pose_sheet(
     model: ArticulatedModel, names: Sequence[str], columns: int = 7, size: int = 180
 ) -> Array[H, W, D3]:
-    """Return a picture (H, W, 3) BGR of poses in rows, each `size` pixels wide, held as `pose_turn` says."""
+    """Return a picture BGR of poses in rows, each `size` pixels wide, held as `pose_turn` says."""
     tiles = [pose_picture(model, name, size) for name in names]
     while len(tiles) % columns:
         tiles.append(np.full_like(tiles[0], 255))

@@ -80,7 +80,7 @@ def write_session(folder: Path, cameras: Sequence[str]) -> Session:
 
 
 def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats[J, D3]]:
-    """Return joint names and positions (J, 3) world [m] from all cameras that see each, NaN where fewer than two do."""
+    """Return joint names and positions world [m] from all cameras that see each, NaN where fewer than two do."""
     names = seen[0].names
     positions = np.full((len(names), 3), np.nan)
     for j in range(len(names)):
@@ -138,7 +138,7 @@ def _fitted(run: TrackingRun) -> ArticulatedModel:
 
 
 def residuals_px(what: Balancing) -> dict[str, Floats[N, D2]]:
-    """Return each camera's distances (N, 2) from model joints to detections [px], over all frames."""
+    """Return each camera's distances from model joints to detections [px], over all frames."""
     found: dict[str, list[Floats]] = {}
     for result in what.results:
         for seen in what.run.observation(result.frame).keypoints:

@@ -51,12 +51,12 @@ class Scene:
 
     model: ArticulatedModel
     joint_params: Floats[F, S]
-    """(F, S) the truth"""
+    """the truth"""
     observations: tuple[Observation, ...]
 
     @property
     def joints(self) -> Floats[F, J, D3]:
-        """Return the true joint positions (F, J, 3) [m]."""
+        """Return the true joint positions [m]."""
         solver = (self.model.transform.solver_params(x) for x in self.joint_params)
         return np.stack([self.model.joint_positions(self.model.bones(x)) for x in solver])
 
@@ -67,11 +67,11 @@ class FistTrack:
 
     results: tuple[FrameResult, ...]
     error_mm: Floats[F]
-    """(F,) mean joint error"""
+    """mean joint error"""
     stated_mm: Floats[F]
-    """(F,) root mean square of what parameter uncertainty says of the joints' positions"""
+    """root mean square of what parameter uncertainty says of the joints' positions"""
     within90: Floats[F]
-    """(F,) share of joints inside their stated 90 % ellipsoid"""
+    """share of joints inside their stated 90 % ellipsoid"""
 
 
 def scene(

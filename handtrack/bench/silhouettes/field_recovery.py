@@ -96,7 +96,7 @@ def recover(
 def follow(
     model: ArticulatedModel, cameras: Sequence[Camera], joint_params: Floats[F, S]
 ) -> Floats[F, S]:
-    """Return what is found of a gesture (F, S), joint parameters, from field images: ten iterations a frame,
+    """Return what is found of a gesture, joint parameters, from field images: ten iterations a frame,
     each from the last frame's estimate, the first from the true pose."""
     settings = SolverSettings(iterations=10)
     params = model.transform.solver_params(joint_params[0])

@@ -83,7 +83,7 @@ def cameras(rig: str) -> list[Camera]:
 def recording(
     rig: Sequence[Camera], ends: float, sleeve: float, frames: int, rng: np.random.Generator
 ) -> tuple[list[Observation], Floats[F, D21, D3]]:
-    """Return masks of the first frames, and the true keypoints (F, 21, 3): a hand that opens and closes, wanders, and
+    """Return masks of the first frames, and the true keypoints: a hand that opens and closes, wanders, and
     bends by 45° at the wrist while the arm does not turn."""
     model = load_model(forearm=True)
     flesh, arm = model.flesh["fine"], model.skeleton.bone("forearm")

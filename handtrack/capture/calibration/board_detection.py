@@ -21,9 +21,8 @@ class BoardView:
 
     frame: int
     ids: Ints[N]
-    """(N,) rows of the board's `points`."""
+    """rows of the board's `points`."""
     pixels: Floats[N, D2]
-    """(N, 2)"""
     blur_px: float
     """width of the board's edges [px]: about 1.5 to 2 in a sharp image."""
     source: str = ""

@@ -44,7 +44,7 @@ def page_size_mm(board: Board) -> tuple[float, float]:
 
 
 def black_rectangles(board: Board) -> Floats[R, D4]:
-    """Return (R, 4) x, y, width, height [mm] of what is black, from the page's upper left corner."""
+    """Return x, y, width, height [mm] of what is black, from the page's upper left corner."""
     square, margin = board.square_m * 1e3, _margin_mm(board)
     columns, rows = board.squares
     cells = [
@@ -59,7 +59,7 @@ def black_rectangles(board: Board) -> Floats[R, D4]:
 
 
 def draw_board(board: Board, pixels_per_mm: float) -> Bytes[H, W]:
-    """Return the page (H, W) uint8 at a resolution; edges inside a pixel are shaded."""
+    """Return the page uint8 at a resolution; edges inside a pixel are shaded."""
     fine = 4  # sub-pixels along each side
     width, height = (round(side * pixels_per_mm) for side in page_size_mm(board))
     page = np.full((height * fine, width * fine), 255, np.uint8)

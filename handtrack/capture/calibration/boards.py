@@ -49,7 +49,7 @@ class Chessboard:
 
     @cached_property
     def turns(self) -> tuple[Ints[N], ...]:
-        """Renumberings of the corners (N,) that look the same as the board in colour and shape.
+        """Renumberings of the corners that look the same as the board in colour and shape.
 
         Turned by it, corner i of what is seen is corner `turn[i]` of the board. The first is the
         identity; more than one means the board does not tell how it is turned.

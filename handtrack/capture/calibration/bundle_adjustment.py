@@ -31,9 +31,8 @@ class Corners:
     camera: Ints[N]
     view: Ints[N]
     board: Floats[M, D3]
-    """(M, 3) [m]"""
+    """[m]"""
     pixels: Floats[M, D2]
-    """(M, 2)"""
 
 
 @dataclass(frozen=True)
@@ -41,11 +40,11 @@ class RigState:
     """All that is estimated; rotation vectors and translations [rad, m]."""
 
     lens: Floats[C, D9]
-    """(C, 9) in the order of LENS."""
+    """in the order of LENS."""
     camera: Floats[C, D6]
-    """(C, 6) world → camera."""
+    """world → camera."""
     view: Floats[V, D6]
-    """(V, 6) board → world."""
+    """board → world."""
 
 
 @dataclass(frozen=True)
@@ -54,20 +53,20 @@ class Refined:
 
     state: RigState
     residuals: Floats[M, D2]
-    """(M, 2) seen − predicted [px]."""
+    """seen − predicted [px]."""
     sigma_px: float
     """robust standard deviation of one coordinate"""
     lens_std: Floats[C, D9]
-    """(C, 9); 0 where held fixed."""
+    """; 0 where held fixed."""
     camera_std: Floats[C, D6]
-    """(C, 6); 0 for the camera held fixed."""
+    """; 0 for the camera held fixed."""
     skew: Floats[C, D2]
-    """(C, 2) the skew [px] that would fit next, and its standard deviation."""
+    """the skew [px] that would fit next, and its standard deviation."""
     converged: bool
 
 
 def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
-    """Return (M, 2) seen − predicted [px]."""
+    """Return seen − predicted [px]."""
     _, _, pixels, _ = _project(state, corners)
     return corners.pixels - pixels
 
@@ -77,7 +76,7 @@ def refine(
 ) -> Refined:
     """Return the least-squares state from a start; all cameras but one move, all views move.
 
-    free_lens: (C, 9) bool, which lens numbers are estimated.
+    free_lens: bool, which lens numbers are estimated.
     """
     layout = _Layout(start, np.asarray(free_lens, dtype=bool), fixed_camera)
     scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)

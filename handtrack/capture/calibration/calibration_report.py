@@ -138,7 +138,7 @@ def camera_report(
     refined: Refined,
     index: int,
 ) -> CameraReport:
-    """Return the report of one camera; left: residuals (N, 2) of each view, shared ones first."""
+    """Return the report of one camera; left: residuals of each view, shared ones first."""
     views = (*used.shared, *used.alone)
     pixels = np.concatenate([view.pixels for view in views])
     cell = np.floor(pixels / np.array(camera.size) * _GRID).astype(int)

@@ -61,7 +61,7 @@ class RigCalibration:
     cameras: tuple[CameraViews, ...]
     """the views used"""
     residuals: tuple[tuple[Floats[N, D2], ...], ...]
-    """per camera and view, shared ones first: (N, 2) seen − predicted [px]"""
+    """per camera and view, shared ones first: seen − predicted [px]"""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ class Placed:
     cameras: tuple[CameraViews, ...]
     """the same views; of a board that looks alike when turned, renumbered to agree"""
     T_camera_world: Floats[C, D4, D4]
-    """(C, 4, 4)"""
     T_world_board: dict[int, Floats[D4, D4]]
     """by frame, of shared views"""
     disagreement: dict[tuple[str, str], float]
@@ -38,7 +37,7 @@ class Placed:
 def pose_of_view(
     view: BoardView, board: Board, matrix: Floats[D3, D3], distortions: Floats[K]
 ) -> Floats[D4, D4]:
-    """Return T_camera_board (4, 4) of one view, the better of a plane's two poses."""
+    """Return T_camera_board of one view, the better of a plane's two poses."""
     points = board.points[view.ids]
     count, turns, shifts, errors = cv2.solvePnPGeneric(
         points, view.pixels.reshape(-1, 1, 2), matrix, distortions, flags=cv2.SOLVEPNP_IPPE

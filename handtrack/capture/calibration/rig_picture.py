@@ -27,7 +27,7 @@ _MAGNIFIED = 50  # times a residual is drawn
 
 
 def draw_rig(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
-    """Return a picture (H, W, 3) of cameras and boards: from behind the first camera, from its side and
+    """Return a picture of cameras and boards: from behind the first camera, from its side and
     from above it."""
     first = calibration.rig.cameras[0]
     tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))

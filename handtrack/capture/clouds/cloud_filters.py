@@ -107,7 +107,7 @@ class CloudFilters:
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
-        hand_distance: of the frame before; None skips the crop. centres: (C, 3) world [m], the
+        hand_distance: of the frame before; None skips the crop. centres: world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
         fate, reports = self.dropped_by(cloud, hand_distance, centres)
@@ -119,7 +119,7 @@ class CloudFilters:
         hand_distance: HandDistance | None = None,
         centres: Floats[C, D3] | None = None,
     ) -> tuple[Array[N], tuple[FilterReport, ...]]:
-        """Return which filter dropped each point (N,), by its place among the reports, and the
+        """Return which filter dropped each point, by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
         steps = self._steps(hand_distance, centres)
@@ -182,14 +182,14 @@ class CloudFilters:
 
 
 def finite(points: Floats[N, D3]) -> Array[N]:
-    """Return which points (N, 3) have three finite coordinates."""
+    """Return which points have three finite coordinates."""
     return np.asarray(np.isfinite(points).all(axis=1))
 
 
 def within_range(
     points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
 ) -> Array[N]:
-    """Return which points (N, 3) lie in the range [m] of at least one camera at `centres` (C, 3)."""
+    """Return which points lie in the range [m] of at least one camera at `centres`."""
     keep = np.zeros(len(points), bool)
     for centre in centres:
         square = ((points - centre) ** 2).sum(axis=1)
@@ -198,7 +198,7 @@ def within_range(
 
 
 def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:
-    """Return which points (N, 3) lie within crop_m [m] of the hand of the frame before."""
+    """Return which points lie within crop_m [m] of the hand of the frame before."""
     parts = range(0, len(points), _AT_ONCE)
     return np.concatenate(
         [hand_distance(points[i : i + _AT_ONCE]) <= crop_m for i in parts] or [np.zeros(0, bool)]
@@ -206,14 +206,14 @@ def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float)
 
 
 def skin_coloured(colors: Array[N, D3] | None, count: int, skin: SkinEllipse) -> Array[N]:
-    """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
+    """Return which colours uint8 RGB lie in the skin's ellipse; all where there are none."""
     if colors is None:
         return np.ones(count, bool)
     return np.less_equal(skin.distance(colors), skin.size)
 
 
 def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
-    """Return which points (N, 3) belong to the largest part that hangs together, by touching cells
+    """Return which points belong to the largest part that hangs together, by touching cells
     of side link_m."""
     if len(points) == 0:
         return np.zeros(0, bool)
@@ -228,7 +228,7 @@ def nearest_part(
     front_m: float | None = None,
     link_m: float = _LINK_M,
 ) -> Array[N]:
-    """Return which points (N, 3) belong to the part nearest to a camera at `centres` (C, 3).
+    """Return which points belong to the part nearest to a camera at `centres`.
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
     nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
@@ -248,7 +248,7 @@ def nearest_part(
 
 
 def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
-    """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
+    """Return which points stay when each cell of side voxel_m keeps per_voxel random ones."""
     order = np.random.default_rng(seed).permutation(len(points))
     cells = cell_numbers(points, voxel_m)[order]
     by_cell = np.argsort(cells, kind="stable")
@@ -270,7 +270,7 @@ def random_part(count: int, most: int, seed: int = 0) -> Array[N]:
 
 
 def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0) -> Array[N]:
-    """Return which points (N, 3) have their neighbours about as near as points usually have.
+    """Return which points have their neighbours about as near as points usually have.
 
     The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
     distance to those.
@@ -284,7 +284,7 @@ def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0)
 
 
 def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
-    """Return one whole number (N,) per point (N, 3), equal within a cell of one grid."""
+    """Return one whole number per point, equal within a cell of one grid."""
     cells = np.floor(points / side_m)
     cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0
     whole = np.clip(cells, -_FAR_CELLS, _FAR_CELLS).astype(np.int64) + _FAR_CELLS

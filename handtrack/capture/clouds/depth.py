@@ -34,7 +34,7 @@ class DepthSettings:
 def surface_pixels(
     depth_m: Array[H, W], focal_px: float, settings: DepthSettings = DepthSettings()
 ) -> Array[H, W]:
-    """Return where a depth image (H, W) [m] shows a surface, as (H, W) of booleans.
+    """Return where a depth image [m] shows a surface.
 
     0, negative and infinite depths are no measurement.
     """
@@ -58,10 +58,10 @@ def depth_cloud(
     image: Bytes[H, W, D3] | None = None,
     settings: DepthSettings | None = DepthSettings(),
 ) -> PointCloud:
-    """Return the points of a depth image (H, W) [m] in the world frame.
+    """Return the points of a depth image [m] in the world frame.
 
-    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: (H, W), only
-    pixels > 0 are used. image: (H, W, 3) uint8 BGR in the same pixels, for colours. settings:
+    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: only
+    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. settings:
     None keeps every measured pixel. Raises HandtrackError when a size differs from the camera's.
     """
     width, height = camera.size

@@ -70,9 +70,9 @@ class Matches(NamedTuple):
     """What was matched, and what of it was thrown away."""
 
     disparity: Array[H, W]
-    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
+    """float32 [px] of the left pixels, NaN where there is none."""
     rejected: Bytes[H, W]
-    """(H, W) uint8: why a match does not count, see REJECTED."""
+    """uint8: why a match does not count, see REJECTED."""
 
 
 def disparity(
@@ -82,10 +82,10 @@ def disparity(
     most: int,
     settings: StereoSettings = StereoSettings(),
 ) -> Array[H, W]:
-    """Return the disparity (H, W) float32 [px] of the left pixels, NaN where there is no match
+    """Return the disparity float32 [px] of the left pixels, NaN where there is no match
     that both directions agree on.
 
-    left, right: rectified BGR (H, W, 3) or grey (H, W) uint8 of one size; left (x, y) is right
+    left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right
     (x − d, y). least, most: range of d searched, both included; may be negative.
     """
     return matches(left, right, least, most, settings).disparity
@@ -118,7 +118,7 @@ def matches(
 
 
 def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Array[H, W]:
-    """Return where left disparities (H, W) are also those of the right pixels they lead to."""
+    """Return where left disparities are also those of the right pixels they lead to."""
     columns = np.arange(left.shape[1])
     partner = columns - np.nan_to_num(left).round().astype(int)
     inside = (partner >= 0) & (partner < left.shape[1])
@@ -128,7 +128,7 @@ def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Ar
 
 
 def without_speckles(found: Array[H, W], least_px: int, step_px: float = 1.0) -> Array[H, W]:
-    """Return disparities (H, W) without patches, bounded by steps above step_px, of fewer than
+    """Return disparities without patches, bounded by steps above step_px, of fewer than
     least_px pixels."""
     known = np.isfinite(found)
     if least_px <= 1 or not known.any():

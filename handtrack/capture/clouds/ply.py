@@ -43,7 +43,7 @@ class _Header(NamedTuple):
 
 
 def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None, int]:
-    """Return points (N, 3), colours (N, 3) uint8 RGB or None, and how many points the file has.
+    """Return points, colours uint8 RGB or None, and how many points the file has.
 
     Of more than `most` points, about that many are returned, evenly spread. Raises HandtrackError
     for what is no .ply, is cut off, or has no vertices with x, y, z.
@@ -67,7 +67,7 @@ def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None,
 
 
 def write_ply(path: Path, points: Floats[N, D3], colors: Array[N, D3] | None = None) -> None:
-    """Write points (N, 3) and colours (N, 3) uint8 RGB as binary little endian, single precision."""
+    """Write points and colours uint8 RGB as binary little endian, single precision."""
     fields = [(axis, "<f4") for axis in "xyz"]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     lines += [f"property float {axis}" for axis in "xyz"]

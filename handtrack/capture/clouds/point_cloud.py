@@ -15,9 +15,9 @@ class PointCloud:
     """Measured surface points. Raises HandtrackError when the shapes do not fit."""
 
     points: Floats[N, D3]
-    """(N, 3) world [m]."""
+    """world [m]."""
     colors: Array[N, D3] | None = None
-    """(N, 3) uint8 RGB."""
+    """uint8 RGB."""
 
     def __post_init__(self) -> None:
         check_shape(self.points, (None, 3), "points of a cloud")

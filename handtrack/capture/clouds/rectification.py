@@ -33,7 +33,7 @@ class RectifiedPair:
     swapped: bool
     """whether the first of the two given cameras is `right`."""
     left_maps: tuple[Array[H, W], Array[H, W]]
-    """(H, W) float32 x and y in the real image of each rectified pixel."""
+    """float32 x and y in the real image of each rectified pixel."""
     right_maps: tuple[Array[H, W], Array[H, W]]
 
     @property
@@ -59,7 +59,7 @@ class RectifiedPair:
         return np.where(parallax > 0, depth, np.nan)
 
     def points(self, columns: Array[N], rows: Array[N], disparity: Array[N]) -> Floats[N, D3]:
-        """Return world points (N, 3) [m] of left rectified pixels (N,) with their disparity [px]."""
+        """Return world points [m] of left rectified pixels with their disparity [px]."""
         depth = self.depth_of(disparity)
         matrix = self.left.matrix
         across = np.column_stack(

@@ -46,7 +46,7 @@ class SkinEllipse:
             )
 
     def distance(self, colors: Array[N, D3]) -> Floats[N]:
-        """Return how far colours (N, 3) uint8 RGB lie from the mean, (N,) standard deviations.
+        """Return how far colours uint8 RGB lie from the mean, standard deviations.
 
         Infinite for colours too dark to have one.
         """
@@ -59,14 +59,14 @@ class SkinEllipse:
 
 
 def chromaticity(colors: Array[N, D3]) -> tuple[Floats[N, D2], Array[N]]:
-    """Return (r, g) (N, 2) of colours (N, 3) uint8 RGB, and whether each is bright enough."""
+    """Return (r, g) of colours uint8 RGB, and whether each is bright enough."""
     values = np.asarray(colors, dtype=float)
     total = values.sum(axis=-1)
     return values[:, :2] / np.maximum(total, 1.0)[:, None], total >= _DARK
 
 
 def fit_skin_ellipse(samples: Array[N, D3], size: float = 2.5) -> SkinEllipse:
-    """Return the ellipse of skin samples (N, 3) uint8 RGB: painted, boxed, or inside masks.
+    """Return the ellipse of skin samples uint8 RGB: painted, boxed, or inside masks.
 
     Samples far off (a nail's rim, background caught in the box) are trimmed. Raises
     HandtrackError with fewer than 20 samples that are bright enough.

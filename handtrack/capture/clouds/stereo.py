@@ -27,16 +27,16 @@ class StereoView(NamedTuple):
     """A matched pair, for the screen and for checks."""
 
     left: Bytes[H, W, D3]
-    """(H, W, 3) uint8 BGR, rectified."""
+    """uint8 BGR, rectified."""
     right: Bytes[H, W, D3]
     disparity: Array[H, W]
-    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
+    """float32 [px] of the left pixels, NaN where there is none."""
     searched: tuple[int, int]
     """least and most disparity looked for."""
     asked: int
     """pixels that could have had a disparity: those of the mask, or all."""
     rejected: Bytes[H, W]
-    """(H, W) uint8: why a match does not count, see disparity.REJECTED."""
+    """uint8: why a match does not count, see disparity.REJECTED."""
 
     @property
     def matched_share(self) -> float:
@@ -69,9 +69,9 @@ class StereoMatcher:
         first_mask: Bytes[H, W] | None = None,
         second_mask: Bytes[H, W] | None = None,
     ) -> StereoView:
-        """Return the disparities of two images (H, W, 3) uint8 BGR taken at once.
+        """Return the disparities of two images uint8 BGR taken at once.
 
-        Masks (H, W): only pixels > 0 are matched, in their own image.
+        Masks: only pixels > 0 are matched, in their own image.
         """
         images = self._rectify((first, second), True)
         masks = self._rectify((first_mask, second_mask), False)
@@ -80,10 +80,10 @@ class StereoMatcher:
         assert right is not None
         wanted = _wanted(masks[0], self.pair, right=False)
         least, most = self.range_px
-        found = np.full(left.shape[:2], np.nan, np.float32)
+        found = np.full_like(wanted, np.nan, np.float32)
         box = _box(wanted)
         asked = int(wanted.sum())
-        rejected = np.zeros(found.shape, np.uint8)
+        rejected = np.zeros_like(found, np.uint8)
         if box is None or most < least:
             return StereoView(left, right, found, (least, most), asked, rejected)
         partner = _wanted(masks[1], self.pair, right=True)

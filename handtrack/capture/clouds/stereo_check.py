@@ -20,7 +20,7 @@ _LEAST_MATCHED = 0.02
 def check_pair(
     matcher: StereoMatcher, view: StereoView, first: Bytes[H, W, D3], second: Bytes[H, W, D3]
 ) -> str | None:
-    """Return what is wrong with a matched pair of images (H, W, 3) uint8 BGR, in one plain
+    """Return what is wrong with a matched pair of images uint8 BGR, in one plain
     sentence or two; None when nothing is.
 
     Looks at distinct features (SIFT) that the rectified images share: they must lie in the same

@@ -25,7 +25,7 @@ _PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def demosaic(mosaic: Array[H, W], pattern: str, method: str = "library") -> Array[H, W, D3]:
-    """Return the colour image (H, W, 3) BGR of a raw mosaic (H, W), uint8 or uint16, same type.
+    """Return the colour image BGR of a raw mosaic, uint8 or uint16, same type.
 
     pattern: colours of the first 2 x 2 pixels, row by row. Methods: `library` (OpenCV's edge-aware one),
     `library_vng` (8 bit only), `bilinear`, `level_line` (the paper's), `level_line_hue` (its green, and
@@ -50,7 +50,7 @@ def demosaic(mosaic: Array[H, W], pattern: str, method: str = "library") -> Arra
 
 
 def level_line_green(mosaic: Floats[H, W], pattern: str) -> Floats[H, W]:
-    """Return green (H, W) at every pixel: as seen where it was seen, along the level line elsewhere."""
+    """Return green at every pixel: as seen where it was seen, along the level line elsewhere."""
     padded = np.pad(np.asarray(mosaic, dtype=float), 1, mode="reflect")
     # the square on its corner, turned so that its corners read P1 P2 / P3 P4
     p1, p2 = padded[1:-1, :-2], padded[:-2, 1:-1]  # left, above
@@ -112,7 +112,7 @@ def level_line_value(
 
 
 def sample_green(mosaic: Array[H, W], pattern: str, pixels: Floats[*Axes, D2]) -> Floats[*Axes]:
-    """Return green (...) at real coordinates (..., 2) x, y of a raw mosaic, NaN outside of it.
+    """Return green (...) at real coordinates x, y of a raw mosaic, NaN outside of it.
 
     As the paper does for rectification: no intermediate image, the level line through the very point.
     """

@@ -71,7 +71,7 @@ LAYOUTS: dict[str, Layout] = {
 
 
 def read_openpose(path: Path, layout: Layout) -> Floats[K, D3] | None:
-    """Return (K, 3) column and row [px] and confidence of the person who stands tallest in the image.
+    """Return column and row [px] and confidence of the person who stands tallest in the image.
 
     Points that were not found are NaN with confidence 0. None when nobody was found. Raises HandtrackError.
     """

@@ -51,7 +51,7 @@ class Motion:
         ]
 
     def by_plane(self, angles: Floats[H, W], edges: Floats[Q]) -> Floats[B, T]:
-        """Return (B, T) how much moved in each range of angles; NaN where a frame is missing. angles: (H, W) reduced."""
+        """Return how much moved in each range of angles; NaN where a frame is missing. angles: reduced."""
         bins = np.digitize(angles, edges).ravel()
         none = np.full(len(edges) + 1, np.nan)
         rows = [
@@ -65,7 +65,7 @@ def plane_angles(camera: Camera, other: Camera, pixels: Floats[*Axes, D2]) -> Fl
     """Return (...) the angle of each pixel's plane through both centres [rad]; NaN where the lens shows nothing, or the
     centres are one.
 
-    pixels: (..., 2) of the camera's real image. 0 is where the two look on average.
+    pixels: of the camera's real image. 0 is where the two look on average.
     """
     first, second = sorted((camera, other), key=lambda c: c.name)  # one line, one zero for both
     line = second.centre - first.centre
@@ -91,7 +91,7 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
 
 
 def lag_of(alike: Floats[D2, L]) -> Lag | None:
-    """Return the lag that curves (2, L) of two stretches of a recording show, see `agreement`; None where they cannot tell.
+    """Return the lag that curves of two stretches of a recording show, see `agreement`; None where they cannot tell.
 
     It counts only where both stretches agree about it to a frame, and the pictures agree clearly better at it.
     """
@@ -107,7 +107,7 @@ def lag_of(alike: Floats[D2, L]) -> Lag | None:
 
 
 def agreement(first: tuple[Motion, Motion], second: tuple[Motion, Motion]) -> Floats[D2, L]:
-    """Return (2, L) how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
+    """Return how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
     return np.stack([_alike(a, b) for a, b in zip(first, second, strict=True)])
 
 

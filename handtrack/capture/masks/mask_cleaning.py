@@ -15,7 +15,7 @@ Roi = Annotated[tuple[int, int, int, int], Meta(description="4 whole numbers [x,
 
 
 def clean(mask: Bytes[H, W], open_px: int, largest: bool, roi: Roi | None) -> Bytes[H, W]:
-    """Return the mask (H, W) uint8 {0, 255} inside the region of interest, opened by a square,
+    """Return the mask uint8 {0, 255} inside the region of interest, opened by a square,
     largest piece only."""
     if roi is not None:
         mask = inside_roi(mask, roi)

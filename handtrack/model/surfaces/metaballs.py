@@ -30,11 +30,11 @@ class NearSurface:
     """What the surface looks like from given points (N)."""
 
     distance: Floats[N]
-    """(N,) signed [m], negative inside"""
+    """signed [m], negative inside"""
     ellipsoid: Ints[N]
-    """(N,) the closest ellipsoid"""
+    """the closest ellipsoid"""
     gradient: Floats[N, D3]
-    """(N, 3) of the distance, world; about unit length near the surface"""
+    """of the distance, world; about unit length near the surface"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class MetaballSurface:
 
     ellipsoids: Ellipsoids
     linked: Array[E, E]
-    """(E, E) bool, symmetric, True on the diagonal"""
+    """bool, symmetric, True on the diagonal"""
     sharpness: float = SHARPNESS_PER_M
     """β [1/m]: n equally close linked ellipsoids move the surface outwards by log(n)/β"""
     form: str = "d3"
@@ -96,7 +96,7 @@ class MetaballSurface:
         return start.astype(np.int64), np.array([i for row in members for i in row], np.int64)
 
     def posed(self, bones: BonePoses) -> Floats[E, D16]:
-        """Return the table (E, 16) that kernels read, at these poses; layout: metaballs_kernels.py."""
+        """Return the table that kernels read, at these poses; layout: metaballs_kernels.py."""
         flesh = self.ellipsoids.grown(bones)
         table = np.empty((len(flesh), 16))
         pose_table(
@@ -105,7 +105,7 @@ class MetaballSurface:
         return table
 
     def near(self, bones: BonePoses, points: Floats[N, D3]) -> NearSurface:
-        """Return signed distance, closest ellipsoid and gradient at points (N, 3) world [m]; NaN at NaN."""
+        """Return signed distance, closest ellipsoid and gradient at points world [m]; NaN at NaN."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, gradient = np.empty(len(points)), np.empty(points.shape)
@@ -118,7 +118,7 @@ class MetaballSurface:
         return NearSurface(distance, closest, gradient)
 
     def distance(self, bones: BonePoses, points: Floats[N, D3]) -> Floats[N]:
-        """Return the signed distance (N,) [m] of points (N, 3) world, negative inside."""
+        """Return the signed distance [m] of points world, negative inside."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, closest = np.empty(len(points)), np.empty(len(points), np.int64)
@@ -130,7 +130,7 @@ class MetaballSurface:
         return distance
 
     def projected(self, bones: BonePoses, points: Floats[N, D3], steps: int = 6) -> Floats[N, D3]:
-        """Return points (N, 3) moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
+        """Return points moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
         points = np.array(points, dtype=float)
         for _ in range(steps):
             near = self.near(bones, points)
@@ -140,7 +140,7 @@ class MetaballSurface:
 
 
 def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array[E, E]:
-    """Return (E, E) True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
+    """Return True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
 
     So the palm is linked with the first bone of each finger, and fingers are not linked with each other.
     """
@@ -157,7 +157,7 @@ def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array[E, E]
 
 
 def true_distance(radii: Floats[D3], points: Floats[N, D3]) -> Floats[N]:
-    """Return the exact signed distance (N,) of points (N, 3) to an ellipsoid around the origin, axes along x, y, z.
+    """Return the exact signed distance of points to an ellipsoid around the origin, axes along x, y, z.
 
     The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
     bisected. Plain and slow: the reference that d1, d2 and d3 approximate.

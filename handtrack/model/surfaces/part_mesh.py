@@ -16,21 +16,20 @@ class PartMesh:
     """Closed triangle meshes on bones. Parts may lie in each other; what is hidden is for the camera to find."""
 
     bone: Ints[V]
-    """(V,) the bone of each vertex; the three of a face have the same"""
+    """the bone of each vertex; the three of a face have the same"""
     local: Floats[V, D3]
-    """(V, 3) in that bone's frame [m]"""
+    """in that bone's frame [m]"""
     normal: Floats[V, D3]
-    """(V, 3) unit, outwards, in that bone's frame"""
+    """unit, outwards, in that bone's frame"""
     faces: Ints[F, D3]
-    """(F, 3)"""
 
     def carried(self, bones: BonePoses) -> tuple[Floats[V, D3], Floats[V, D3]]:
-        """Return vertices (V, 3) [m] and their normals (V, 3) in the world."""
+        """Return vertices [m] and their normals in the world."""
         turned = np.einsum("vij,vj->vi", bones.rotation[self.bone], self.normal)
         return bones.to_world(self.bone, self.local), turned
 
     def subset(self, keep: Array[V]) -> PartMesh:
-        """Return only the faces of which all vertices are kept. keep: (V,) booleans."""
+        """Return only the faces of which all vertices are kept. keep: booleans."""
         kept = np.flatnonzero(keep)
         renumbered = np.full(len(self.bone), -1)
         renumbered[kept] = np.arange(len(kept))
@@ -62,7 +61,7 @@ def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:
 
 
 def vertex_normals(vertices: Floats[V, D3], faces: Ints[T, D3]) -> Floats[V, D3]:
-    """Return (V, 3) unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
+    """Return unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
     corner = vertices[faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal = np.zeros_like(vertices)

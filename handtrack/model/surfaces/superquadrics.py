@@ -24,30 +24,30 @@ class Superquadrics:
 
     name: tuple[str, ...]
     bone: Ints[E]
-    """(E,) the bone each one sits on"""
+    """the bone each one sits on"""
     centre: Floats[E, D3]
-    """(E, 3) in the bone's frame [m]"""
+    """in the bone's frame [m]"""
     rotation: Floats[E, D3, D3]
-    """(E, 3, 3) part axes → bone frame"""
+    """part axes → bone frame"""
     radii: Floats[E, D3]
-    """(E, 3) a, b, c [m]"""
+    """a, b, c [m]"""
     exponents: Floats[E, D2]
-    """(E, 2) ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
+    """ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
     taper: Floats[E, D2]
-    """(E, 2) x and y are scaled by 1 + taper · z/c"""
+    """x and y are scaled by 1 + taper · z/c"""
     bend: Floats[E, D2]
-    """(E, 2) turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
+    """turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
 
     def __len__(self) -> int:
         return len(self.bone)
 
     @property
     def shape(self) -> Floats[E, D9]:
-        """Return (E, 9) the shape parameters: radii, exponents, taper, bend."""
+        """Return the shape parameters: radii, exponents, taper, bend."""
         return np.concatenate([self.radii, self.exponents, self.taper, self.bend], axis=1)
 
     def level(self, part: int, points: Floats[N, D3]) -> Floats[N]:
-        """Return (N,) the left side of the part's equation at points (N, 3) of its own axes, before deformation."""
+        """Return the left side of the part's equation at points of its own axes, before deformation."""
         x, y, z = (np.abs(points) / self.radii[part]).T
         e1, e2 = self.exponents[part]
         return (x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)
@@ -86,7 +86,7 @@ class Superquadrics:
         return np.concatenate([ends[:1], circles, ends[1:]]) * self.radii[part]
 
     def deformed(self, part: int, points: Floats[N, D3]) -> Floats[N, D3]:
-        """Return points (N, 3) of a part's own axes where taper and bend carry them.
+        """Return points of a part's own axes where taper and bend carry them.
 
         A bend lays the z axis on a circle of curvature κ = turn/2c, lengths on the axis kept.
         """

@@ -21,20 +21,20 @@ class SurfaceMesh:
     """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
 
     vertices: Floats[V, D3]
-    """(V, 3) world [m]"""
+    """world [m]"""
     faces: Ints[F, D3]
-    """(F, 3) counter-clockwise seen from outside"""
+    """counter-clockwise seen from outside"""
     normals: Floats[V, D3]
-    """(V, 3) unit, outwards"""
+    """unit, outwards"""
     ellipsoid: Ints[V]
-    """(V,) the closest ellipsoid"""
+    """the closest ellipsoid"""
     bone: Ints[V]
-    """(V,) its bone, to which the vertex is fixed"""
+    """its bone, to which the vertex is fixed"""
     local: Floats[V, D3]
-    """(V, 3) in that bone's frame [m]"""
+    """in that bone's frame [m]"""
 
     def carried(self, bones: BonePoses) -> Floats[V, D3]:
-        """Return the vertices (V, 3) where other bone poses carry them, world [m]."""
+        """Return the vertices where other bone poses carry them, world [m]."""
         return bones.to_world(self.bone, self.local)
 
 

@@ -41,11 +41,11 @@ class FirstPose:
     parameters: Mapping[str, float] = field(default_factory=dict)
     """joint parameters by name [m, rad]; missing ones are 0."""
     xyz: Floats[D21, D3] | None = None
-    """(21, 3) world [m], NaN rows where unknown."""
+    """world [m], NaN rows where unknown."""
     convention: str | None = None
     """order of the keypoints: openpose21."""
     pixels: Mapping[str, Floats[D21, D2]] = field(default_factory=dict)
-    """(21, 2) by camera, in the image as it was taken [px], NaN rows where unknown."""
+    """by camera, in the image as it was taken [px], NaN rows where unknown."""
     scale: HandScale | None = None
     """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
 

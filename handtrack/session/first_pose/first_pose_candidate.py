@@ -21,7 +21,7 @@ class FirstPoseCandidate:
 
     frame: int
     params: Floats[P]
-    """(P,) solver parameters of `model`"""
+    """solver parameters of `model`"""
     confidence: float
     """0 to 1; those of one frame add up to 1 at most"""
     note: str

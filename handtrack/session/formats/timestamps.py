@@ -23,9 +23,9 @@ class FrameTimes:
     fps: float
     """frames a second; the median rate when only times were given."""
     frame: Floats[N] | None = None
-    """(N,) frames with a measured time, ascending."""
+    """frames with a measured time, ascending."""
     time_s: Floats[N] | None = None
-    """(N,) [s], ascending."""
+    """[s], ascending."""
 
     def time_of(self, frame: int) -> float:
         """Return a frame's time [s]."""

@@ -17,15 +17,15 @@ class Truth:
     """Ground truth of F frames."""
 
     frame: Ints[F]
-    """(F,) frame numbers, each once."""
+    """frame numbers, each once."""
     time_s: Floats[F] | None
-    """(F,) [s], or None when not given."""
+    """[s], or None when not given."""
     keypoints21: Floats[F, D21, D3] | None
-    """(F, 21, 3) world [m]."""
+    """world [m]."""
     joint_names: tuple[str, ...]
     """J names; empty without joint positions."""
     joint_positions: Floats[F, J, D3] | None
-    """(F, J, 3) world [m]."""
+    """world [m]."""
 
 
 def read_truth(path: Path) -> Truth:

@@ -164,7 +164,7 @@ def _local(joint: _Joint, frames: Floats, positions: str) -> tuple[Floats, Float
 
 
 def turns_about(axis: int, angles: Floats[F]) -> Floats[F, D3, D3]:
-    """Return rotations (F, 3, 3) by angles (F,) [rad] about x, y or z (0, 1, 2)."""
+    """Return rotations by angles [rad] about x, y or z (0, 1, 2)."""
     turn = np.zeros((len(angles), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn[:, axis, axis] = 1.0

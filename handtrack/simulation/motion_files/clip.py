@@ -18,7 +18,7 @@ class MotionClip:
     names: tuple[str, ...]
     """(J,) of the file's joints; a second end of the same joint is `<name>_end`"""
     positions: Floats[F, J, D3]
-    """(F, J, 3) [m], the file's own axes"""
+    """[m], the file's own axes"""
     fps: float
     """frames a second"""
 

@@ -56,7 +56,7 @@ class HandPoints:
     """The hand in one depth image."""
 
     points: Floats[N, D3]
-    """(N, 3) world [m], all pixels of it"""
+    """world [m], all pixels of it"""
     tips: Floats[K, D3]
     """(T, 3) its fingertips"""
 
@@ -72,7 +72,7 @@ def write_depth_session(folder: Path, images: Path) -> Path:
 
 
 def hand_points(points: Floats[N, D3]) -> HandPoints:
-    """Return the hand among the points (N, 3), world [m], of the part nearest to the camera; no model is looked at.
+    """Return the hand among the points, world [m], of the part nearest to the camera; no model is looked at.
 
     In the picture of these points, fingers are what a disc as wide as a finger and a half does not fit into, if it is
     long enough; a fingertip is its end.
@@ -101,5 +101,5 @@ def hand_points(points: Floats[N, D3]) -> HandPoints:
 
 
 def as_image(points: Floats[N, D3]) -> Array[N, D2]:
-    """Return the pixels (N, 2) of points in the camera, rounded."""
+    """Return the pixels of points in the camera, rounded."""
     return np.rint(CAMERA.project(points)).astype(int)

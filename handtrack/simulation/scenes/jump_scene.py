@@ -41,14 +41,13 @@ class JumpScene:
     model: ArticulatedModel
     camera: Camera
     truth: Floats[P]
-    """(P,)"""
     seen: ImageKeypoints
     priors: BodyPriors
     start: Floats[P]
-    """(P,) the minimum next to the truth"""
+    """the minimum next to the truth"""
     start_cost: float
     covariance: Floats[P, P]
-    """(P, P) there"""
+    """there"""
 
     @property
     def collision(self) -> CollisionTerm | None:
@@ -56,7 +55,7 @@ class JumpScene:
         return next((term for term in self.priors.bones if isinstance(term, CollisionTerm)), None)
 
     def polished(self, starts: Floats[N, P]) -> Polished:
-        """Return the minima that descent reaches from starts (N, P)."""
+        """Return the minima that descent reaches from starts."""
         return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
 
     def tree(self, limbs: Sequence[str]) -> InterpretationTree:
@@ -86,7 +85,7 @@ def front_camera() -> Camera:
 
 
 def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats[P]:
-    """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
+    """Return parameters of a body that faces the camera and holds its limbs anyhow within limits.
 
     Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a
     link in that plane has no flip, one along the viewing ray no direction. Trunk, head and shoulders are near rest. No part passes

@@ -20,7 +20,7 @@ def field_views(
     cameras: Sequence[Camera],
     depth_scaled: bool = False,
 ) -> list[PreparedSilhouette]:
-    """Return each camera's field image of a pose (P,), ready for ConicFieldTerm.
+    """Return each camera's field image of a pose, ready for ConicFieldTerm.
 
     depth_scaled: the paper's scale 1/C*₃₃ [m⁻²]; otherwise fields are −1 at their centres.
     """
@@ -36,7 +36,7 @@ def field_views(
 def mask_views(
     model: ArticulatedModel, params: Floats[P], cameras: Sequence[Camera], frame: int = 0
 ) -> Observation:
-    """Return the binary masks of a pose (P,), decided at pixel centres."""
+    """Return the binary masks of a pose, decided at pixel centres."""
     flesh = model.flesh["fine"].posed(model.bones(params))
     seen = tuple(
         Silhouette(camera, model_mask(camera, flesh).astype(np.float32), everything(camera))
@@ -46,5 +46,5 @@ def mask_views(
 
 
 def everything(camera: Camera) -> Array[H, D2]:
-    """Return the spans (H, 2) of a camera whose every pixel is observed."""
+    """Return the spans of a camera whose every pixel is observed."""
     return np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))

@@ -40,7 +40,7 @@ class StartFrame:
     has_arm: bool
     seen: Observation
     joints: Floats[D21, D3]
-    """(21, 3) world [m]"""
+    """world [m]"""
 
 
 def start_frame(seed: int, number: int) -> StartFrame:

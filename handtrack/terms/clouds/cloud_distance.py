@@ -27,7 +27,7 @@ class PreparedCloud:
     points: Floats[D3, M]
     """(3, N') world [m], rows x, y, z, filled up to a multiple of 8 with its last point"""
     order: Ints[N]
-    """(N,) which of the given points each one is"""
+    """which of the given points each one is"""
     spheres: Floats[D4, K]
     """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
     given: int
@@ -44,7 +44,7 @@ class PreparedCloud:
 
 
 def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
-    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
+    """Return points world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
     points = np.asarray(points, dtype=float)
     check_shape(points, (None, 3), "cloud")
     with np.errstate(invalid="ignore"):
@@ -65,7 +65,7 @@ def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
         off = ordered - np.repeat(spheres[:3], BLOCK, axis=1)[:, : ordered.shape[1]]
         furthest = np.maximum.reduceat((off**2).sum(axis=0), first)
         spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
-    rows = aligned(ordered.size).reshape(ordered.shape)
+    rows = aligned(ordered.size).reshape(3, -1)
     rows[:] = ordered
     return PreparedCloud(rows, finite[along], spheres, len(points))
 

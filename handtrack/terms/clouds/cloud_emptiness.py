@@ -34,9 +34,9 @@ class CloudEmptinessTerm(CompiledTerm):
 
     distances: DistanceMap
     bone: Ints[V]
-    """(V,) the bone of each model point"""
+    """the bone of each model point"""
     local: Floats[V, D3]
-    """(V, 3) in that bone's frame [m]"""
+    """in that bone's frame [m]"""
     sigma_m: float = 0.004
     slack_m: float = 0.002
     """a cloud point this near is near enough: half a voxel, within which the map says little"""
@@ -67,7 +67,7 @@ class CloudEmptinessTerm(CompiledTerm):
         loss: Loss = Quadratic(),
         weight: float = 1.0,
     ) -> CloudEmptinessTerm:
-        """Return the term of a cloud (N, 3) world [m] and the mesh of the model where the frame starts.
+        """Return the term of a cloud world [m] and the mesh of the model where the frame starts.
 
         views: what can have seen the surface, see `seen_from`; without any, the whole surface is asked for.
         margin_m: how far the map reaches beyond the mesh; beyond it distances are prolonged.
@@ -119,9 +119,9 @@ class CloudEmptinessTerm(CompiledTerm):
 def seen_from(
     points: Floats[V, D3], normals: Floats[V, D3], views: Sequence[Floats[K, D3]]
 ) -> Array[V]:
-    """Return (V,) True where a view can have measured surface points (V, 3) with outward normals (V, 3), world [m].
+    """Return True where a view can have measured surface points with outward normals, world [m].
 
-    A view is the centres (K, 3) of cameras that must all see a point: one for a depth camera, two for a stereo pair.
+    A view is the centres of cameras that must all see a point: one for a depth camera, two for a stereo pair.
     A point that faces away, or lies behind other points, can have no cloud: to ask for one would drag the model's
     back to the measured front. No views: all True.
     """

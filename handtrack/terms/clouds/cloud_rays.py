@@ -30,9 +30,9 @@ class CloudRaysTerm(CompiledTerm):
     """
 
     points: Floats[N, D3]
-    """(N, 3) finite, world [m]"""
+    """finite, world [m]"""
     centre: Floats[D3]
-    """(3,) of the camera whose pixels they are, world [m]"""
+    """of the camera whose pixels they are, world [m]"""
     surface: MetaballSurface
     along_m: float = 0.004
     """how far a point's depth is from the surface, where it is not wrong altogether"""

@@ -24,18 +24,18 @@ class DistanceMap:
     """
 
     low: Floats[D3]
-    """(3,) the first node, world [m]"""
+    """the first node, world [m]"""
     spacing: float
     """[m]"""
     values: Array[X, Y, Z]
-    """(X, Y, Z) float32 [m]; size 0 where there is no cloud at all"""
+    """float32 [m]; size 0 where there is no cloud at all"""
 
     @property
     def is_empty(self) -> bool:
         return self.values.size == 0
 
     def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
-        """Return distance (N,) [m] and its gradient (N, 3) at points (N, 3) world; zeros without a cloud."""
+        """Return distance [m] and its gradient at points world; zeros without a cloud."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
@@ -51,7 +51,7 @@ def distance_map(
     spacing_m: float = SPACING_M,
     most_voxels: int = MOST_VOXELS,
 ) -> DistanceMap:
-    """Return the distance map of points (N, 3) in the box low, high (3,), world [m]. 2004 paper, section 4.
+    """Return the distance map of points in the box low, high, world [m]. 2004 paper, section 4.
 
     The nearest filled voxel comes from an exact distance transform; the distance is that to the mean of the points
     in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.

@@ -30,21 +30,20 @@ class Texture:
 
     camera: Camera
     bone: Ints[N]
-    """(N,)"""
     local: Floats[N, D3]
-    """(N, 3) in the bone's frame [m]"""
+    """in the bone's frame [m]"""
     color: Floats[N, D3]
-    """(N, 3) 0 … 255"""
+    """0 … 255"""
 
     def subset(self, keep: Array[N]) -> Texture:
-        """Return only the points for which `keep` (N,) is True."""
+        """Return only the points for which `keep` is True."""
         return replace(self, bone=self.bone[keep], local=self.local[keep], color=self.color[keep])
 
 
 def texture_points(
     mesh: PartMesh, bones: BonePoses, picture: DepthPicture, spacing_px: int
 ) -> tuple[Ints[N], Floats[N, D3], Floats[N, D2]]:
-    """Return bone (N,), place in its frame (N, 3) and pixel (N, 2) of visible surface points, evenly in the image.
+    """Return bone, place in its frame and pixel of visible surface points, evenly in the image.
 
     picture: of the same mesh at the same pose.
     """

@@ -21,18 +21,17 @@ class OutlinePoints:
 
     camera: Camera
     bone: Ints[N]
-    """(N,)"""
     local: Floats[N, D3]
-    """(N, 3) in the bone's frame [m]"""
+    """in the bone's frame [m]"""
     pixel: Floats[N, D2]
-    """(N, 2) where the point is seen at the pose the outline was made for [px]"""
+    """where the point is seen at the pose the outline was made for [px]"""
     normal: Floats[N, D2]
-    """(N, 2) unit, out of the model, in the image"""
+    """unit, out of the model, in the image"""
     length_px: Floats[N]
-    """(N,) of each piece"""
+    """of each piece"""
 
     def subset(self, keep: Array[N]) -> OutlinePoints:
-        """Return the pieces for which `keep` (N,) is True."""
+        """Return the pieces for which `keep` is True."""
         return OutlinePoints(
             self.camera,
             self.bone[keep],

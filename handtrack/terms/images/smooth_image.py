@@ -20,11 +20,11 @@ class SmoothImage:
     corner: tuple[int, int]
     """column and row of the window's first pixel in the image"""
     values: Array[H, W, D3]
-    """(H, W, 3) float32, 0 … 255"""
+    """float32, 0 … 255"""
     sigma_px: float
 
     def look_up(self, pixels: Floats[N, D2]) -> tuple[Floats[N, D3], Floats[N, D3, D2]]:
-        """Return values (N, 3) and their slopes (N, 3, 2) [1/px] at image points (N, 2), bilinear."""
+        """Return values and their slopes [1/px] at image points, bilinear."""
         count, channels = len(pixels), self.values.shape[2]
         values, slopes = np.empty((count, channels)), np.empty((count, channels, 2))
         at = np.ascontiguousarray(pixels - np.array(self.corner, dtype=float))
@@ -35,7 +35,7 @@ class SmoothImage:
 def smooth_image(
     pixels: Array[H, W, D3], sigma_px: float, around: Floats[N, D2], margin_px: float = 0.0
 ) -> SmoothImage:
-    """Return the smoothed part of an image (H, W, 3) uint8 that holds the points `around` (N, 2), with a margin."""
+    """Return the smoothed part of an image uint8 that holds the points `around`, with a margin."""
     height, width = pixels.shape[:2]
     size = np.array([width, height])
     seen = around[np.isfinite(around).all(axis=1)]

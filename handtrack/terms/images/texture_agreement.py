@@ -12,7 +12,7 @@ _APART_M = 1e3  # between bones, so that a neighbour is always of the same one
 
 
 def contradicts(texture: Texture, known: Texture, reach_m: float, tolerance: float) -> Array[N]:
-    """Return (N,) True where the nearest known point of the same bone, within reach_m, has another colour.
+    """Return True where the nearest known point of the same bone, within reach_m, has another colour.
 
     tolerance: [grey levels] between two colours, as a distance over all channels. Where nothing is known nothing is
     contradicted.

@@ -25,7 +25,7 @@ class OutlineOverlap:
 
     @property
     def iou(self) -> Floats[C]:
-        """Return (C,) intersection over union; 1 where neither is seen."""
+        """Return intersection over union; 1 where neither is seen."""
         union = self.model + self.mask - self.both
         return np.where(union > 0, self.both / np.maximum(union, 1e-12), 1.0)
 

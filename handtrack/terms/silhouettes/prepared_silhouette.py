@@ -21,11 +21,11 @@ class PreparedSilhouette:
 
     camera: Camera
     valid: Array[H, D2]
-    """(H, 2) int32: per row the half-open column span that counts."""
+    """int32: per row the half-open column span that counts."""
     sums: Floats[K, L, D4]
     """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
     window: Ints[D4]
-    """(4,): image width, the window's first column and row, the column where x = 0 [px]."""
+    """: image width, the window's first column and row, the column where x = 0 [px]."""
     energy: float
     """Σ Z² over valid pixels."""
     area: float
@@ -44,7 +44,7 @@ def prepare(
     """Return a silhouette made ready for ConicFieldTerm and CoverageTerm.
 
     line: (a, b, c), pixels with a u + b v + c < 0 are not observed, see `clip_spans`.
-    observation: (H, W) the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
+    observation: the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
     Raises HandtrackError for wrong shapes and for values that are not finite numbers.
     """
     camera = silhouette.camera
@@ -81,7 +81,7 @@ def prepare(
 
 
 def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
-    """Return the spans (H, 2) without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
+    """Return the spans without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
     a, b, c = (float(x) for x in line)
     begin, end = valid[:, 0].astype(float), valid[:, 1].astype(float)
     level = b * np.arange(len(valid)) + c

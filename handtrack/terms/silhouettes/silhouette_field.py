@@ -24,7 +24,7 @@ class FieldShape:
     """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
 
     levels: Floats[C, E, D2]
-    """(C, E, 2): t and s of each ellipsoid in each camera."""
+    """: t and s of each ellipsoid in each camera."""
     limit: float
     """infinite for a field without a floor"""
     depth_scaled: bool = False
@@ -54,7 +54,7 @@ def field_system(
     want_system: bool = True,
     growing: bool = False,
 ) -> tuple[BoneSystem, Floats[C, D2]]:
-    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
+    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas [px].
 
     weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
     those of no residual. growing: with the bones' growth, seven numbers a bone. About a camera's centre a bone can grow unseen: growing about the

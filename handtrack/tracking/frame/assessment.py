@@ -96,7 +96,7 @@ def what_is_open(
 ) -> Reason | None:
     """Return what of a hand may be further off than that by its own covariance; None where nothing, or it is 0.
 
-    joint_covariance: (J, 3, 3) [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
+    joint_covariance: [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
     fingertip alone is often hidden. Of a body nothing is said, whose joints are not known to millimetres.
     """
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)

@@ -25,17 +25,16 @@ class Minima:
     """Where N starts ended."""
 
     params: Floats[N, P]
-    """(N, P)"""
     cost: Floats[N]
-    """(N,) infinite where a start led nowhere"""
+    """infinite where a start led nowhere"""
     hessian: Floats[N, P, P]
-    """(N, P, P) of the cost, Gauss-Newton"""
+    """of the cost, Gauss-Newton"""
 
 
 def stage_problem(
     model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
 ) -> Problem:
-    """Return the problem of one stage of the schedule; bands are frozen at params (P,)."""
+    """Return the problem of one stage of the schedule; bands are frozen at params."""
     return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
 
 
@@ -81,7 +80,7 @@ def minima(
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,
 ) -> Minima:
-    """Return the minima that starts (N, P) lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
+    """Return the minima that starts lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
 
     is_far: the starts may need many iterations, as in a first frame.
     """

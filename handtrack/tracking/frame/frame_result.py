@@ -26,7 +26,7 @@ class Solved:
 
     result: FrameResult
     covariance: Floats[P, P] | None = None
-    """(P, P) of the solver parameters; None where nothing is said of them"""
+    """of the solver parameters; None where nothing is said of them"""
 
 
 def solved_result(
@@ -39,10 +39,10 @@ def solved_result(
     belief: Floats[P, P] | None = None,
     exact: Problem | None = None,
 ) -> Solved:
-    """Return what is found of a frame at solver parameters (P,), with its uncertainty and status.
+    """Return what is found of a frame at solver parameters, with its uncertainty and status.
 
     problem: the last stage's, whose cost is the energy; exact: the same with what was seen as sharp as it lies, if that is
-    sharper. previous: results that tell what is usual. belief: (P, P) covariance of the last frame's pose.
+    sharper. previous: results that tell what is usual. belief: covariance of the last frame's pose.
     """
     params, model = params.copy(), terms.model
     system, last = problem.linearize(params), exact or problem
@@ -67,7 +67,7 @@ def solved_result(
 
 
 def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
-    """Return a frame in which nothing was seen: lost, at the pose that is handed in (P,)."""
+    """Return a frame in which nothing was seen: lost, at the pose that is handed in."""
     cloud = terms.settings.cloud
     elsewhere = observation.cloud is not None and cloud.weight > 0
     reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
@@ -75,7 +75,7 @@ def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]
 
 
 def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
-    """Return a first frame that is only to be compared with those after it, at the given pose (P,)."""
+    """Return a first frame that is only to be compared with those after it, at the given pose."""
     return posed_result(terms.model, observation, params, Status.DOUBTFUL, Reason("given"))
 
 
@@ -90,7 +90,7 @@ def posed_result(
     std: Floats[S] | None = None,
     joint_covariance: Floats[J, D3, D3] | None = None,
 ) -> FrameResult:
-    """Return a result at solver parameters (P,). Without std and covariance, nothing is known: a metre."""
+    """Return a result at solver parameters. Without std and covariance, nothing is known: a metre."""
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])
     if std is None:

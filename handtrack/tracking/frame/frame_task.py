@@ -25,13 +25,13 @@ class FrameTask:
     settings: TrackerSettings
     observation: Observation
     start: Floats[P]
-    """(P,) where to begin, within limits"""
+    """where to begin, within limits"""
     previous: tuple[FrameResult, ...] = ()
     """results in the order of tracking; they tell what is usual. Empty: `start` is a first pose"""
     expected: Floats[S] | None = None
-    """(S,) predicted joint parameters"""
+    """predicted joint parameters"""
     belief: Floats[P, P] | None = None
-    """(P, P) covariance of the pose before"""
+    """covariance of the pose before"""
     texture: Before | None = None
     control: Control = Control()
 
@@ -41,14 +41,14 @@ class FrameTask:
         return abs(self.observation.frame - self.previous[-1].frame) if self.previous else 1
 
     def terms(self, params: Floats[P]) -> FrameTerms:
-        """Return what the frame costs, seen from solver parameters (P,)."""
+        """Return what the frame costs, seen from solver parameters."""
         bones = self.model.bones(params)
         return frame_terms(
             self.model, self.settings, self.observation, bones, self.expected, self.ahead, self.texture
         )  # fmt: skip
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
-        """Return where to begin (P,) and the frame's terms there; the forearm of a first pose is aimed first."""
+        """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""
         params, terms = self.start, self.terms(self.start)
         if terms.has_seen and not self.previous and self.model.has_forearm:
             params = aimed_forearm(stage_problem(self.model, terms, 0, params), params)

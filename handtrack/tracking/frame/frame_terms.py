@@ -146,7 +146,7 @@ def frame_terms(
     """Return the terms of a frame.
 
     start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
-    expected: predicted joint parameters (S,), or None in a first frame. before: where texture is carried from.
+    expected: predicted joint parameters, or None in a first frame. before: where texture is carried from.
     """
     prepared, scales = [], []
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()

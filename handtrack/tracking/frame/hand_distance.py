@@ -17,7 +17,7 @@ _FAR_M = 0.25
 def hand_distance(
     model: ArticulatedModel, bones: BonePoses
 ) -> Callable[[Floats[N, D3]], Floats[N]]:
-    """Return a function: points (N, 3) world [m] → distance (N,) [m] to the hand posed by `bones`, negative inside.
+    """Return a function: points world [m] → distance [m] to the hand posed by `bones`, negative inside.
 
     Of points more than 0.25 m from a box around the hand, the distance to that box: most of a room is there, and
     it need not be known well.

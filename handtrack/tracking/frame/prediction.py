@@ -20,7 +20,7 @@ _SPAN = 4  # frames; an older motion says nothing about the next one
 def predict(
     model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
 ) -> Floats[S] | None:
-    """Return joint parameters (S,) at `frame` if the last two frames' motion goes on, or None.
+    """Return joint parameters at `frame` if the last two frames' motion goes on, or None.
 
     The wrist's place and all angles go on linearly, the hand's turn as a constant rotation. Needs two
     frames with a pose, not more than a few frames apart (either direction of time).
@@ -44,9 +44,9 @@ def predict(
 def inheriting_doubt(
     problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
 ) -> Floats[P, P]:
-    """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
+    """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
 
-    hessian: (P, P) the one that poses are found with, which takes that pose for the truth; belief: its covariance (P, P),
+    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
     None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
     well known as after one frame. A mixture's prediction inherits by itself.
     """

@@ -53,7 +53,7 @@ class Alternative:
     """One of several poses that may be a frame's, where `tracker.hypotheses` is above 1."""
 
     parameters: Floats[S]
-    """(S,) joint parameters [m, rad]"""
+    """joint parameters [m, rad]"""
     energy: float
     weight: float
     """share of the posterior among the frame's hypotheses"""
@@ -70,21 +70,21 @@ class FrameResult:
     frame: int
     time_s: float
     parameters: Floats[S]
-    """(S,) joint parameters [m, rad], all of the model's, whatever the coupling."""
+    """joint parameters [m, rad], all of the model's, whatever the coupling."""
     status: Status
     energy: float
     """final cost; NaN where nothing was seen."""
     iterations: int
     parameter_std: Floats[S]
-    """(S,) [m, rad]; infinite where unobservable."""
+    """[m, rad]; infinite where unobservable."""
     joint_covariance: Floats[J, D3, D3]
-    """(J, 3, 3) [m²]."""
+    """[m²]."""
     T_world_bone: Floats[B, D4, D4]
-    """(B, 4, 4) bone → world."""
+    """bone → world."""
     joint_positions: Floats[J, D3]
-    """(J, 3) world [m]."""
+    """world [m]."""
     keypoints21: Floats[D21, D3] | None
-    """(21, 3) world [m]; hands only."""
+    """world [m]; hands only."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
     reason: Reason | None = None
@@ -123,30 +123,27 @@ class TrackResult:
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
     frame: Ints[F]
-    """(F,)"""
     time_s: Floats[F]
-    """(F,) [s]"""
+    """[s]"""
     parameter_names: tuple[str, ...]
     parameters: Floats[F, S]
-    """(F, S) [m, rad]"""
+    """[m, rad]"""
     bone_names: tuple[str, ...]
     T_world_bone: Floats[F, B, D4, D4]
-    """(F, B, 4, 4) bone → world"""
+    """bone → world"""
     joint_names: tuple[str, ...]
     joint_positions: Floats[F, J, D3]
-    """(F, J, 3) world [m]"""
+    """world [m]"""
     keypoints21: Floats[F, D21, D3] | None
-    """(F, 21, 3) world [m]; hands only"""
+    """world [m]; hands only"""
     status: Ints[F]
-    """(F,) values of Status"""
+    """values of Status"""
     energy: Floats[F]
-    """(F,)"""
     iterations: Ints[F]
-    """(F,)"""
     parameter_std: Floats[F, S]
-    """(F, S) [m, rad]"""
+    """[m, rad]"""
     joint_covariance: Floats[F, J, D3, D3]
-    """(F, J, 3, 3) [m²]"""
+    """[m²]"""
     model: str
     side: str
     scale: str
@@ -160,13 +157,13 @@ class TrackResult:
     energies: Floats[F, L] | None = None
     """(F, T) each term's part of the energy, NaN where a frame has no such term"""
     reason: Array[F] | None = None
-    """(F,) why a frame is doubtful or lost, in words"""
+    """why a frame is doubtful or lost, in words"""
     reason_kind: Array[F] | None = None
-    """(F,) the same as a key of reason.KINDS, with what follows"""
+    """the same as a key of reason.KINDS, with what follows"""
     reason_where: Array[F, D2] | None = None
-    """(F, 2) part and camera, where the reason names them"""
+    """part and camera, where the reason names them"""
     reason_numbers: Floats[F, D2] | None = None
-    """(F, 2) numbers of the reason, NaN where it has none"""
+    """numbers of the reason, NaN where it has none"""
     hypothesis_parameters: Floats[F, K, S] | None = None
     """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
     hypothesis_energy: Floats[F, K] | None = None

@@ -82,7 +82,7 @@ class MixtureStep:
         self, observation: Observation, terms: FrameTerms, start: Floats[P],
         should_stop: Callable[[], bool] | None = None,
     ) -> Mixture:  # fmt: skip
-        """Return the hypotheses of a first frame: minima near start (P,) in any heading, and what their trees hold.
+        """Return the hypotheses of a first frame: minima near start in any heading, and what their trees hold.
 
         From a start that is far off, first as if joints were seen coarsely. Then the best minimum's interpretation tree, and a
         better one's again, until none is better.
@@ -174,7 +174,7 @@ class MixtureStep:
         return np.array([self.model.transform.solver_params(row) for row in rows])
 
     def speed_of_change(self) -> Floats[P]:
-        """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
+        """Return the unknown acceleration a frame, a standard deviation [m, rad]."""
         prior, strength = self.settings.prior, self.settings.tracker.smoothing
         push = np.full(self._size, np.deg2rad(prior.motion_sigma_deg))
         push[:3] = 1e-3 * prior.motion_sigma_mm

@@ -63,9 +63,9 @@ def smoothed(
     frames: Ints[F],
     push: Floats[P],
 ) -> Floats[F, P]:
-    """Return poses (F, P) that weigh what was seen against steady motion: one Gauss-Newton step on the whole path.
+    """Return poses that weigh what was seen against steady motion: one Gauss-Newton step on the whole path.
 
-    Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push (P,) the unknown
+    Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push the unknown
     acceleration a frame. Across jumps and missing frames nothing is smoothed. 2003 paper, §5.2, left it out.
     """
     x = np.array([hypothesis.params for hypothesis in path])

@@ -53,7 +53,7 @@ class StartCandidate:
 
     @property
     def params(self) -> Floats[P]:
-        """Solver parameters (P,) of its model."""
+        """Solver parameters of its model."""
         return self.model.transform.solver_params(self.result.parameters)
 
 

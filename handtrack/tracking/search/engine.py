@@ -24,7 +24,7 @@ class Candidate:
 
     model: ArticulatedModel
     params: Floats[P]
-    """(P,) solver parameters"""
+    """solver parameters"""
     cost: float = np.inf
     """how badly it explains what was seen; comparable within a round"""
     origin: str = "given"
@@ -34,11 +34,11 @@ class Candidate:
     solved: Solved | None = None
     """the frame's result there, once it was fitted as the tracker fits"""
     normal: Floats[P, P] | None = None
-    """(P, P) Gauss-Newton matrix of its cost, where the fit gives one"""
+    """Gauss-Newton matrix of its cost, where the fit gives one"""
 
     @property
     def joints(self) -> Floats[D21, D3]:
-        """(21, 3) its joints, world [m]"""
+        """Its joints, world [m]"""
         return self.model.keypoints21(self.model.bones(self.params))
 
 

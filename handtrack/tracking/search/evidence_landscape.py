@@ -50,12 +50,12 @@ class EvidenceLandscape:
     shapes: Sequence[HandShape] = ()
     """rigid hands that the grid proposes"""
     solve: Callable[[ArticulatedModel, Floats[P], bool], Solved] | None = None
-    """fits the frame from solver parameters (P,) as the tracker does; the flag: also looks for lost fingers"""
+    """fits the frame from solver parameters as the tracker does; the flag: also looks for lost fingers"""
     looks_for_fingers: bool = False
     resize: Resize | None = None
     """makes the hand in another size, where its size is not known"""
     within: tuple[Floats[D3], float] | None = None
-    """a point (3,) and a distance from it [m] beyond which no palm is looked for"""
+    """a point and a distance from it [m] beyond which no palm is looked for"""
     control: Control = Control()
 
     @classmethod

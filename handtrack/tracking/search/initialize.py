@@ -21,7 +21,7 @@ _FEWEST = 4
 
 
 def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
-    """Return solver parameters (P,) of the hand fitted to points in space, within limits.
+    """Return solver parameters of the hand fitted to points in space, within limits.
 
     Starts from the relaxed hand, laid rigidly on the points; a weak pull to that pose settles what the
     points leave open. Raises HandtrackError when too few points are known.
@@ -39,7 +39,7 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
 
 
 def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S]) -> Floats[P]:
-    """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
+    """Return solver parameters of a posture moved rigidly onto the points (Kabsch)."""
     joint = posture.copy()
     joint[:6] = 0.0
     joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
@@ -57,7 +57,7 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S
 
 
 def carried_over(source: ArticulatedModel, params: Floats[P], model: ArticulatedModel) -> Floats[P]:
-    """Return solver parameters (P,) of `model` with all joint parameters that it shares with `source` by name.
+    """Return solver parameters of `model` with all joint parameters that it shares with `source` by name.
 
     The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
     """
@@ -71,7 +71,7 @@ def carried_over(source: ArticulatedModel, params: Floats[P], model: Articulated
 def fit_scale(
     build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
 ) -> tuple[HandScale, Floats[P]]:
-    """Return a person's hand and solver parameters (P,) fitted together to points in space.
+    """Return a person's hand and solver parameters fitted together to points in space.
 
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
     adults differ, so that noisy points do not make odd hands.

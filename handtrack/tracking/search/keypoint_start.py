@@ -36,7 +36,7 @@ _OFF_PX, _OFF_SHARE = (25.0, 0.04)
 
 
 def triangulated(seen: Sequence[ImageKeypoints]) -> Floats[D21, D3]:
-    """Return the 21 points in space (21, 3), world [m], that at least two cameras agree on; NaN for the others.
+    """Return the 21 points in space, world [m], that at least two cameras agree on; NaN for the others.
 
     Least squares over the lines of sight; the worst line is dropped while more than two are left and it misses the
     point by far.

@@ -30,7 +30,7 @@ class FingerLandscape:
 
     @classmethod
     def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerLandscape:
-        """Return the landscape around a pose (P,) that was found with these terms."""
+        """Return the landscape around a pose that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
         return cls(free, stage_problem(model, free, 0, params), model.bones(params))
@@ -71,7 +71,7 @@ class FingerLandscape:
 def with_fingers_found(
     terms: FrameTerms, params: Floats[P], control: Control, frame: int, why: str
 ) -> Floats[P]:
-    """Return solver parameters (P,) with lost fingers found; the very same where none was lost."""
+    """Return solver parameters with lost fingers found; the very same where none was lost."""
     landscape = FingerLandscape.at(terms, params)
     standing = landscape.measured(Candidate(terms.model, params, origin="standing pose"))
     return improved(LOST_FINGER, landscape, standing, control, frame, why).params

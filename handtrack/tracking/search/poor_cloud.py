@@ -59,7 +59,7 @@ def may_doubt(terms: FrameTerms) -> bool:
 
 
 def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreement | None:
-    """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose (P,);
+    """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose;
     None where all is well.
     """
     if terms.cloud is None or not may_doubt(terms):
@@ -99,7 +99,7 @@ class Simplified:
 
 
 def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplified:
-    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters (S,)."""
+    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters."""
     few = load_model(kind, model.side, model.scale)
 
     def whole(params: Floats) -> Floats:
@@ -131,7 +131,7 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
 def solve_doubted(
     task: FrameTask, params: Floats[P], solve: Callable[[FrameTask], Solved]
 ) -> Solved:
-    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params (P,).
+    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params.
 
     solve: solves a frame as it is described.
     """

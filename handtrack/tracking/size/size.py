@@ -34,7 +34,7 @@ def refine_scale(
 ) -> HandScale:
     """Return the hand that explains the frames best, from `scale` on, with the poses moving along.
 
-    poses: solver parameters (P,) of each observation, already tracked. Adults' spread is the prior. parts: fingers and
+    poses: solver parameters of each observation, already tracked. Adults' spread is the prior. parts: fingers and
     forearm have sizes of their own; otherwise they keep those they have, and all grow together.
     """
     solver = replace(settings.solver, iterations=_POSE_ITERATIONS)

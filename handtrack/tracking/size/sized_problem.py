@@ -38,9 +38,9 @@ def fit_size(
     should_stop: Callable[[], bool] | None = None,
     least_gain: float = 0.0,
 ) -> tuple[HandScale, list[Floats[P]]]:
-    """Return the person who explains all frames best, and the poses (P,) of each frame.
+    """Return the person who explains all frames best, and the poses of each frame.
 
-    problems: of each frame, all of one model; its size and `poses` are where the search starts. free: (N,) which of the
+    problems: of each frame, all of one model; its size and `poses` are where the search starts. free: which of the
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
     least_gain: [log-likelihood] a step that brings less is the last.
     """
@@ -105,7 +105,7 @@ class SizedProblem:
         return self._solved(params).cost
 
     def linearize(self, params: Floats[K]) -> JointSystem:
-        """Return cost, gradient (K,) and Gauss-Newton Hessian (K, K) where the poses follow (Schur complement)."""
+        """Return cost, gradient and Gauss-Newton Hessian (K, K) where the poses follow (Schur complement)."""
         solved = self._solved(params)
         model = self.size.grown(solved.deviations)
         gradient, hessian = solved.deviations[self.free], np.eye(len(params))
@@ -152,7 +152,7 @@ def linearize_sized(
     free: Array[N],
     pose: Floats[P],
 ) -> JointSystem:
-    """Return a frame's system in its pose (P,) and the free ones of the deviations (K,), P + K numbers, without a size's prior.
+    """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior.
 
     model: `size.grown`, of the size around which the system holds.
     """

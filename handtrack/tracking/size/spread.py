@@ -37,7 +37,7 @@ class Spread:
 
 
 def measured_spread(names: Sequence[str], poses: Floats[F, S]) -> Spread:
-    """Return the constants that explain poses (F, S) best, joint parameters by `names`; one flat, spread hand will do.
+    """Return the constants that explain poses best, joint parameters by `names`; one flat, spread hand will do.
 
     The line through zero with the least squared distance to the abductions: the paper's linkage has no offset.
     Raises HandtrackError where fingers are missing or never spread.

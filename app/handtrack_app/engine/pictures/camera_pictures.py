@@ -85,7 +85,7 @@ class CameraPictures:
         return self._session.rig[name]
 
     def plain(self, name: str, frame: int) -> Bytes[H, W, D3]:
-        """Return a camera's undistorted picture (H, W, 3) RGB; its silhouette where it has no images."""
+        """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
         key = (name, frame)
         if key in self._kept:
             self._kept.move_to_end(key)
@@ -117,7 +117,7 @@ class CameraPictures:
     ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
-        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette (H, W) where there is one.
+        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette where there is one.
         """
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()

@@ -28,9 +28,9 @@ def points_picture(
     width: int,
     box: tuple[int, int, int, int] | None = None,
 ) -> Bytes[H, W, D3]:
-    """Return an image (H, W, 3) RGB at a width [px], each point painted in the colour of the filter that dropped it.
+    """Return an image RGB at a width [px], each point painted in the colour of the filter that dropped it.
 
-    points: (N, 3) world [m]. fate: (N,) place of the filter in `names`, or their number for points that stay.
+    points: world [m]. fate: place of the filter in `names`, or their number for points that stay.
     box: x, y, w, h [px] of the image, drawn as a frame.
     """
     factor = width / image.shape[1]
@@ -60,7 +60,7 @@ def _paint(picture: Bytes, pixels: Floats, colour: tuple[int, int, int], side: i
 
 
 def depth_picture(depth_m: Floats[H, W]) -> Bytes[H, W, D3]:
-    """Return a depth image (H, W) [m] in colours (H, W, 3) RGB, near is bright; black where nothing was measured."""
+    """Return a depth image [m] in colours RGB, near is bright; black where nothing was measured."""
     known = np.isfinite(depth_m) & (depth_m > 0)
     return _coloured(np.where(known, -depth_m, np.nan))
 
@@ -87,7 +87,7 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
 
 
 def not_tall(picture: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
-    """Return a picture (H, W, 3) of the same width, smaller and with margins where it would cover all the page."""
+    """Return a picture of the same width, smaller and with margins where it would cover all the page."""
     height, width = picture.shape[:2]
     most = round(_TALLEST * width)
     if height <= most:

@@ -53,8 +53,8 @@ def nudged(
 ) -> dict[str, float]:
     """Return root parameters by name after a nudge.
 
-    root: (6,) [m, rad]. view: (3, 3) rotation from the view's axes (x right, y down, z away) to the world.
-    pivot: (3,) world [m], the point that stays when the hand turns.
+    root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
+    pivot: world [m], the point that stays when the hand turns.
     """
     rotation = rotation_matrix(view @ np.array(nudge.turn, dtype=float) * step_rad)
     moved = view @ np.array(nudge.move, dtype=float) * step_m
@@ -91,9 +91,9 @@ class NudgePanel:
 
     page: Page
     pivot: Callable[[], Floats[D3] | None]
-    """the hand's middle (3,) world [m]"""
+    """the hand's middle world [m]"""
     axes: Callable[[], Floats[D3, D3] | None]
-    """the axes (3, 3) of the camera looked through, camera → world, if any"""
+    """the axes of the camera looked through, camera → world, if any"""
     keys: Keys
 
     def build(self) -> None:

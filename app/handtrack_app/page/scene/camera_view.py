@@ -33,7 +33,7 @@ class CameraRigView:
 def add_cameras(
     server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats[D3]
 ) -> CameraRigView:
-    """Add a frustum for each camera, and the screen, hidden. hand: (3,) where the hand is at first [m]."""
+    """Add a frustum for each camera, and the screen, hidden. hand: where the hand is at first [m]."""
     frusta, labels = {}, {}
     for card in session.cameras:
         width, height = card.size
@@ -54,7 +54,7 @@ def add_cameras(
 
 
 def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
-    """Draw the cameras as large as they may be before a hand at `hand` (3,) [m]."""
+    """Draw the cameras as large as they may be before a hand at `hand` [m]."""
     for name, frustum in view.frusta.items():
         card = view.cards[name]
         (width, height), focal = card.size, card.matrix[1, 1]
@@ -85,7 +85,7 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -
 def place_screen(
     view: CameraRigView, camera: str | None, hand: Floats[D3], larger: float = 1.0
 ) -> None:
-    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it. larger: than a hand."""
+    """Stand the screen behind the hand at `hand` as the camera sees it; None hides it. larger: than a hand."""
     view.screen_camera = camera
     if camera is None or camera not in view.cards:
         view.screen.visible = False

@@ -63,7 +63,7 @@ def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = F
 
 
 def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
-    """Return the points' colours (N, 3)."""
+    """Return the points' colours."""
     if how == "own" and cloud.colors is not None:
         return cloud.colors
     if how == "residual" and np.isfinite(cloud.residual_mm).any():

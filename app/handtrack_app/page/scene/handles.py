@@ -28,7 +28,7 @@ class RootHandle:
     dragging: bool = False
 
     def show_at(self, root: Floats[D6]) -> None:
-        """Move the control to the root parameters (6,) [m, rad], unless the user holds it."""
+        """Move the control to the root parameters [m, rad], unless the user holds it."""
         if not self.dragging:
             self.control.position = root[:3]
             self.control.wxyz = quaternion_wxyz(rotation_matrix(root[3:6]))

@@ -193,11 +193,11 @@ class Stage:
         )  # fmt: skip
 
     def hand_middle(self) -> Floats[D3] | None:
-        """Return the middle of the hand shown (3,) [m]."""
+        """Return the middle of the hand shown [m]."""
         return None if self.pose is None else middle_of(self.pose)
 
     def view_axes(self) -> Floats[D3, D3] | None:
-        """Return the axes (3, 3), camera → world, of the camera looked through."""
+        """Return the axes, camera → world, of the camera looked through."""
         through = self.page.state.display.through
         if through is None or self.cameras is None or through not in self.cameras.cards:
             return None
@@ -352,5 +352,5 @@ class Stage:
 
 
 def middle_of(pose: PoseSnapshot) -> Floats[D3]:
-    """Return the middle of the hand (3,) [m]: of its ellipsoids near the palm and fingers."""
+    """Return the middle of the hand [m]: of its ellipsoids near the palm and fingers."""
     return np.median(pose.centre, axis=0)

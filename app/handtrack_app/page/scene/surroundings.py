@@ -25,7 +25,7 @@ class Surroundings:
 def add_surroundings(
     server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float = HAND_REACH_M
 ) -> Surroundings:
-    """Add lights and the ground for a hand at (3,) [m] in a world whose upward axis is `up` (3,).
+    """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
 
     reach_m: how far it extends around its middle; a body stands on the ground.
     """

@@ -41,7 +41,7 @@ def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
 
 
 def hand_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
-    """Return a close view of the hand. hand: (3,) its middle [m]."""
+    """Return a close view of the hand. hand: its middle [m]."""
     up = upward(session)
     points = hand + session.reach_m * _corners()
     frusta = [frustum_corners(card, hand) for card in session.cameras]
@@ -100,7 +100,7 @@ def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats, reach_m:
 
 
 def upward(session: SessionSnapshot) -> Floats[D3]:
-    """Return the mean of the cameras' upward axes (3,): worlds differ."""
+    """Return the mean of the cameras' upward axes: worlds differ."""
     if not session.cameras:
         return np.array([0.0, 0.0, 1.0])
     up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
@@ -115,7 +115,7 @@ def frustum_depth(card: CameraCard, hand: Floats[D3]) -> float:
 
 
 def frustum_corners(card: CameraCard, hand: Floats[D3]) -> Floats[D5, D3]:
-    """Return the apex and the image's corners (5, 3) of a camera as it is drawn, world [m]."""
+    """Return the apex and the image's corners of a camera as it is drawn, world [m]."""
     (width, height), matrix = card.size, card.matrix
     deep = frustum_depth(card, hand)
     across, down = 0.5 * width / matrix[0, 0], 0.5 * height / matrix[1, 1]

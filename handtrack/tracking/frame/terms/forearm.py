@@ -28,7 +28,7 @@ _LEAST_PX = 1.0
 def forearm_in_view(model: ArticulatedModel, params: Floats[P], seen: Observation) -> bool:
     """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
 
-    params: solver parameters (P,) of the hand in that frame.
+    params: solver parameters of the hand in that frame.
     """
     bones = model.bones(params)
     long = forearm_length(model, bones, seen.silhouettes) >= _LEAST_M
@@ -94,7 +94,7 @@ def _directions() -> tuple[Floats, Floats, Floats]:
 
 
 def aimed_forearm(problem: Problem, params: Floats[P]) -> Floats[P]:
-    """Return params (P,) with the wrist's bend and tilt that cost least, the hand left as it is."""
+    """Return params with the wrist's bend and tilt that cost least, the hand left as it is."""
     names = problem.model.transform.names
     if "wrist_flex" not in names:
         return params

@@ -51,7 +51,7 @@ _HEAVY_SHARE = 0.4
 
 
 def agility(model: ArticulatedModel) -> Floats[S]:
-    """Return (S,) how abruptly each joint parameter moves, as a share of `prior.motion_sigma_*`; 1 for a hand."""
+    """Return how abruptly each joint parameter moves, as a share of `prior.motion_sigma_*`; 1 for a hand."""
     if model.kind != "body":
         return np.ones(len(model.parameter_names))
     heavy = [any(part in name for part in _HEAVY) for name in model.parameter_names]

@@ -36,12 +36,12 @@ class CloudEvidence:
     """One frame's cloud, thinned; made by `cloud_evidence`."""
 
     points: Floats[N, D3]
-    """(N, 3) world [m]"""
+    """world [m]"""
     area: float
     """of the surface around each point [m²]"""
     distances: DistanceMap
     views: tuple[Floats[K, D3], ...]
-    """camera centres (K, 3), world [m], that must all see a point to measure it"""
+    """camera centres, world [m], that must all see a point to measure it"""
 
     @cached_property
     def _sights(self) -> tuple[Floats, Ints]:
@@ -76,7 +76,7 @@ class CloudEvidence:
         places: Floats[M, D3],
         enough: float = 1.0,
     ) -> Floats[R, M]:
-        """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        """Return the share of area on which shape and cloud disagree, by rotation and place."""
         sights, start = self._sights
         hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
         out = np.empty((len(rotations), len(places)))
@@ -88,7 +88,7 @@ class CloudEvidence:
         return out
 
     def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return E1 and E2 around a pose (P,) of the shape's model, with arms as long as band_m: coarse, but quick."""
+        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick."""
         model = shape.model
         middle = palm_middle(model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
@@ -114,7 +114,7 @@ class CloudEvidence:
         return terms
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
-        """Return how many pieces of a hand are seen about a pose (P,)."""
+        """Return how many pieces of a hand are seen about a pose."""
         middle = palm_middle(shape.model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
         return float(near.sum() * self.area / (0.5 * PIECE_M**2))
@@ -134,7 +134,7 @@ class CloudEvidence:
 def cloud_evidence(
     points: Floats[N, D3], views: tuple[Floats[K, D3], ...], seed: int = 0
 ) -> CloudEvidence | None:
-    """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand.
+    """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
 
     seed: decides which of a cell's points stands for it.
     """

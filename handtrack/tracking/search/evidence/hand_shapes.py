@@ -31,27 +31,27 @@ class HandShape:
     model: ArticulatedModel
     posture: str
     joint: Floats[S]
-    """(S,) joint parameters"""
+    """joint parameters"""
     middle: Floats[D3]
-    """(3,) the palm's middle [m]"""
+    """the palm's middle [m]"""
     reach: float
     """[m] around the middle: points further away say nothing about this hand"""
     points: Floats[V, D3]
-    """(V, 3) evenly on the surface, within reach [m]"""
+    """evenly on the surface, within reach [m]"""
     normals: Floats[V, D3]
-    """(V, 3) unit, outwards"""
+    """unit, outwards"""
     is_arm: Array[V]
-    """(V,) whether a point is on the forearm, which a sleeve may hide anywhere"""
+    """whether a point is on the forearm, which a sleeve may hide anywhere"""
     area: float
     """of the surface around each point [m²]"""
     spheres: Floats[K, D4]
-    """(K, 4) centres and radii of balls that fill the inside [m]"""
+    """centres and radii of balls that fill the inside [m]"""
     mesh: SurfaceMesh
     """the same surface, with all of its points, each on its bone"""
     low: Floats[D3]
-    """(3,) the first node of `field` [m]"""
+    """the first node of `field` [m]"""
     field: Array[X, Y, Z]
-    """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+    """float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
 
     @property
     def is_typical(self) -> bool:
@@ -64,7 +64,7 @@ class HandShape:
         return _NODE_M
 
     def params_at(self, rotation: Floats[D3, D3], place: Floats[D3]) -> Floats[P]:
-        """Return solver parameters (P,) with this posture, turned by rotation (3, 3), its palm's middle at place (3,)."""
+        """Return solver parameters with this posture, turned by rotation, its palm's middle at place."""
         joint = self.joint.copy()
         joint[3:6] = rotation_vector(rotation)
         joint[:3] = place - rotation @ self.middle
@@ -85,14 +85,14 @@ def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> 
 
 
 def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:
-    """Return (3,) the palm's middle at solver parameters (P,), world [m]."""
+    """Return the palm's middle at solver parameters, world [m]."""
     places = model.joint_positions(model.bones(params))
     wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
     return wrist + _MIDDLE * (knuckle - wrist)
 
 
 def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandShape:
-    """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
+    """Return the shape of joint parameters, whatever their root; posture: what it is called."""
     joint = joint.copy()
     joint[:6] = 0.0
     params = model.clipped(model.transform.solver_params(joint))
@@ -106,7 +106,7 @@ def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandSha
     axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     signed = surface.distance(bones, nodes.reshape(-1, 3))
-    field = np.abs(signed).reshape(nodes.shape[:3])
+    field = np.abs(signed).reshape(nodes.shape[0], nodes.shape[1], -1)
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)

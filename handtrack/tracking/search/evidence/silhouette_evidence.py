@@ -103,7 +103,7 @@ class SilhouetteEvidence:
         places: Floats[M, D3],
         enough: float = 1.0,
     ) -> Floats[R, M]:
-        """Return (R, M) the share of area on which shape and masks disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        """Return the share of area on which shape and masks disagree, by rotation and place."""
         outside, sizes = self._pictures
         samples, start, area = self._samples
         cameras = [s.camera for s in self._scored]
@@ -116,7 +116,7 @@ class SilhouetteEvidence:
         return out
 
     def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return coverage with a band around a pose (P,) of the shape's model: on small pictures where it is wide."""
+        """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide."""
         model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
         near, bands, weights = [], [], []
@@ -138,7 +138,7 @@ class SilhouetteEvidence:
         return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
-        """Return how many pieces of a hand's outline are seen about a pose (P,)."""
+        """Return how many pieces of a hand's outline are seen about a pose."""
         middle, count = palm_middle(shape.model, params), 0.0
         for silhouette in self.whole:
             boxed = _boxed(silhouette, middle, shape.reach)

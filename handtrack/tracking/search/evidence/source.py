@@ -17,7 +17,7 @@ class EvidenceSource(Protocol):
 
     @property
     def places(self) -> Floats[M, D3]:
-        """(M, 3) where a palm's middle may be, world [m], the likelier first"""
+        """Where a palm's middle may be, world [m], the likelier first"""
         ...
 
     def scores(
@@ -27,13 +27,13 @@ class EvidenceSource(Protocol):
         places: Floats[M, D3],
         enough: float = 1.0,
     ) -> Floats[R, M]:
-        """Return (R, M) the share of area on which shape and observation disagree; exact only up to `enough`."""
+        """Return the share of area on which shape and observation disagree; exact only up to `enough`."""
         ...
 
     def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return what pulls a pose (P,) from about band_m around it [m]."""
+        """Return what pulls a pose from about band_m around it [m]."""
         ...
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
-        """Return how many pieces of a hand are seen about a pose (P,): a phalanx's side in a view, or half its skin."""
+        """Return how many pieces of a hand are seen about a pose: a phalanx's side in a view, or half its skin."""
         ...

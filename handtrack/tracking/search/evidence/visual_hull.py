@@ -23,9 +23,9 @@ class VisualHull:
     """Cells that project into every silhouette that could see them."""
 
     centres: Floats[N, D3]
-    """(N, 3) world [m]"""
+    """world [m]"""
     depth: Floats[N]
-    """(N,) how far inside the hull each lies, about [m]"""
+    """how far inside the hull each lies, about [m]"""
     side: float
     """of a cell [m]"""
 

@@ -15,7 +15,7 @@ _DIFFERENT_RAD = 0.2
 
 
 def depth_flips(model: ArticulatedModel, seen: Observation, params: Floats[P]) -> list[Floats[P]]:
-    """Return solver parameters (P,) with one finger's links flipped along the lines of sight of a camera.
+    """Return solver parameters with one finger's links flipped along the lines of sight of a camera.
 
     Only flips that limits allow, and that move the finger at all.
     """

@@ -13,7 +13,7 @@ _FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 
 
 def finger_bends(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
-    """Return solver parameters (P,) of a pose with each finger but the thumb stretched or bent: 16 poses."""
+    """Return solver parameters of a pose with each finger but the thumb stretched or bent: 16 poses."""
     ends = [named_pose(model, name) for name in (_STRETCHED, _BENT)]
     bends = [
         [model.skeleton.parameter(f"{finger}_{joint}_flex") for joint in ("mcp", "pip", "dip")]
@@ -29,7 +29,7 @@ def finger_bends(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
 
 
 def finger_swaps(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
-    """Return solver parameters (P,) of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+    """Return solver parameters of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
     poses = []
     for pair in pairwise(FINGERS[1:]):
         joint = model.joint_params(params)

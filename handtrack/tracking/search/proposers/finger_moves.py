@@ -18,7 +18,7 @@ _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
 def finger_grid(far: Problem, params: Floats[P]) -> list[tuple[str, Floats[P]]]:
-    """Return the most promising starts (P,), the best first: each with one finger, named, well away from where it is.
+    """Return the most promising starts, the best first: each with one finger, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
 
@@ -46,7 +46,7 @@ def finger_grid(far: Problem, params: Floats[P]) -> list[tuple[str, Floats[P]]]:
 
 
 def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
-    """Return solver parameters (P,) with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
+    """Return solver parameters with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
 
     The palm moves sideways by the distance of two knuckles, so that every finger stands where its neighbour was; once with
     the fingers bent as they are, once each as that neighbour is: what was seen there then still has its finger.
@@ -67,7 +67,7 @@ def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]
 
 
 def handed_on(model: ArticulatedModel, joint: Floats[S], side: float) -> Floats[S]:
-    """Return joint parameters (S,) in which each finger is bent as its neighbour was; side 1: on the little's side."""
+    """Return joint parameters in which each finger is bent as its neighbour was; side 1: on the little's side."""
     four = FINGERS[1:] if side > 0 else FINGERS[:0:-1]
     moved = joint.copy()
     for finger, other in pairwise(four):

@@ -35,7 +35,7 @@ def rigid_grid(
     of them at one place, if nothing is known of where the hand is.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
-    of the sources is asked here: a cloud says more than silhouettes. within: a point (3,) and a distance [m] from it beyond
+    of the sources is asked here: a cloud says more than silhouettes. within: a point and a distance [m] from it beyond
     which no palm is looked for.
     """
     source = sources[0]
