@@ -92,8 +92,7 @@ class Camera:
         return replace(self, distortions=np.zeros(5))
 
     def undistort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
-        """Return pixels of the undistorted camera; NaN where the lens cannot have put
-        them."""
+        """Return pixels of the undistorted camera; NaN where the lens cannot have put them."""
         return self._pixels(undistort(self._directions(pixels), self.distortions))
 
     def distort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
@@ -102,8 +101,7 @@ class Camera:
         return self._pixels(distort(self._directions(pixels), self.distortions))
 
     def project_jacobian(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2, D3]:
-        """Return d pixel / d point [px/m] of the undistorted pinhole at world points
-        [m]."""
+        """Return d pixel / d point [px/m] of the undistorted pinhole at world points [m]."""
         x, y, z = np.moveaxis(self.to_camera(points_world), -1, 0)
         zero, one = np.zeros_like(x), np.ones_like(x)
         across = np.stack(
@@ -113,8 +111,7 @@ class Camera:
         return focal * across / z[..., None, None] @ self.rotation
 
     def rays(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D3]:
-        """Return unit directions, world, of viewing rays through pixels of the
-        real image."""
+        """Return unit directions, world, of viewing rays through pixels of the real image."""
         flat = undistort(self._directions(pixels), self.distortions)
         directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

@@ -30,8 +30,7 @@ def distort(directions: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*A
 
 
 def undistort(bent: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes, D2]:
-    """Return the straight directions of distorted ones, by Newton's method; NaN where
-    there is none."""
+    """Return the straight directions of distorted ones, by Newton's method; NaN where there is none."""
     bent = np.asarray(bent, dtype=float)
     if not np.any(coefficients):
         return bent.copy()
@@ -51,8 +50,7 @@ def undistort(bent: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes,
 
 
 def field_radius(coefficients: Floats[K]) -> float:
-    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if
-    always."""
+    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if always."""
     return _field_radius(tuple(float(c) for c in coefficients))
 
 

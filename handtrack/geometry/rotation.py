@@ -24,7 +24,7 @@ def skew(vector: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
 
 
 def rotation_matrix(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
-    """Return the matrices of rotation vectors. rotvec: [rad] → (..., 3, 3)."""
+    """Return the matrices of rotation vectors [rad]."""
     rotvec = np.asarray(rotvec, dtype=float)
     angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = angle < _SERIES_BELOW
@@ -45,7 +45,7 @@ def rotation_vector(matrix: Floats[*Axes, D3, D3]) -> Floats[*Axes, D3]:
 def left_jacobian(rotvec: Floats[D3]) -> Floats[D3, D3]:
     """Return J with: rotvec + δ turns like exp(J δ) · exp(rotvec), to first order in δ.
 
-    rotvec: [rad] → (3, 3). Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
+    rotvec: [rad]. Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
     """
     angle = float(np.linalg.norm(rotvec))
     cross = skew(rotvec)
@@ -71,7 +71,7 @@ def matrix_from_quaternion(wxyz: Floats[*Axes, D4]) -> Floats[*Axes, D3, D3]:
 
 
 def wrapped(rotvec: Floats[D3]) -> Floats[D3]:
-    """Return the same rotation with an angle of at most π. rotvec: [rad] → (3,)."""
+    """Return the same rotation with an angle of at most π. rotvec: [rad]."""
     angle = float(np.linalg.norm(rotvec))
     if angle <= np.pi:
         return np.array(rotvec, dtype=float)

@@ -128,7 +128,7 @@ class ArticulatedModel:
         return set(keypoint_names()) <= set(self.joint_names)
 
     def keypoints21(self, bones: BonePoses) -> Floats[D21, D3]:
-        """Return world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
+        """Return the keypoints, world [m]: wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
         if not self.has_keypoints21:
             raise HandtrackError(

@@ -34,7 +34,7 @@ class MovingLimits(NamedTuple):
         return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
 
     def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
-        """Return these limits, but no room at all for some parameters: where bool, at params."""
+        """Return these limits, but no room at all for some parameters: where `where` is True, at params."""
         kept, stay = ~where[self.param], np.flatnonzero(where)
         nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)
         return MovingLimits(

@@ -46,7 +46,7 @@ class SizeParameters:
         return np.array(logs + [scale.proportions.get(n, 0.0) for n in self.model.proportion_names])
 
     def scale(self, deviations: Floats[N]) -> HandScale:
-        """Return the person that is standard deviations from the mean adult."""
+        """Return the person that is so many standard deviations from the mean adult."""
         split = 1 + len(self._sigmas)
         sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
         factors = np.exp(deviations[:split] * sigmas).tolist()
@@ -54,7 +54,7 @@ class SizeParameters:
         return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved)
 
     def grown(self, deviations: Floats[N]) -> ArticulatedModel:
-        """Return the model with its bones as large as a person's is who deviates by; what is fixed to them grows with them."""
+        """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
         more, skeleton = deviations - self._at, self.model.skeleton
         growth = np.exp(self._rates @ more)
         offset = skeleton.offset
@@ -66,7 +66,7 @@ class SizeParameters:
         return replace(self.model, skeleton=larger, scale=self.scale(deviations))
 
     def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
-        """Return by the deviations: what each adds to a bone's (v, ω, σ), world axes, about bones.reference.
+        """Return what each of the deviations adds to a bone's (v, ω, σ), world axes, about bones.reference.
 
         bones: those of `grown`. A bone moves as far as those above it have grown, and does not turn.
         """

@@ -18,8 +18,7 @@ class Silhouette:
     mask: Array[H, W]
     """float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
     valid: Ints[H, D2]
-    """int32: per row the half-open column span that was really observed; equal ends where
-    none."""
+    """int32: per row the half-open column span that was really observed; equal ends where none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ class _Maps(NamedTuple):
 
     camera: Camera
     x: Array | None
-    """(H, W) float32: the column in the real image of each undistorted pixel; None without
-    distortion."""
+    """(H, W) float32: the column in the real image of each undistorted pixel; None without distortion."""
     y: Array | None
     valid: Ints
 
@@ -86,8 +85,7 @@ def _inside(source: Array, box: Roi) -> Array:
 
 
 def longest_runs(inside: Array[H, W]) -> Ints[H, D2]:
-    """Return per row of booleans the longest run of true, half-open, as int32; the
-    first of equals."""
+    """Return per row of booleans the longest run of true, half-open, as int32; the first of equals."""
     height, width = inside.shape
     position = np.arange(1, width + 1)
     last_outside = np.maximum.accumulate(np.where(inside, 0, position), axis=1)

@@ -74,7 +74,8 @@ def merged(
     kept = distinct(params, np.array([h.cost for h in hypotheses]), threshold_rad)
     group = np.argmin([angle_distance(params[k], params) for k in kept], axis=0)
     return tuple(
-        replace(hypotheses[k], weight=float(weights[group == n].max())) for n, k in enumerate(kept.tolist())
+        replace(hypotheses[k], weight=float(weights[group == n].max()))
+        for n, k in enumerate(kept.tolist())
     )
 
 

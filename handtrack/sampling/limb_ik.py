@@ -51,7 +51,7 @@ def rooted(
     poses: Sequence[BonePoses],
     joint_params: Floats[N, S],
 ) -> Branches:
-    """Return a branch for each pose (joint_params: ) that holds only the chain's first joint."""
+    """Return a branch for each pose that holds only the chain's first joint."""
     rotation = np.stack([bones.rotation[chain.carrier] for bones in poses]) @ chain.carrier_zero.T
     end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
     angles = np.ascontiguousarray(joint_params[:, chain.columns])
@@ -75,7 +75,7 @@ def extended(
 ) -> Branches:
     """Return the branches with one link more: all solutions for each target (N, T, 3) of its end.
 
-    missed: (N, T) 0 a target, 1 one that is only the nearest to be had, 2 none. spare: the angles that
+    missed: 0 a target, 1 one that is only the nearest to be had, 2 none. spare: the angles that
     turns get which the targets leave open. A branch without a solution within limits ends here; with
     `take_nearest` it goes on with what is nearest, no longer exact.
     """

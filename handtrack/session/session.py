@@ -171,8 +171,7 @@ class Session:
         return self.view(camera).image(frame)
 
     def mask(self, camera: str, frame: int) -> Bytes[H, W] | None:
-        """Return a mask uint8 in the image as it was taken, read or computed; None where
-        missing."""
+        """Return a mask uint8 in the image as it was taken, read or computed; None where missing."""
         return self.view(camera).mask(frame)
 
     @property
@@ -330,8 +329,7 @@ class Session:
         return pose
 
     def _parameter_names(self) -> tuple[str, ...] | None:
-        """Return the names that init.json may use; None when the model is a file, which is not
-        read here."""
+        """Return the names that init.json may use; None when the model is a file, which is not read here."""
         hand = self.file.hand
         if hand.model not in MODELS:
             return None

@@ -78,7 +78,7 @@ def uncertainty(
 def joint_position_jacobian(
     model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats[B, D6, S]
 ) -> Floats[J, D3, S]:
-    """Return, the velocity of each named joint per unit of each joint parameter."""
+    """Return the velocity of each named joint per unit of each joint parameter."""
     arm = model.joint_positions(bones) - bones.reference
     twist = twist_jacobian[model.joint_bone]
     return twist[:, :3] + np.cross(twist[:, 3:], arm[:, :, None], axis=1)

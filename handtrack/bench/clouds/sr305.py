@@ -149,7 +149,7 @@ def _measured(
 
 
 def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats[M, D3]:
-    """Return world [m], points of the hand's merged surface, the forearm's left out, that the camera sees."""
+    """Return points, world [m], of the hand's merged surface, the forearm's left out, that the camera sees."""
     surface = MetaballSurface.of(model)
     posed = surface.ellipsoids.posed(bones)
     rays = pixel_rays(CAMERA)[::_EVERY_PX, ::_EVERY_PX]

@@ -23,7 +23,7 @@ _GHOST = 0.45  # how much of the flesh is seen where all is shown
 
 
 def segments(model: ArticulatedModel, bones: BonePoses) -> Floats[N, D2, D3]:
-    """Return world [m]: from each bone's start to its child's, and to the fingertips."""
+    """Return segments, world [m]: from each bone's start to its child's, and to the fingertips."""
     parent = model.skeleton.parent
     lines = [(bones.position[p], bones.position[b]) for b, p in enumerate(parent) if p >= 0]
     joints = dict(zip(model.joint_names, model.joint_positions(bones), strict=True))

@@ -128,8 +128,7 @@ def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Ar
 
 
 def without_speckles(found: Array[H, W], least_px: int, step_px: float = 1.0) -> Array[H, W]:
-    """Return disparities without patches, bounded by steps above step_px, of fewer than
-    least_px pixels."""
+    """Return disparities without patches, bounded by steps above step_px, of fewer than least_px pixels."""
     known = np.isfinite(found)
     if least_px <= 1 or not known.any():
         return found

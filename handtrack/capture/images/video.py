@@ -127,8 +127,7 @@ class VideoFile:
         return image if good else None
 
     def _decode_to(self, frame: int) -> Array | None:
-        """Decode up to a frame at or after the position; the last ones on the way stay in the
-        cache."""
+        """Decode up to a frame at or after the position; the last ones on the way stay in the cache."""
         window = self._window
         while self._next < frame - window:
             if not self._capture.grab():

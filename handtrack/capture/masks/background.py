@@ -32,8 +32,7 @@ class BackgroundMedian:
     samples: Annotated[int, at_least(_LEAST_FRAMES)] = 25
     """frames, evenly spaced over the recording, whose median is the background."""
     threshold: Annotated[float, above(0, "standard deviations")] = 8.0
-    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the
-    pixel."""
+    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the pixel."""
     open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True

@@ -21,8 +21,7 @@ _TRIM = 3.0  # samples farther than this from the first fit are left out of the 
 
 @dataclass(frozen=True)
 class SkinAdaptive:
-    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample
-    box."""
+    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample box."""
 
     name: ClassVar[str] = "skin_adaptive"
     needs: ClassVar[str] = "images"

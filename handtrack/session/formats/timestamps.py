@@ -17,8 +17,7 @@ COLUMNS = ("camera", "frame", "time_s")
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Time of every frame: frame / fps, or measured times with straight lines between and beyond
-    them."""
+    """Time of every frame: frame / fps, or measured times with straight lines between and beyond them."""
 
     fps: float
     """frames a second; the median rate when only times were given."""

@@ -25,7 +25,7 @@ class PreparedSilhouette:
     sums: Floats[K, L, D4]
     """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
     window: Ints[D4]
-    """: image width, the window's first column and row, the column where x = 0 [px]."""
+    """image width, the window's first column and row, the column where x = 0 [px]."""
     energy: float
     """Σ Z² over valid pixels."""
     area: float

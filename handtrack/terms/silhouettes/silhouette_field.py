@@ -24,7 +24,7 @@ class FieldShape:
     """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
 
     levels: Floats[C, E, D2]
-    """: t and s of each ellipsoid in each camera."""
+    """t and s of each ellipsoid in each camera."""
     limit: float
     """infinite for a field without a floor"""
     depth_scaled: bool = False

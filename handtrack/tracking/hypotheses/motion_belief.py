@@ -22,7 +22,7 @@ class MotionBelief:
 
     @property
     def place_covariance(self) -> Floats[P, P]:
-        """Return of the place alone."""
+        """Return the covariance of the place alone."""
         count = len(self.mean)
         return self.covariance[:count, :count]
 

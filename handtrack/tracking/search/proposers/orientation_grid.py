@@ -28,6 +28,6 @@ def spread_rotations(count: int) -> Floats[N, D3, D3]:
 
 
 def turned_by(a: Floats[*Axes, D3, D3], b: Floats[*Axes, D3, D3]) -> Floats[*Axes]:
-    """Return the angles [rad] between rotations and, broadcast."""
+    """Return the angles [rad] between rotations, broadcast."""
     trace = np.einsum("...ij,...ij->...", a, b)
     return np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
