@@ -1,4 +1,4 @@
-"""Compares arrays with the axes in types of signatures, while a program runs: `Floats[N, D3]` is N by 3, N the same in a call."""
+"""Compares arrays with the axes in types of signatures while a program runs: `Floats[N, D3]` is N by 3, one N in a call."""
 
 from __future__ import annotations
 
@@ -88,25 +88,33 @@ class ShapeWatch:
             if value is not None and "return" in types:  # None, too, where an error is raised
                 self._check(name, "return", types["return"], value, lengths)
 
-    def _check(self, name: str, what: str, kind: ast.expr, value: Any, lengths: dict[str, int]) -> None:
+    def _check(
+        self, name: str, what: str, kind: ast.expr, value: Any, lengths: dict[str, int]
+    ) -> None:
         self.met.add(name)
         if not fits(kind, value, lengths):
-            self.misfits[f"{name}: {what}"] = f"{ast.unparse(kind)} is {_described(value)}, where {lengths}"
+            self.misfits[f"{name}: {what}"] = (
+                f"{ast.unparse(kind)} is {_described(value)}, where {lengths}"
+            )
 
 
 def _typed(packages: tuple[str, ...]) -> Iterator[tuple[CodeType, tuple[str, dict[str, ast.expr]]]]:
-    """Yield the code of what is loaded and public with the name and the types that have arrays in them."""
+    """Yield the code of what is loaded and public, with its name and the types that have arrays in them."""
     for module in [m for m in sys.modules.values() if m.__name__.split(".")[0] in packages]:
         for owner in (module, *(c for c in vars(module).values() if inspect.isclass(c))):
-            for name, thing in list(vars(owner).items()):
-                thing = inspect.unwrap(getattr(thing, "fget", None) or getattr(thing, "__func__", thing))
+            for thing in list(vars(owner).values()):
+                thing = getattr(thing, "fget", None) or getattr(thing, "__func__", thing)
                 if not isinstance(thing, FunctionType) or inspect.isgeneratorfunction(thing):
                     continue
-                if thing.__module__ == module.__name__ and "._" not in f".{thing.__qualname__}".replace("__init__", ""):
-                    types = {a: ast.parse(str(t), mode="eval").body for a, t in thing.__annotations__.items()}
-                    types = {a: t for a, t in types.items() if _has_arrays(t)}
+                name = f"{thing.__module__}.{thing.__qualname__}"
+                if thing.__module__ == module.__name__ and "._" not in name.replace("__init__", ""):
+                    types = {
+                        of: ast.parse(str(kind), mode="eval").body
+                        for of, kind in thing.__annotations__.items()
+                    }
+                    types = {of: kind for of, kind in types.items() if _has_arrays(kind)}
                     if types:
-                        yield thing.__code__, (f"{module.__name__}.{thing.__qualname__}", types)
+                        yield thing.__code__, (name, types)
 
 
 def _has_arrays(kind: ast.expr) -> bool:
@@ -117,4 +125,4 @@ def _has_arrays(kind: ast.expr) -> bool:
 def _described(value: Any) -> str:
     if isinstance(value, np.ndarray | np.generic):
         return f"{value.dtype} {value.shape}"
-    return f"{type(value).__name__} of {[_described(v) for v in value][:4]}" if isinstance(value, tuple | list) else repr(value)[:60]
+    return f"{type(value).__name__} {[_described(v) for v in value] if isinstance(value, tuple | list) else ''}"

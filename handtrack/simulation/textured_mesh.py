@@ -15,8 +15,8 @@ from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.images.carried_texture import texture_points
 from handtrack.terms.images.depth_picture import depth_picture
 
-Paint = Callable[[Ints, Floats], Floats]
-"""bone (N,), place in its frame (N, 3) [m] → colour (N, 3), 0 … 255"""
+Paint = Callable[[Ints[N], Floats[N, D3]], Floats[N, D3]]
+"""bone, place in its frame [m] → colour, 0 … 255"""
 
 _FINER = 2  # samples along a pixel's side
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera

@@ -20,8 +20,8 @@ from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
 
-HandDistance = Callable[[Floats], Floats]
-"""points (N, 3) world [m] → distance (N,) [m] to the hand of the frame before."""
+HandDistance = Callable[[Floats[N, D3]], Floats[N]]
+"""points, world [m] → distance [m] to the hand of the frame before."""
 
 _AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at

@@ -72,7 +72,7 @@ def outline_points(
     return OutlinePoints(camera, bone, local, pixel, side, length).subset(seen)
 
 
-Pair = tuple[Ints, Ints]
+Pair = tuple[Ints[N], Ints[N]]
 
 
 def _crossed(towards: Floats, faces: Ints) -> tuple[Pair, Pair]:

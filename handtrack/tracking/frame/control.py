@@ -8,8 +8,8 @@ from typing import Any
 
 from handtrack.arrays import Floats, P
 
-Watch = Callable[[int, Floats, float], None]
-"""called after each accepted solver step with its count, parameters (P,) and cost"""
+Watch = Callable[[int, Floats[P], float], None]
+"""called after each accepted solver step with its count, parameters and cost"""
 
 
 def _never() -> bool:

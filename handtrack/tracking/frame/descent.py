@@ -12,10 +12,9 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
-Watch = Callable[[int, Floats, float], None]
-"""called after each accepted solver step with its count, parameters (P,) and cost"""
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 
