@@ -15,33 +15,19 @@ Bytes = np.ndarray[tuple[*Shape], np.dtype[np.uint8]]  # pyright: ignore[reportI
 Array = np.ndarray[tuple[*Shape], np.dtype[Any]]  # pyright: ignore[reportInvalidTypeArguments]
 """of any kind: booleans, bytes or floats, words"""
 
-# An axis is a letter. For the type checker each is a number, so that it counts axes; within one signature, or one dataclass,
+# An axis is a letter. For the type checker each is a number, so that it counts axes; in one signature, or one dataclass,
 # equal letters are equal lengths.
 Axis: TypeAlias = int
 Axes: TypeAlias = tuple[Any, ...]
 """`*Axes`: any axes, or none"""
-P = Axis
-"""solver parameters"""
-S = Axis
-"""joint parameters"""
-B = Axis
-"""bones"""
-J = Axis
-"""joints"""
-E = Axis
-"""ellipsoids"""
-V = Axis
-"""vertices of a mesh"""
-T = Axis
-"""triangles of a mesh"""
-C = Axis
-"""cameras"""
-F = Axis
-"""frames"""
-H = Axis
-"""rows of an image"""
-W = Axis
-"""columns of an image"""
+P = S = Axis
+"""solver parameters, joint parameters"""
+B = J = E = Axis
+"""bones, joints, ellipsoids"""
+V = T = Axis
+"""vertices and triangles of a mesh"""
+C = F = H = W = Axis
+"""cameras; frames; rows and columns of an image"""
 X = Y = Z = Axis
 """cells of a grid in space"""
 K = L = M = N = Q = R = Axis
