@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, D4, D6, Axes, B, Floats, Ints, S, check_shape
-from handtrack.geometry.rotation import left_jacobian, rotation_matrix
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
+from handtrack.model.root_turn_kernels import turn_root
 from handtrack.model.skeleton import Skeleton
 
 
@@ -44,15 +44,17 @@ class BonePoses:
         return points if self.growth is None else points * self.growth[bone][..., None]
 
 
-def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
+def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, Floats]:
+    """Return the poses, the hinges' axes (S − 6, 3) in the world and the root's left Jacobian (3, 3)."""
     params = np.ascontiguousarray(joint_params, dtype=float)
     check_shape(params, (skeleton.parameter_count,), "joint parameters")
     bones = skeleton.bone_count
     rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
-    axis_world = np.empty((len(skeleton.hinge_bone), 3))
+    axis_world, root = np.empty((len(skeleton.hinge_bone), 3)), np.empty((5, 3, 3))
+    turn_root(params[3:6], root[0], root[1], root[2:])
     pose_bones(
         params,
-        rotation_matrix(params[3:6]),
+        root[0],
         skeleton.parent,
         skeleton.offset,
         skeleton.rest_rotation,
@@ -62,7 +64,7 @@ def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
         position,
         axis_world,
     )
-    return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world
+    return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world, root[1]
 
 
 def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
@@ -76,10 +78,10 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/derivations/twists.md.
     """
-    poses, axis_world = _pose(skeleton, joint_params)
+    poses, axis_world, root_jacobian = _pose(skeleton, joint_params)
     jacobian = np.empty((skeleton.bone_count, 6, skeleton.parameter_count))
     twist_columns(
-        left_jacobian(np.asarray(joint_params)[3:6]),
+        root_jacobian,
         skeleton.parent,
         skeleton.hinge_bone,
         axis_world,

@@ -2,8 +2,31 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
+
+from handtrack.arrays import Floats, Ints
+from handtrack.model.root_turn_kernels import turn_root
+
+
+class Moving(NamedTuple):
+    """What moves, as arrays: skeleton and parameter transform."""
+
+    parent: Ints
+    offset: Floats
+    rest: Floats
+    hinge_bone: Ints
+    hinge_axis: Floats
+    joint: Ints
+    """(L,) joint parameter, …"""
+    leader: Ints
+    """(L,) … the one solver parameter that leads it …"""
+    ratio: Floats
+    """(L,) … and by how much"""
+    shift: Floats
+    """(S,) joint parameters = ratio · leader + shift"""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -79,7 +102,9 @@ def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):
     out[:] = 0.0
     for b in range(bones):
         if b > 0:
-            out[b] = out[parent[b]]
+            for i in range(6):
+                for s in range(out.shape[2]):
+                    out[b, i, s] = out[parent[b], i, s]
         else:
             for i in range(3):
                 out[0, i, i] = 1.0
@@ -97,3 +122,22 @@ def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):
                 out[b, 3, 6 + h] = w0
                 out[b, 4, 6 + h] = w1
                 out[b, 5, 6 + h] = w2
+
+
+@numba.njit(cache=True, nogil=True)
+def place_bones(
+    moving, params, joints, root, rotation, position, axes
+):  # pragma: no cover - compiled
+    """Fill joint parameters (S,), rotation, position and the hinges' axes at solver parameters (P,).
+
+    root: (5, 3, 3) receives the root's rotation, its left Jacobian and that one's slopes.
+    """
+    for s in range(joints.shape[0]):
+        joints[s] = moving.shift[s]
+    for k in range(moving.joint.shape[0]):
+        joints[moving.joint[k]] += moving.ratio[k] * params[moving.leader[k]]
+    turn_root(joints[3:6], root[0], root[1], root[2:])
+    pose_bones(
+        joints, root[0], moving.parent, moving.offset, moving.rest, moving.hinge_bone, moving.hinge_axis, rotation,
+        position, axes,
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from numba.extending import overload
 
 from handtrack.arrays import Floats, Ints
 from handtrack.model.kinematics_kernels import pose_bones
-from handtrack.sampling.root_turn_kernels import turn_root
+from handtrack.model.root_turn_kernels import turn_root
 from handtrack.terms.collision_kernels import collision_system
 
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it

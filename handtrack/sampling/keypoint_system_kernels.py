@@ -185,7 +185,7 @@ def _add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no c
                 space.root_jacobian, problem.parent, problem.hinge_bone, space.axis_world,
                 space.position, space.twist,
             )  # fmt: skip
-            g, h = pull_back_blocks(space.bone_gradient, space.bone_hessian, space.twist)
+            g, h = pull_back_blocks(space.bone_gradient, space.bone_hessian, space.twist, False)
             for s in range(gradient.shape[0]):
                 gradient[s] += g[s]
                 for t in range(s + 1):

@@ -12,8 +12,8 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.body_priors import body_priors
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.body_priors import body_priors
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.size.sized_problem import fit_size
 

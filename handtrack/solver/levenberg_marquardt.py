@@ -4,15 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from handtrack.arrays import Floats, P
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.setting import setting
+from handtrack.solver.compiled_problem import CompiledProblem
+from handtrack.solver.descent_kernels import (
+    CONVERGED,
+    NO_DESCENT,
+    REJECTIONS,
+    USED_UP,
+    descend,
+    workspace,
+)
 from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
 from handtrack.terms.bone_system import JointSystem
+
+
+@runtime_checkable
+class CompilableProblem(Protocol):
+    """A problem that may have a compiled form."""
+
+    @property
+    def compiled(self) -> CompiledProblem | None: ...
 
 
 class BoundedProblem(Protocol):
@@ -79,7 +96,7 @@ class SolveSummary:
         return self.why == "converged"
 
 
-_REJECTIONS = 8  # trials at one linearisation before giving up
+_WHY = {CONVERGED: "converged", USED_UP: "iterations", NO_DESCENT: "no descent"}
 
 
 def solve(
@@ -93,9 +110,13 @@ def solve(
 
     A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
     way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
-    `on_iteration(k, params, cost)` sees each accepted state.
+    `on_iteration(k, params, cost)` sees each accepted state. A problem with a compiled form descends there: it is asked
+    whether to stop once, before, and tells of its states afterwards.
     """
     settings = settings or SolverSettings()
+    compiled = problem.compiled if isinstance(problem, CompilableProblem) else None
+    if compiled is not None and settings.limits == "bounds":
+        return _solve_compiled(compiled, params, settings, should_stop, on_iteration)
     limits, box = problem.limits, new_box(len(params))
     params = np.array(params, dtype=float)
     clip(limits, params, box)
@@ -110,7 +131,7 @@ def solve(
             why = "stopped"
             break
         moved, small = None, False
-        for _ in range(_REJECTIONS):
+        for _ in range(REJECTIONS):
             step = bounded_step(
                 system, params, limits if settings.limits == "bounds" else None, damping
             )
@@ -145,6 +166,36 @@ def solve(
         if count < settings.iterations:
             system = problem.linearize(params)
     return SolveSummary(params, costs[-1], count, why, tuple(costs), tuple(dampings), system)
+
+
+def _solve_compiled(
+    problem: CompiledProblem,
+    params: Floats,
+    settings: SolverSettings,
+    should_stop: Callable[[], bool] | None,
+    on_iteration: Callable[[int, Floats, float], None] | None,
+) -> SolveSummary:
+    size, most = len(params), settings.iterations
+    stopped = should_stop is not None and should_stop()
+    path, costs = np.empty((most + 1, size)), np.empty(most + 1)
+    dampings, work = np.empty(most), workspace(problem.moving, size)
+    params = np.array(params, dtype=float)
+    why, count, accepted = descend(
+        problem.moving, problem.limits, problem.observed, problem.priors, problem.is_block, params,
+        0 if stopped else most, settings.damping, settings.least_damping, settings.relax, settings.tighten,
+        settings.cost_tolerance, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
+        dampings, work,
+    )  # fmt: skip
+    if on_iteration is not None:
+        for k in range(1, accepted + 1):
+            on_iteration(k, path[k].copy(), float(costs[k]))
+    cost = float(costs[accepted])
+    system = JointSystem(cost, work.gradient, work.hessian)
+    reason = "stopped" if stopped else _WHY[why]
+    history = tuple(costs[: accepted + 1].tolist())
+    return SolveSummary(
+        params, cost, count, reason, history, tuple(dampings[:count].tolist()), system
+    )
 
 
 def bounded_step(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from handtrack.arrays import D2, Array, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.assembly import assemble
+from handtrack.solver.compiled_problem import CompiledProblem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 
@@ -23,6 +25,8 @@ class Problem:
 
     def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
+        if self.compiled is not None:
+            return self.compiled.cost(params)
         bones = self.model.bones(params)
         seen = sum(term.cost(bones) for term in self.observation_terms)
         joint = self.model.joint_params(params)
@@ -40,7 +44,14 @@ class Problem:
 
     def linearize(self, params: Floats[P]) -> JointSystem:
         """Return cost, gradient and Gauss-Newton Hessian (P, P)."""
+        if self.compiled is not None:
+            return self.compiled.linearize(params)
         return assemble(self.model, params, self.observation_terms, self.parameter_terms)
+
+    @cached_property
+    def compiled(self) -> CompiledProblem | None:
+        """The same for compiled descent; None where a term has no tables."""
+        return CompiledProblem.of(self.model, self.observation_terms, self.parameter_terms)
 
     @property
     def limits(self) -> MovingLimits:
@@ -65,6 +76,12 @@ class FreeProblem:
 
     def linearize(self, params: Floats[P]) -> JointSystem:
         return self.problem.linearize(params)
+
+    @property
+    def compiled(self) -> CompiledProblem | None:
+        """The same for compiled descent; None where a term has no tables."""
+        compiled = self.problem.compiled
+        return compiled and replace(compiled, limits=self.limits)
 
     @property
     def limits(self) -> MovingLimits:

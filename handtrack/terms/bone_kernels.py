@@ -7,15 +7,18 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def pull_back_blocks(gradient, hessian, jacobian):  # pragma: no cover - compiled
-    """Return Jᵀ g (S,) and Jᵀ H J (S, S) for J (B, 6, S); blocks of H that are zero cost nothing."""
+def pull_back_blocks(gradient, hessian, jacobian, is_block):  # pragma: no cover - compiled
+    """Return Jᵀ g (S,) and Jᵀ H J (S, S) for J (B, 6, S); blocks of H that are zero cost nothing.
+
+    is_block: only the 6 × 6 blocks of bones with themselves are looked at.
+    """
     bones, _, count = jacobian.shape
     g, h = np.zeros(count), np.zeros((count, count))
     product = np.empty((6, count))
     for b in range(bones):
         product[:] = 0.0
         seen = False
-        for c in range(bones):
+        for c in range(b if is_block else 0, b + 1 if is_block else bones):
             used = False
             for i in range(6):
                 for j in range(6):

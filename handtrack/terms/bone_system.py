@@ -73,5 +73,5 @@ class BoneSystem:
             dense = twist_jacobian.reshape(len(self.gradient), -1)
             return JointSystem(self.cost, self.gradient, self.hessian).pull_back(dense)
         return JointSystem(
-            self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian)
+            self.cost, *pull_back_blocks(self.gradient, self.hessian, twist_jacobian, False)
         )

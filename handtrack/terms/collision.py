@@ -12,9 +12,10 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.collision_kernels import collision_system, overlaps
+from handtrack.terms.collision_kernels import collision_kernel, collision_system, overlaps
 from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
+from handtrack.terms.term_table import TermTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +74,11 @@ class CollisionTerm(CompiledTerm):
             bones.rotation, bones.position, bones.reference, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
             first, second, self.slack_m, self.sigma_m, self.weight, width, gradient, hessian,
         )  # fmt: skip
+
+    def tables(self) -> list[TermTable]:
+        flesh, scalars = self.flesh, np.array([self.slack_m, self.sigma_m, self.weight])
+        own = flesh.bone, flesh.centre, flesh.rotation, flesh.radii
+        return [TermTable(collision_kernel, *own, *self._columns, scalars, couples=True)]
 
     @cached_property
     def _columns(self) -> tuple[Ints, Ints]:

@@ -6,6 +6,17 @@ import numba
 import numpy as np
 
 from handtrack.terms.ellipsoid_kernels import posed_shapes
+from handtrack.terms.term_table import (
+    GRADIENT,
+    HESSIAN,
+    POSITION,
+    REFERENCE,
+    ROTATION,
+    TermKernel,
+    array1,
+    array2,
+    array3,
+)
 
 _STEPS = 30
 _DONE = 1e-20
@@ -258,3 +269,15 @@ def collision_system(
                 other = width * bone[i] + b if b < width else width * bone[j] + b - width
                 hessian[column, other] += weight * row[a] * row[b]
     return 0.5 * weight * cost
+
+
+@TermKernel
+def collision_kernel(term, place, width):  # pragma: no cover - compiled
+    """The table is made by `CollisionTerm.tables`."""
+    chosen = array1(term, 6, np.float64)
+    return collision_system(
+        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
+        array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
+        array1(term, 4, np.int64), array1(term, 5, np.int64), chosen[0], chosen[1], chosen[2], width,
+        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
+    )  # fmt: skip

@@ -12,8 +12,10 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import BoneSystem
-from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.keypoint_kernels import keypoint_kernel
+from handtrack.terms.loss import Loss, Quadratic, compiled_loss
 from handtrack.terms.rows import Rows, grown_row, point_row
+from handtrack.terms.term_table import TermTable
 
 
 def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints:
@@ -69,6 +71,24 @@ class KeypointTerm:
 
     def linearize_growth(self, bones: BonePoses) -> BoneSystem:
         return self.rows(bones, growing=True).bone_system(len(bones.position))
+
+    def tables(self) -> list[TermTable] | None:
+        """Return one; None for a distorted camera."""
+        targets, sigma = _targets(self.observed)
+        seen = np.asarray(np.isfinite(targets).all(axis=1))
+        joint = _known(self.model, self.observed.names, seen)
+        kind, scale = compiled_loss(self.loss, self.name)
+        camera = np.zeros((0, 4))
+        if isinstance(self.observed, ImageKeypoints):
+            if self.observed.camera.is_distorted:
+                return None
+            camera = self.observed.camera.projection
+        return [
+            TermTable(
+                keypoint_kernel, self.model.joint_bone[joint], self.model.joint_point[joint], targets[seen], camera,
+                np.array([sigma, kind, scale, self.weight]),
+            )
+        ]  # fmt: skip
 
 
 def _targets(observed: Keypoints | ImageKeypoints) -> tuple[Floats, float]:

@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 from handtrack.arrays import Floats, S
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.term_table import TermTable
 
 
 class ObservationTerm(Protocol):
@@ -30,6 +31,15 @@ class GrowingTerm(ObservationTerm, Protocol):
 
     def linearize_growth(self, bones: BonePoses) -> BoneSystem:
         """Return what `linearize` does, with seven numbers a bone: its twist, and its growth about the reference."""
+        ...
+
+
+@runtime_checkable
+class TabledTerm(Protocol):
+    """One that a compiled loop can sum by itself."""
+
+    def tables(self) -> list[TermTable] | None:
+        """Return the term as tables for its kernels; None where it cannot be, as it is set up."""
         ...
 
 

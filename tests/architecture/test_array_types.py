@@ -31,7 +31,7 @@ def public_types(body: list[ast.stmt], owner: str = "") -> Iterator[tuple[str, a
         elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript):
             yield owner + ast.unparse(node.targets[0]), node.value
         elif isinstance(node, ast.FunctionDef) and (node.name[0] != "_" or node.name[:2] == "__"):
-            given = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+            given = [a for a in ast.walk(node.args) if isinstance(a, ast.arg)]
             types = [(a.arg, a.annotation) for a in given] + [("result", node.returns)]
             yield from ((f"{owner}{node.name}: {name}", kind) for name, kind in types if kind)
 

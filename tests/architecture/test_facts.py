@@ -33,20 +33,25 @@ def test_solver_knows_no_camera_and_no_observation():
     )
 
 
-def test_three_files_of_the_solver_know_the_model():
+def test_four_files_of_the_solver_know_the_model():
     rest = {"levenberg_marquardt", "limited_step_kernels"}
     assert importers("solver", "handtrack.model.articulated") == {
         "problem",
         "assembly",
+        "compiled_problem",
         "covariance",
     }
     assert not importers("solver", "handtrack.model.kinematics") & rest
 
 
 def test_kinematics_alone_differentiates_joints():
-    assert importers("model", "handtrack.model.kinematics_kernels") == {"kinematics"}
-    for room in ("terms", "solver", "tracking"):
+    assert importers("model", "handtrack.model.kinematics_kernels") == {"kinematics", "articulated"}
+    for room in ("terms", "tracking"):
         assert not importers(room, "handtrack.model.kinematics_kernels")
+    assert importers("solver", "handtrack.model.kinematics_kernels") == {
+        "compiled_problem",
+        "descent_kernels",
+    }
 
 
 def test_one_file_outside_the_model_asks_for_couplings():

@@ -6,16 +6,16 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix
 from handtrack.model.model_file import load_model
+from handtrack.model.root_turn_kernels import turn_root
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.keypoint_system_kernels import keypoint_system
-from handtrack.sampling.root_turn_kernels import turn_root
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
-from handtrack.terms.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
 from tests.derivatives import check_gradient, check_jacobian
 
 

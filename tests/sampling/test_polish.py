@@ -12,10 +12,10 @@ from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.polish import PolishSettings, least_eigenvalues, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.body_priors import body_priors
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.body_priors import body_priors
+from handtrack.terms.priors.priors import GaussianPrior
 
 FAR = SolverSettings(
     iterations=300, damping=1e-3, least_damping=1e-12, cost_tolerance=1e-15, step_tolerance=1e-11

@@ -15,7 +15,7 @@ from handtrack.solver.limited_step_kernels import clip, fill_box, new_box
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 
 FAR = SolverSettings(iterations=100, cost_tolerance=1e-13)
 

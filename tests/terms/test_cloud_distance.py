@@ -16,8 +16,7 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_loss import UniformOutliers
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import GemanMcClure, Huber, Quadratic, UniformOutliers
 from tests.derivatives import check_observation_term, check_problem
 from tests.model.metaballs_reference import cloud_rows
 

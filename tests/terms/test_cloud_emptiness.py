@@ -11,9 +11,8 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
-from handtrack.terms.clouds.cloud_loss import UniformOutliers
 from handtrack.terms.clouds.distance_map import distance_map
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import GemanMcClure, Huber, Quadratic, UniformOutliers
 from handtrack.terms.rows import Rows, point_row
 from tests.derivatives import check_jacobian, check_observation_term
 

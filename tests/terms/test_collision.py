@@ -12,8 +12,8 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.body_priors import body_priors, stabilisation
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
+from handtrack.terms.priors.body_priors import body_priors, stabilisation
 from tests.terms.collision_reference import signed_distance
 
 PAIR = np.array([[0, 1]])

@@ -14,7 +14,7 @@ from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
-from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from tests.derivatives import check_observation_term, check_parameter_term, check_problem

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.terms.posture import posture_prior
 from tests.derivatives import check_parameter_term
 

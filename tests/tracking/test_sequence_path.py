@@ -9,7 +9,7 @@ from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief

@@ -12,7 +12,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.sized_problem import SizedProblem, fit_size, linearize_sized
 from tests.derivatives import check_gradient
 

@@ -23,8 +23,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, s
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
-from handtrack.terms.clouds.cloud_loss import UniformOutliers
-from handtrack.terms.loss import GemanMcClure, Loss, Quadratic
+from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
 
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 

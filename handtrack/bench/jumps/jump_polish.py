@@ -16,7 +16,7 @@ from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.keypoint_kernels import workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 
 STARTS, SUBSET, SCALE = 1024, 48, 4.0
 _SAME = 1e-4

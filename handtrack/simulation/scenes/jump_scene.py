@@ -17,8 +17,8 @@ from handtrack.sampling.chains import PreparedChain, chains_of, prepare
 from handtrack.sampling.interpretation_tree import InterpretationTree, interpretation_tree
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
-from handtrack.terms.body_priors import BodyPriors, body_priors
 from handtrack.terms.collision import CollisionTerm
+from handtrack.terms.priors.body_priors import BodyPriors, body_priors
 
 LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 KJS1 = ("left_arm", "right_arm", "left_leg")

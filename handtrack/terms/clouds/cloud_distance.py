@@ -11,10 +11,16 @@ from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.terms.clouds.cloud_kernels import BLOCK, aligned, arrange, cloud_system
-from handtrack.terms.clouds.cloud_loss import compiled_loss
+from handtrack.terms.clouds.cloud_kernels import (
+    BLOCK,
+    aligned,
+    arrange,
+    cloud_system,
+    distance_kernel,
+)
 from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.loss import Loss, Quadratic, compiled_loss
+from handtrack.terms.term_table import TermTable
 
 FARTHEST_M = 1e6
 """A coordinate beyond this is no measurement."""
@@ -122,6 +128,22 @@ class CloudDistanceTerm(CompiledTerm):
             gradient,
             hessian,
         )
+
+    def tables(self) -> list[TermTable]:
+        flesh = self.surface.ellipsoids
+        scalars = (
+            self.surface.sharpness,
+            self.surface.turning_level,
+            self.sigma_m,
+            *self._loss,
+            self.weight,
+        )
+        return [
+            TermTable(
+                distance_kernel, self.cloud.points, self.cloud.spheres, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
+                *self.surface.links, np.array([*scalars, self.cloud.count]), couples=True,
+            )
+        ]  # fmt: skip
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

@@ -12,11 +12,11 @@ from handtrack.arrays import D3, Array, Floats, Ints, K, N, V, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh
-from handtrack.terms.clouds.cloud_loss import compiled_loss
 from handtrack.terms.clouds.distance_map import MOST_VOXELS, SPACING_M, DistanceMap, distance_map
-from handtrack.terms.clouds.distance_map_kernels import emptiness_system
+from handtrack.terms.clouds.distance_map_kernels import emptiness_kernel, emptiness_system
 from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.loss import Loss, Quadratic, compiled_loss
+from handtrack.terms.term_table import TermTable
 
 GRAZING = 0.25
 """cosine between normal and viewing ray below which a surface is seen too flatly to be asked for"""
@@ -110,6 +110,16 @@ class CloudEmptinessTerm(CompiledTerm):
             gradient,
             hessian,
         )
+
+    def tables(self) -> list[TermTable]:
+        if self.distances.is_empty:
+            return []
+        scalars = self.distances.spacing, self.slack_m, self.sigma_m, *self._loss, self.weight
+        return [
+            TermTable(
+                emptiness_kernel, self.distances.values, self.distances.low, self.bone, self.local, np.array(scalars)
+            )
+        ]  # fmt: skip
 
     @cached_property
     def _loss(self) -> tuple[int, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.model.surfaces.metaballs_kernels import STRETCH
+from handtrack.model.surfaces.metaballs_kernels import STRETCH, pose_table
 from handtrack.terms.clouds.cloud_lanes_kernels import (
     cross_products,
     distances,
@@ -22,8 +22,19 @@ from handtrack.terms.clouds.cloud_lanes_kernels import (
     shares,
     twist_rows,
 )
-from handtrack.terms.clouds.cloud_loss_kernels import counted
-from handtrack.terms.lanes_kernels import LANES
+from handtrack.terms.clouds.lanes_kernels import LANES
+from handtrack.terms.loss_kernels import counted
+from handtrack.terms.term_table import (
+    GRADIENT,
+    HESSIAN,
+    POSITION,
+    REFERENCE,
+    ROTATION,
+    TermKernel,
+    array1,
+    array2,
+    array3,
+)
 
 BLOCK = 32
 """points of a block in space"""
@@ -115,6 +126,23 @@ def cloud_system(
                 buffers[e, axis, at] = points[axis, first + i]
             filled[e] = at + 1
     return 0.5 * weight * cost
+
+
+@TermKernel
+def distance_kernel(term, place, width):  # pragma: no cover - compiled
+    """E1; the table is made by `CloudDistanceTerm.tables`."""
+    bone, chosen = array1(term, 2, np.int64), array1(term, 8, np.float64)
+    table = np.empty((bone.shape[0], 16))
+    pose_table(
+        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), bone, array2(term, 3, np.float64),
+        array3(term, 4, np.float64), array2(term, 5, np.float64), table,
+    )  # fmt: skip
+    return cloud_system(
+        array2(term, 0, np.float64), np.int64(chosen[6]), array2(term, 1, np.float64), table, bone,
+        array1(term, 6, np.int64), array1(term, 7, np.int64), chosen[0], chosen[1], chosen[2], np.int64(chosen[3]),
+        chosen[4], chosen[5], array1(place, REFERENCE, np.float64), width, array1(place, GRADIENT, np.float64),
+        array2(place, HESSIAN, np.float64),
+    )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

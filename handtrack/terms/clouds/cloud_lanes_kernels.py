@@ -12,7 +12,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, LEAST, TINY
-from handtrack.terms.lanes_kernels import (
+from handtrack.terms.clouds.lanes_kernels import (
     DOUBLE,
     DOUBLES,
     LANES,

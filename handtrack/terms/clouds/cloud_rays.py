@@ -14,10 +14,10 @@ from handtrack.arrays import D3, Floats, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.terms.clouds.cloud_loss import UniformOutliers
-from handtrack.terms.clouds.cloud_rays_kernels import rays_system
+from handtrack.terms.clouds.cloud_rays_kernels import rays_kernel, rays_system
 from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import GemanMcClure, UniformOutliers
+from handtrack.terms.term_table import TermTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +69,17 @@ class CloudRaysTerm(CompiledTerm):
             gradient,
             hessian,
         )
+
+    def tables(self) -> list[TermTable]:
+        rays, depth = self._rays
+        flesh = self.surface.ellipsoids
+        scalars = self.beside_m, self.robust.scale, self.along_m, self.outliers.level, self.weight
+        return [
+            TermTable(
+                rays_kernel, self.centre, rays, depth, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
+                np.array(scalars),
+            )
+        ]  # fmt: skip
 
     @cached_property
     def _rays(self) -> tuple[Floats, Floats]:

@@ -5,8 +5,19 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.model.surfaces.metaballs_kernels import REACH, TINY
-from handtrack.terms.clouds.cloud_loss_kernels import GEMAN_MCCLURE, OUTLIERS, counted
+from handtrack.model.surfaces.metaballs_kernels import REACH, TINY, pose_table
+from handtrack.terms.loss_kernels import GEMAN_MCCLURE, OUTLIERS, counted
+from handtrack.terms.term_table import (
+    GRADIENT,
+    HESSIAN,
+    POSITION,
+    REFERENCE,
+    ROTATION,
+    TermKernel,
+    array1,
+    array2,
+    array3,
+)
 
 _FAR = 1e6  # sigmas: an outlier without doubt
 
@@ -128,3 +139,19 @@ def rays_system(
             for j in range(width):
                 hessian[first + i, first + j] += part * row[j]
     return 0.5 * weight * cost
+
+
+@TermKernel
+def rays_kernel(term, place, width):  # pragma: no cover - compiled
+    """The table is made by `CloudRaysTerm.tables`."""
+    bone, chosen = array1(term, 3, np.int64), array1(term, 7, np.float64)
+    table = np.empty((bone.shape[0], 16))
+    pose_table(
+        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), bone, array2(term, 4, np.float64),
+        array3(term, 5, np.float64), array2(term, 6, np.float64), table,
+    )  # fmt: skip
+    return rays_system(
+        array1(term, 0, np.float64), array2(term, 1, np.float64), array1(term, 2, np.float64), table, bone, chosen[0],
+        chosen[1], chosen[2], chosen[3], chosen[4], array1(place, REFERENCE, np.float64), width,
+        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
+    )  # fmt: skip

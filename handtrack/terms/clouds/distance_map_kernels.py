@@ -5,7 +5,18 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.terms.clouds.cloud_loss_kernels import counted
+from handtrack.terms.loss_kernels import counted
+from handtrack.terms.term_table import (
+    GRADIENT,
+    HESSIAN,
+    POSITION,
+    REFERENCE,
+    ROTATION,
+    TermKernel,
+    array1,
+    array2,
+    array3,
+)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -95,3 +106,15 @@ def emptiness_system(
             for j in range(width):
                 hessian[at + i, at + j] += part * row[j]
     return 0.5 * weight * cost
+
+
+@TermKernel
+def emptiness_kernel(term, place, width):  # pragma: no cover - compiled
+    """E2; the table is made by `CloudEmptinessTerm.tables`."""
+    bone, chosen = array1(term, 2, np.int64), array1(term, 4, np.float64)
+    return emptiness_system(
+        array3(term, 0, np.float32), array1(term, 1, np.float64), chosen[0], array3(place, ROTATION, np.float64),
+        array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64), bone, array2(term, 3, np.float64),
+        np.ones(bone.shape[0]), chosen[1], chosen[2], np.int64(chosen[3]), chosen[4], chosen[5], width,
+        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
+    )  # fmt: skip

@@ -13,12 +13,11 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.terms.clouds.cloud_loss import compiled_loss
 from handtrack.terms.compiled_term import CompiledTerm
 from handtrack.terms.images.carried_texture_kernels import texture_system
 from handtrack.terms.images.depth_picture import DepthPicture
 from handtrack.terms.images.smooth_image import SmoothImage
-from handtrack.terms.loss import GemanMcClure, Loss
+from handtrack.terms.loss import GemanMcClure, Loss, compiled_loss
 
 _UNSURE = 4.0  # [grey levels] contrast below which nothing is said about a change of exposure
 _MOST_GAIN = 2.0

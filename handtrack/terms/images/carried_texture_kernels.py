@@ -5,9 +5,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.terms.clouds.cloud_loss_kernels import counted
 from handtrack.terms.images.image_rows_kernels import NEAREST, add_row, fill_row, place, see
 from handtrack.terms.images.smooth_image_kernels import cell, look_up
+from handtrack.terms.loss_kernels import counted
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ class CoverageTerm(FieldTerm):
 
     The band reaches ± band_px around the outline (at the minor axis' ends), so mask that the model misses pulls it.
     antisymmetric: t_o = t_i, the unbiased form for the last iterations and for estimating size; otherwise the wide
-    form. The band's width in field units is fixed by the depths at `bones_at_start`, so that cost and gradient agree.
+    form. row_steps: of how many rows one is looked at, in each camera. The band's width in field units is fixed by the depths at `bones_at_start`, so that cost and gradient agree.
     """
 
     def __init__(
@@ -34,10 +35,12 @@ class CoverageTerm(FieldTerm):
         antisymmetric: bool = False,
         weight: float | Sequence[float] = 1.0,
         name: str = "coverage",
+        row_steps: tuple[int, ...] = (),
     ) -> None:
         super().__init__(silhouettes, ellipsoids, weight, name)
         cameras = [s.camera for s in self.silhouettes]
-        self.shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
+        shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
+        self.shape = replace(shape, row_steps=row_steps)
 
 
 def ramp(

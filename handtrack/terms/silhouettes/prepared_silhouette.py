@@ -1,4 +1,4 @@
-"""Prefix sums of a mask along its rows, made once a frame and shared by the silhouette terms."""
+"""A mask as runs along its rows, made once a frame and shared by the silhouette terms."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, D4, D8, D24, Array, Floats, H, Ints, K, L, M, N, W, check_shape
+from handtrack.arrays import D2, D8, D24, Array, Floats, H, Ints, K, L, M, N, W, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.silhouettes.silhouette_kernels import prefix_sums, window_of
+from handtrack.terms.silhouettes.silhouette_kernels import count_runs, fill_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,18 +22,24 @@ class PreparedSilhouette:
     camera: Camera
     valid: Array[H, D2]
     """int32: per row the half-open column span that counts."""
-    sums: Floats[K, L, D4]
-    """(rows + 1, columns + 1, 4): Σ Z (1, x, x²) left of each pixel of a window that holds all Z ≠ 0."""
-    window: Ints[D4]
-    """image width, the window's first column and row, the column where x = 0 [px]."""
-    energy: float
-    """Σ Z² over valid pixels."""
+    begins: Ints[L]
+    """(H + 1,): the runs of row v are begins[v] to begins[v + 1]."""
+    runs: Ints[K, D2]
+    """half-open column spans in which Z has one value, other than 0."""
+    values: Floats[K]
+    """that value."""
+    row_energy: Floats[H]
+    """Σ Z² over each row's valid pixels."""
     area: float
     """−Σ Z over valid pixels: the mask's area [px]."""
     powers: Floats[M, D8]
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
     heights: Floats[N, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
+
+    def energy(self, step: int) -> float:
+        """Return Σ Z² over valid pixels, by one row of each `step`."""
+        return step * float(self.row_energy[step // 2 :: step].sum())
 
 
 def prepare(
@@ -57,23 +63,23 @@ def prepare(
     if line is not None:
         valid = clip_spans(valid, line)
     image = np.ascontiguousarray(image, dtype=np.float32 if observation is None else np.float64)
-    x0, x1, y0, y1 = window_of(image, valid)
-    sums = np.empty((y1 - y0 + 1, x1 - x0 + 1, 4))
-    origin = (x0 + x1) // 2
-    energy, area = prefix_sums(
-        image, -1.0 if observation is None else 1.0, valid, x0, y0, origin, sums
-    )
-    if not np.isfinite(energy):
+    begins = np.empty(height + 1, np.int64)
+    count = count_runs(image, begins)
+    runs, values = np.empty((count, 2), np.int64), np.empty(count)
+    energy = np.empty(height)
+    sign = -1.0 if observation is None else 1.0
+    area = fill_runs(image, sign, valid, begins, runs, values, energy)
+    if not np.isfinite(energy).all():
         raise HandtrackError(
             f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
         )
-    window = np.array([width, x0, y0, origin], dtype=np.int64)
     return PreparedSilhouette(
         camera,
         valid,
-        sums,
-        window,
-        float(energy),
+        begins,
+        runs,
+        values,
+        energy,
         float(area),
         power_sums(width),
         height_powers(height),

@@ -14,7 +14,8 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.bone_system import BoneSystem
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-from handtrack.terms.silhouettes.silhouette_kernels import camera_system
+from handtrack.terms.silhouettes.silhouette_kernels import camera_system, silhouette_kernel
+from handtrack.terms.term_table import TermTable
 
 MOST_ELLIPSOIDS = 1000
 
@@ -29,6 +30,12 @@ class FieldShape:
     """infinite for a field without a floor"""
     depth_scaled: bool = False
     """the paper's scale: s = −1/C*₃₃ [m⁻²] instead, which puts near ellipsoids before far ones"""
+    row_steps: tuple[int, ...] = ()
+    """of how many rows one is looked at, in each camera; empty: all rows"""
+
+    def row_step(self, camera: int) -> int:
+        """Return of how many rows one is looked at in a camera."""
+        return self.row_steps[camera] if self.row_steps else 1
 
 
 def plain_field(cameras: int, ellipsoids: int, depth_scaled: bool = False) -> FieldShape:
@@ -73,10 +80,10 @@ def field_system(
     for i, seen in enumerate(silhouettes):
         part, areas[i, 0], areas[i, 1] = camera_system(
             bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
-            ellipsoids.radii, seen.camera.projection, seen.valid, seen.sums, seen.window, seen.powers, seen.heights,
-            shape.levels[i], shape.limit, shape.depth_scaled, weights[i], want_system, system.gradient, system.hessian,
+            ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.runs, seen.values, seen.powers, seen.heights,
+            shape.levels[i], shape.limit, shape.depth_scaled, shape.row_step(i), weights[i], want_system, system.gradient, system.hessian,
         )  # fmt: skip
-        cost += max(part + 0.5 * weights[i] * seen.energy, 0.0)
+        cost += max(part + 0.5 * weights[i] * seen.energy(shape.row_step(i)), 0.0)
         if growing:
             total += system.with_growth(seen.camera.centre - bones.reference)
             system = BoneSystem.zero(count)
@@ -121,6 +128,20 @@ class FieldTerm:
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
         return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
+
+    def tables(self) -> list[TermTable]:
+        """Return one for each camera."""
+        flesh, shape = self.ellipsoids, self.shape
+        own = flesh.bone, flesh.centre, flesh.rotation, flesh.radii
+        weights = per_camera(self.weight, len(self.silhouettes), "weight")
+        return [
+            TermTable(
+                silhouette_kernel, *own, seen.camera.projection, seen.valid, seen.begins, seen.runs, seen.values,
+                seen.powers, seen.heights, levels, np.array([shape.limit, shape.depth_scaled, weights[i], seen.energy(step), step]),
+            )
+            for i, (seen, levels) in enumerate(zip(self.silhouettes, shape.levels, strict=True))
+            for step in [shape.row_step(i)]
+        ]  # fmt: skip
 
     def linearize_growth(self, bones: BonePoses) -> BoneSystem:
         """Return the same in seven numbers a bone, with its growth."""

@@ -6,7 +6,8 @@ A field of an ellipse is a quadratic q(u, v), −1 at its centre, 0 on its outli
    of small integers: exact, and without cancellation for ellipses of any size anywhere in the image.
 2. A row keeps, per pixel, −value of the lowest field with the ellipse's number in the last bits of the float: one
    maximum finds value and winner.
-3. Where the winner does not change from pixel to pixel, powers and observation are summed by two look-ups.
+3. Where the winner does not change from pixel to pixel, powers are summed by two look-ups, and so is the observation, which
+   is kept as runs of one value.
 """
 
 from __future__ import annotations
@@ -15,16 +16,6 @@ import numba
 import numpy as np
 
 from handtrack.terms.ellipsoid_kernels import posed_shapes
-from handtrack.terms.row_kernels import (
-    BLOCK,
-    MOMENTS,
-    PADDING,
-    add_run,
-    clear,
-    find_runs,
-    number_at,
-    paint,
-)
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
     CENTRE_V,
@@ -39,6 +30,28 @@ from handtrack.terms.silhouettes.conic_kernels import (
     conic_of,
     project,
 )
+from handtrack.terms.silhouettes.row_kernels import (
+    BLOCK,
+    MOMENTS,
+    PADDING,
+    add_run,
+    add_seen,
+    clear,
+    find_runs,
+    number_at,
+    paint,
+)
+from handtrack.terms.term_table import (
+    GRADIENT,
+    HESSIAN,
+    POSITION,
+    REFERENCE,
+    ROTATION,
+    TermKernel,
+    array1,
+    array2,
+    array3,
+)
 
 MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
@@ -48,21 +61,23 @@ LINE = 8
 
 @numba.njit(cache=True, nogil=True)
 def camera_system(
-    rotation, position, reference, bone, centre, turn, radii, projection, valid, sums, window, powers, heights,
-    levels, limit, depth_scaled, weight, want_system, gradient, hessian,
+    rotation, position, reference, bone, centre, turn, radii, projection, valid, begins, runs, values, powers, heights,
+    levels, limit, depth_scaled, step, weight, want_system, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns (cost, area, overlap).
 
     The returned cost leaves out ½ weight ΣZ², which does not depend on the pose. area: pixels that the model covers,
-    overlap: −ΣZ over them. window: (width, x0, y0, origin) of `sums`; levels: (E, 2) outer level t and factor s.
+    overlap: −ΣZ over them. begins, runs, values: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
+    factor s. step: of so many rows one is looked at, which stands for all.
     """
-    count, height, width = bone.shape[0], valid.shape[0], window[0]
+    count, height, width = bone.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
     ellipses = np.zeros((count + 2, ELLIPSE))
     project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
     moments = np.zeros((count + 2, MOMENTS))
-    _sum_rows(ellipses, levels, limit, valid, sums, window, powers, heights, moments)
+    _sum_rows(ellipses, levels, limit, step, valid, begins, runs, values, powers, heights, moments)
+    weight *= step
     area, overlap = 0.0, 0.0
     for k in range(1, count + 2):
         area += moments[k, 0]
@@ -75,7 +90,7 @@ def camera_system(
     for e in range(count):
         if moments[e + 1, 0] == 0.0:
             continue
-        _unpack(moments[e + 1], ellipses[e, ORIGIN_U] - window[3], m, z)
+        _unpack(moments[e + 1], m, z)
         conic_of(ellipses[e], levels[e, 0], c)
         for i in range(6):
             mc[i] = 0.0
@@ -94,34 +109,51 @@ def camera_system(
                 work,
             )
             _add_block(work, m, mc, z, weight, 6 * bone[e], gradient, hessian)
-    return weight * cost, area, overlap
+    return weight * cost, step * area, step * overlap
+
+
+@TermKernel
+def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
+    """½ weight Σ (P − Z)² of one camera; the table is made by `FieldTerm.tables`."""
+    scalars = array1(term, 12, np.float64)
+    part, _, _ = camera_system(
+        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
+        array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
+        array2(term, 4, np.float64), array2(term, 5, np.int32), array1(term, 6, np.int64), array2(term, 7, np.int64),
+        array1(term, 8, np.float64), array2(term, 9, np.float64), array2(term, 10, np.float64),
+        array2(term, 11, np.float64), scalars[0],
+        scalars[1] != 0.0, np.int64(scalars[4]), scalars[2], width > 0, array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
+    )  # fmt: skip
+    return max(part + 0.5 * scalars[2] * scalars[3], 0.0)
 
 
 @numba.njit(cache=True, nogil=True)
 def _sum_rows(
-    ellipses, levels, limit, valid, sums, window, powers, heights, moments
+    ellipses, levels, limit, step, valid, begins, seen, values, powers, heights, moments
 ):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
-    count, height, width = levels.shape[0], valid.shape[0], window[0]
+    count, height, width = levels.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
     lines = np.empty((count, LINE))
     first, last = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    start = np.zeros(height + 1, np.int64)
-    for e in range(count):  # which rows each ellipse reaches, and what its spans need
+    looked_at = (height - step // 2 + step - 1) // step  # rows step // 2, step // 2 + step, …
+    start = np.zeros(looked_at + 1, np.int64)
+    for e in range(count):  # which of them each ellipse reaches, and what its spans need
         if ellipses[e, SCALE] == 0.0:
             continue
         _row_line(ellipses[e], levels[e, 0], lines[e])
         reach = np.sqrt((1.0 + levels[e, 0]) * ellipses[e, S22])
-        first[e] = np.int64(min(max(np.ceil(lines[e, MIDDLE_V] - reach), 0.0), float(height)))
-        last[e] = np.int64(min(max(np.floor(lines[e, MIDDLE_V] + reach) + 1.0, 0.0), float(height)))
-        for v in range(first[e], last[e]):
-            start[v + 1] += 1
-    for v in range(height):
-        start[v + 1] += start[v]
-    items, filled = np.empty(start[height], np.int64), start.copy()
+        middle = lines[e, MIDDLE_V] - step // 2
+        first[e] = np.int64(min(max(np.ceil((middle - reach) / step), 0.0), float(looked_at)))
+        last[e] = np.int64(min(max(np.floor((middle + reach) / step) + 1.0, 0.0), float(looked_at)))
+        for row in range(first[e], last[e]):
+            start[row + 1] += 1
+    for row in range(looked_at):
+        start[row + 1] += start[row]
+    items, filled = np.empty(start[looked_at], np.int64), start.copy()
     for e in range(count):
-        for v in range(first[e], last[e]):
-            items[filled[v]] = e
-            filled[v] += 1
+        for row in range(first[e], last[e]):
+            items[filled[row]] = e
+            filled[row] += 1
     origins = np.zeros((count + 2, 2), np.int64)  # in the numbering of `moments`
     for e in range(count):
         origins[e + 1, 0] = np.int64(ellipses[e, ORIGIN_U])
@@ -131,27 +163,30 @@ def _sum_rows(
         (-memory.ctypes.data // 8) % BLOCK :
     ]  # blocks that straddle two cache lines cost more
     starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
-    rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
-    for v in range(height):
-        if start[v] == start[v + 1]:
+    for row in range(looked_at):
+        if start[row] == start[row + 1]:
             continue
+        v = step // 2 + step * row
         low, high = _paint_row(
-            v, items[start[v] : start[v + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer
+            v, items[start[row] : start[row + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer
         )
         if low >= high:
             continue
         runs = find_runs(buffer, low, high, starts)
-        row = v - window[2] + 1
-        if row < 0 or row > rows:
-            row = 0
-        left, za = low, min(max(low - window[1], 0), columns)
+        left, piece, pieces = low, begins[v], begins[v + 1]
         for n in range(runs):
             right = starts[n + 1]
-            zb = min(max(right - window[1], 0), columns)
             k = number_at(buffer, left)
             u0, y = width - origins[k, 0], v + height - origins[k, 1]
-            add_run(moments, k, powers, left + u0, right + u0, heights, y, sums, row, za, zb)
-            left, za = right, zb
+            add_run(moments, k, powers, left + u0, right + u0, heights, y)
+            while piece < pieces and seen[piece, 0] < right:
+                a, b = max(left, seen[piece, 0]), min(right, seen[piece, 1])
+                if a < b:
+                    add_seen(moments, k, powers, a + u0, b + u0, heights, y, values[piece])
+                if seen[piece, 1] > right:
+                    break
+                piece += 1
+            left = right
         clear(buffer, low, high)
 
 
@@ -185,8 +220,8 @@ def _paint_row(v, items, lines, limit, begin, end, buffer):  # pragma: no cover 
 
 
 @numba.njit(cache=True, nogil=True)
-def _unpack(n, shift, m, z):  # pragma: no cover - compiled
-    """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums; Z's are `shift` columns off in x."""
+def _unpack(n, m, z):  # pragma: no cover - compiled
+    """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums."""
     m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = (
         n[4],
         2 * n[8],
@@ -209,12 +244,8 @@ def _unpack(n, shift, m, z):  # pragma: no cover - compiled
     for i in range(1, 6):
         for j in range(i):
             m[i, j] = m[j, i]
-    z[0] = n[18] - 2.0 * shift * n[17] + shift * shift * n[16]
-    z[1] = 2.0 * (n[20] - shift * n[19])
-    z[2] = n[21]
-    z[3] = 2.0 * (n[17] - shift * n[16])
-    z[4] = 2.0 * n[19]
-    z[5] = n[16]
+    z[0], z[1], z[2] = n[18], 2.0 * n[20], n[21]
+    z[3], z[4], z[5] = 2.0 * n[17], 2.0 * n[19], n[16]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -245,59 +276,46 @@ def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cov
 
 
 @numba.njit(cache=True, nogil=True)
-def window_of(image, valid):  # pragma: no cover - compiled
-    """Return (x0, x1, y0, y1), half open, around the pixels that are not 0, in rows that are observed."""
+def count_runs(image, begins):  # pragma: no cover - compiled
+    """Fill begins (H + 1,): how many runs of one value other than 0 the rows above have; returns how many there are."""
     height, width = image.shape
-    x0, x1, y0, y1 = width, 0, height, 0
+    begins[0] = 0
     for v in range(height):
-        if valid[v, 1] <= valid[v, 0]:
-            continue
-        filled = 0
-        for u in range(width):
-            filled += image[v, u] != 0
-        if filled == 0:
-            continue
-        y0, y1 = min(y0, v), v + 1
-        u = 0
-        while u < x0 and image[v, u] == 0:
-            u += 1
-        x0 = min(x0, u)
-        u = width
-        while u > x1 and image[v, u - 1] == 0:
-            u -= 1
-        x1 = max(x1, u)
-    if y0 >= y1:
-        return 0, 0, 0, 0
-    return x0, x1, y0, y1
+        found = np.int64(image[v, 0] != 0)
+        for u in range(1, width):
+            found += (image[v, u] != image[v, u - 1]) & (image[v, u] != 0)
+        begins[v + 1] = begins[v] + found
+    return begins[height]
 
 
 @numba.njit(cache=True, nogil=True)
-def prefix_sums(image, sign, valid, x0, y0, origin, sums):  # pragma: no cover - compiled
-    """Fill sums (rows + 1, columns + 1, 4) with Σ Z (1, x, x², 0), x = u − origin, of the pixels left of each one.
+def fill_runs(image, sign, valid, begins, runs, values, energy):  # pragma: no cover - compiled
+    """Fill runs (K, 2), columns [begin, end), values (K,), sign · image, and each row's ΣZ² (H,). Returns −ΣZ.
 
-    Z = sign · image; the window starts at column x0 and row y0; row 0 and column 0 are 0. Returns ΣZ² and −ΣZ of
-    the observed pixels.
+    Both sums are of observed pixels.
     """
-    energy, area = 0.0, 0.0
-    columns = sums.shape[1] - 1
-    sums[0] = 0.0
-    for row in range(1, sums.shape[0]):
-        v = y0 + row - 1
-        a, b, c = 0.0, 0.0, 0.0
-        sums[row, 0] = 0.0
-        for k in range(columns):
-            z = sign * image[v, x0 + k]
-            x = float(x0 + k - origin)
-            a += z
-            b += z * x
-            c += z * x * x
-            sums[row, k + 1, 0] = a
-            sums[row, k + 1, 1] = b
-            sums[row, k + 1, 2] = c
-            sums[row, k + 1, 3] = 0.0
-        begin, end = max(valid[v, 0] - x0, 0), min(valid[v, 1] - x0, columns)
-        if begin < end:
-            area += sums[row, begin, 0] - sums[row, end, 0]
-            for k in range(begin, end):
-                energy += np.float64(image[v, x0 + k]) ** 2
-    return energy, area
+    height, width = image.shape
+    energy[:] = 0.0
+    area = 0.0
+    for v in range(height):
+        if begins[v] == begins[v + 1]:
+            continue
+        k, before = begins[v], np.float64(0.0)
+        for u in range(width):
+            z = np.float64(image[v, u])
+            if z == before:
+                continue
+            if before != 0.0:
+                runs[k - 1, 1] = u
+            if z != 0.0:
+                runs[k, 0], values[k] = u, sign * z
+                k += 1
+            before = z
+        if before != 0.0:
+            runs[k - 1, 1] = width
+        for n in range(begins[v], begins[v + 1]):
+            seen = min(runs[n, 1], valid[v, 1]) - max(runs[n, 0], valid[v, 0])
+            if seen > 0:
+                energy[v] += seen * values[n] * values[n]
+                area -= seen * values[n]
+    return area

@@ -11,7 +11,7 @@ from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import inherited_information
 from handtrack.solver.problem import Problem
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.result import FrameResult, Status
 
 _SPAN = 4  # frames; an older motion says nothing about the next one

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief

@@ -12,7 +12,7 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 

@@ -16,7 +16,7 @@ from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses import mixture

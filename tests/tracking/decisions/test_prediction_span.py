@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.solver.problem import Problem
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.prediction import inheriting_doubt, predict
 from handtrack.tracking.frame.result import Status
 

@@ -15,9 +15,8 @@ from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
-from handtrack.terms.clouds.cloud_loss import UniformOutliers
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.loss import GemanMcClure, Loss
+from handtrack.terms.loss import GemanMcClure, Loss, UniformOutliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.settings import TrackerSettings
 

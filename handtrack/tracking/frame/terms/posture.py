@@ -6,7 +6,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.terms.priors import LinearPrior
+from handtrack.terms.priors.priors import LinearPrior
 
 # (parameter, ratio, other, sigma in degrees): parameter ≈ ratio · other. The last two joints of a finger share
 # a tendon (2/3: the 2004 paper; Lin, Wu & Huang 2000). Neighbouring fingers move each other, index and thumb

@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.loss import Loss
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.frame.terms.posture import posture_prior

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 

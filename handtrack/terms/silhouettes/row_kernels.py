@@ -141,38 +141,44 @@ def number_at(typing, buffer, u):
 
 
 @intrinsic
-def _add_sums(typing, moments, k, powers, a, b, heights, y, sums, za, zb):
-    """moments[k:] += the powers of x between a and b, and the observation between za and zb, times powers of y.
-
-    All places are flat indices.
-    """
-    signature = types.void(moments, k, powers, a, b, heights, y, sums, za, zb)
+def _add_powers(typing, moments, k, powers, a, b, heights, y):
+    """moments[k:] += the powers of x between a and b times powers of y. All places are flat indices."""
+    signature = types.void(moments, k, powers, a, b, heights, y)
 
     def generate(context, builder, signature, values):
-        m_type, p_type, h_type, s_type = (signature.args[i] for i in (0, 2, 5, 7))
-        out, at, power, left, right, height, row, total, z_left, z_right = values
-
-        def add(shift, x):
-            place = builder.add(at, ir.Constant(_LONG, shift))
-            factor_at = builder.add(row, ir.Constant(_LONG, shift))
-            factor = _load(context, builder, h_type, height, factor_at)
-            old = _load(context, builder, m_type, out, place)
-            _store(context, builder, _fused(builder, factor, x, old), m_type, out, place)
-
-        x = builder.fsub(
-            _load(context, builder, p_type, power, right),
-            _load(context, builder, p_type, power, left),
-        )
-        add(0, _pick(builder, x, [0, 1, 2, 3, 4, 0, 1, 2]))
-        add(8, _pick(builder, x, [3, 0, 1, 2, 0, 1, 0, 5]))
-        four = ir.VectorType(_DOUBLE, 4)
-        z = builder.fsub(
-            _load(context, builder, s_type, total, z_right, four),
-            _load(context, builder, s_type, total, z_left, four),
-        )
-        add(16, _pick(builder, z, [0, 1, 2, 0, 1, 0, 3, 3]))
+        x = _powers_between(context, builder, signature.args[2], *values[2:5])
+        for shift, lanes in ((0, [0, 1, 2, 3, 4, 0, 1, 2]), (8, [3, 0, 1, 2, 0, 1, 0, 5])):
+            _add_scaled(context, builder, signature, values, shift, _pick(builder, x, lanes))
 
     return signature, generate
+
+
+@intrinsic
+def _add_seen(typing, moments, k, powers, a, b, heights, y, value):
+    """The same for an observation that is `value` all along: Z x^i y^j, from moments[k + 16] on."""
+    signature = types.void(moments, k, powers, a, b, heights, y, value)
+
+    def generate(context, builder, signature, values):
+        x = _powers_between(context, builder, signature.args[2], *values[2:5])
+        seen = builder.fmul(_pick(builder, x, [0, 1, 2, 0, 1, 0, 5, 5]), _splat(builder, values[7]))
+        _add_scaled(context, builder, signature, values, 16, seen)
+
+    return signature, generate
+
+
+def _powers_between(context, builder, array_type, powers, a, b):
+    right, left = (_load(context, builder, array_type, powers, at) for at in (b, a))
+    return builder.fsub(right, left)
+
+
+def _add_scaled(context, builder, signature, values, shift, x):
+    """moments[k + shift:] += heights[y + shift:] · x"""
+    out, at, height, row = values[0], values[1], values[5], values[6]
+    place = builder.add(at, ir.Constant(_LONG, shift))
+    factor_at = builder.add(row, ir.Constant(_LONG, shift))
+    factor = _load(context, builder, signature.args[5], height, factor_at)
+    old = _load(context, builder, signature.args[0], out, place)
+    _store(context, builder, _fused(builder, factor, x, old), signature.args[0], out, place)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -205,9 +211,12 @@ def clear(buffer, lo, hi):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def add_run(moments, k, powers, a, b, heights, y, sums, row, za, zb):  # pragma: no cover - compiled
-    """Add to moments[k] a run: rows a and b of `powers`, row y of `heights`, columns za and zb of a row of `sums`."""
-    line = row * sums.shape[1]
-    _add_sums(
-        moments, k * MOMENTS, powers, a * 8, b * 8, heights, y * MOMENTS, sums, (line + za) * 4, (line + zb) * 4
-    )  # fmt: skip
+def add_run(moments, k, powers, a, b, heights, y):  # pragma: no cover - compiled
+    """Add to moments[k] a run: rows a and b of `powers`, row y of `heights`."""
+    _add_powers(moments, k * MOMENTS, powers, a * 8, b * 8, heights, y * MOMENTS)
+
+
+@numba.njit(cache=True, nogil=True)
+def add_seen(moments, k, powers, a, b, heights, y, value):  # pragma: no cover - compiled
+    """Add to moments[k] a piece of a run over which the observation is `value`."""
+    _add_seen(moments, k * MOMENTS, powers, a * 8, b * 8, heights, y * MOMENTS, value)

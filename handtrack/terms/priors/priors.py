@@ -8,7 +8,13 @@ import numpy as np
 
 from handtrack.arrays import Floats, K, S
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.loss import Loss, Quadratic, compiled_loss
+from handtrack.terms.priors.prior_kernels import (
+    correlated_kernel,
+    independent_kernel,
+    linear_kernel,
+)
+from handtrack.terms.term_table import TermTable
 
 
 @dataclass(frozen=True)
@@ -29,6 +35,9 @@ class GaussianPrior:
         information = 1.0 / self.sigma**2
         gradient = information * (joint_params - self.mean)
         return JointSystem(self.cost(joint_params), gradient, np.diag(information))
+
+    def tables(self) -> list[TermTable]:
+        return [TermTable(independent_kernel, self.mean, self.sigma)]
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,10 @@ class LinearPrior:
         pull = self.weight * self.rows.T * self.loss.weight(residual**2)
         return JointSystem(self.cost(joint_params), pull @ residual, pull @ self.rows)
 
+    def tables(self) -> list[TermTable]:
+        kind, scale = compiled_loss(self.loss, self.name)
+        return [TermTable(linear_kernel, self.rows, np.array([kind, scale, self.weight]))]
+
 
 @dataclass(frozen=True)
 class CorrelatedPrior:
@@ -72,3 +85,6 @@ class CorrelatedPrior:
     def linearize(self, joint_params: Floats[S]) -> JointSystem:
         gradient = self.information @ (joint_params - self.mean)
         return JointSystem(self.cost(joint_params), gradient, self.information)
+
+    def tables(self) -> list[TermTable]:
+        return [TermTable(correlated_kernel, self.mean, self.information)]
