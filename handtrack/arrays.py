@@ -1,21 +1,44 @@
-"""Type names for arrays with shapes in words, and a check of shapes where arrays enter."""
+"""Types of arrays, which say their axes (`Floats[N, D3]`), and a check of shapes where arrays enter."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias, TypeVarTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from handtrack.errors import HandtrackError
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
-Bytes = NDArray[np.uint8]
-Array = NDArray[Any]
+Shape = TypeVarTuple("Shape")
+Floats = np.ndarray[tuple[*Shape], np.dtype[np.floating[Any]]]  # pyright: ignore[reportInvalidTypeArguments]
+Ints = np.ndarray[tuple[*Shape], np.dtype[np.integer[Any]]]  # pyright: ignore[reportInvalidTypeArguments]
+Bytes = np.ndarray[tuple[*Shape], np.dtype[np.uint8]]  # pyright: ignore[reportInvalidTypeArguments]
+Array = np.ndarray[tuple[*Shape], np.dtype[Any]]  # pyright: ignore[reportInvalidTypeArguments]
+"""of any kind: booleans, bytes or floats, words"""
+
+# An axis is a letter. For the type checker each is a number, so that it counts axes; in one signature, or one dataclass,
+# equal letters are equal lengths.
+Axis: TypeAlias = int
+Axes: TypeAlias = tuple[Any, ...]
+"""`*Axes`: any axes, or none"""
+P = S = Axis
+"""solver parameters, joint parameters"""
+B = J = E = Axis
+"""bones, joints, ellipsoids"""
+V = T = Axis
+"""vertices and triangles of a mesh"""
+C = F = H = W = Axis
+"""cameras; frames; rows and columns of an image"""
+X = Y = Z = Axis
+"""cells of a grid in space"""
+K = L = M = N = Q = R = Axis
+"""as many as there are: N points, rows or poses, M others"""
+B6 = P2 = Axis
+"""6 B: a twist a bone; 2 P: places and velocities"""
+D2 = D3 = D4 = D5 = D6 = D7 = D8 = D9 = D16 = D21 = D24 = Axis
+"""just so many: D3 are x, y, z; D21 the keypoints of a hand"""
 
 
-def check_shape(array: Array, shape: tuple[int | None, ...], name: str) -> None:
+def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -> None:
     """Raise HandtrackError unless `array` has `shape`; None stands for any length."""
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)

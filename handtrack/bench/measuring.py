@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Axes, Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -71,19 +71,19 @@ def tracked(
     model: ArticulatedModel,
     settings: Mapping[str, object],
     seen: Sequence[Observation],
-    start: Floats,
+    start: Floats[P],
 ) -> list[FrameResult]:
-    """Return frames 0, 1, … tracked from solver parameters (P,) on, with settings that differ from the defaults."""
+    """Return frames 0, 1, … tracked from solver parameters on, with settings that differ from the defaults."""
     tracker = Tracker(model, TrackerSettings().with_values(settings))
     return list(track_frames(tracker, lambda frame, *_: seen[frame], 0, start, range(len(seen))))
 
 
-def mean_mm(found: Floats, true: Floats) -> float:
-    """Return the mean distance between points (..., 3) [m], in mm."""
+def mean_mm(found: Floats[*Axes, D3], true: Floats[*Axes, D3]) -> float:
+    """Return the mean distance between points [m], in mm."""
     return 1e3 * float(np.linalg.norm(found - true, axis=-1).mean())
 
 
-def joint_error_mm(model: ArticulatedModel, params: Floats, truth: Floats) -> float:
-    """Return the mean distance of all joints and fingertips between two poses (P,) [mm]."""
+def joint_error_mm(model: ArticulatedModel, params: Floats[P], truth: Floats[P]) -> float:
+    """Return the mean distance of all joints and fingertips between two poses [mm]."""
     found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
     return mean_mm(found, true)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.result import Status, TrackResult
@@ -22,16 +22,16 @@ class TruthLike(Protocol):
     """What is needed of ground truth; session.truth.Truth is one."""
 
     @property
-    def frame(self) -> Ints: ...
+    def frame(self) -> Ints[F]: ...
 
     @property
-    def keypoints21(self) -> Floats | None: ...
+    def keypoints21(self) -> Floats[F, D21, D3] | None: ...
 
     @property
     def joint_names(self) -> Sequence[str]: ...
 
     @property
-    def joint_positions(self) -> Floats | None: ...
+    def joint_positions(self) -> Floats[F, J, D3] | None: ...
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
     }
 
 
-def similarity(points: Floats, target: Floats) -> Floats:
-    """Return points (N, 3) moved, turned and scaled to fit target (N, 3) best (Umeyama 1991)."""
+def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
+    """Return points moved, turned and scaled to fit target best (Umeyama 1991)."""
     centre, goal = points.mean(axis=0), target.mean(axis=0)
     a, b = points - centre, target - goal
     u, s, vt = np.linalg.svd(a.T @ b)

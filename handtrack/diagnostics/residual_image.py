@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D2, D3, Array, Bytes, E, Floats, H, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
@@ -23,11 +23,14 @@ OUTLINE = (255, 194, 10)
 
 
 def field_image(
-    camera: Camera, flesh: PosedEllipsoids, levels: Floats | None = None, depth_scaled: bool = False
-) -> Floats:
-    """Return the lowest field (H, W), 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
+    camera: Camera,
+    flesh: PosedEllipsoids,
+    levels: Floats[E, D2] | None = None,
+    depth_scaled: bool = False,
+) -> Floats[H, W]:
+    """Return the lowest field, 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
 
-    levels: (E, 2) t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
+    levels: t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
     """
     width, height = camera.size
     image = np.zeros((height, width))
@@ -54,13 +57,15 @@ def field_image(
     return image
 
 
-def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array:
-    """Return (H, W) True where the undistorted camera sees the model."""
+def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array[H, W]:
+    """Return True where the undistorted camera sees the model."""
     return field_image(camera, flesh) < 0
 
 
-def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses) -> Floats:
-    """Return P (H, W) of a term's silhouette number `index`."""
+def predicted_image(
+    term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses
+) -> Floats[H, W]:
+    """Return P of a term's silhouette number `index`."""
     flesh, shape = term.ellipsoids.posed(bones), term.shape
     image = field_image(
         term.silhouettes[index].camera, flesh, shape.levels[index], shape.depth_scaled
@@ -68,36 +73,40 @@ def predicted_image(term: ConicFieldTerm | CoverageTerm, index: int, bones: Bone
     return np.maximum(image, -shape.limit)
 
 
-def residual_image(predicted: Floats, mask: Array) -> Floats:
-    """Return P − Z (H, W) for Z = −mask: negative where only the model is, positive where only the mask is."""
+def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:
+    """Return P − Z for Z = −mask: negative where only the model is, positive where only the mask is."""
     return predicted + mask
 
 
-def residual_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids, mask: Array) -> Bytes:
-    """Return the picture (H, W, 3) RGB with the disagreement of hard outline and mask (H, W) painted over it."""
+def residual_picture(
+    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, mask: Array[H, W]
+) -> Bytes[H, W, D3]:
+    """Return the picture RGB with the disagreement of hard outline and mask painted over it."""
     residual = mask - model_mask(camera, flesh).astype(float)
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
     return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
 
 
-def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats]:
-    """Return the model's outlines, holes too, each (N, 2) pixels of the undistorted camera."""
+def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats[N, D2]]:
+    """Return the model's outlines, holes too, in pixels of the undistorted camera."""
     mask = model_mask(camera, flesh).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [np.asarray(line, dtype=float).reshape(-1, 2) for line in found]
 
 
-def outline_picture(image: Bytes, camera: Camera, flesh: PosedEllipsoids) -> Bytes:
-    """Return the picture (H, W, 3) RGB with the model's outline drawn over it."""
+def outline_picture(
+    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids
+) -> Bytes[H, W, D3]:
+    """Return the picture RGB with the model's outline drawn over it."""
     picture = np.ascontiguousarray(image).copy()
     lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, flesh)]
     cv2.polylines(picture, lines, True, OUTLINE, 1, cv2.LINE_AA)
     return picture
 
 
-def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes:
-    """Return the normalised field as a picture (H, W, 3) RGB, dark outside, brightest at the ellipses' centres."""
+def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes[H, W, D3]:
+    """Return the normalised field as a picture RGB, dark outside, brightest at the ellipses' centres."""
     depth = np.rint(-255 * field_image(camera, flesh)).astype(np.uint8)
     colors = cv2.applyColorMap(depth, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     return np.where(depth[..., None] > 0, colors, 24).astype(np.uint8)

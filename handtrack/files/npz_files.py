@@ -8,14 +8,14 @@ from typing import IO
 
 import numpy as np
 
-from handtrack.arrays import Array
+from handtrack.arrays import Array, Axes
 from handtrack.errors import HandtrackError
 
 _MOST_BYTES = 2 << 30  # of one array: ninety million points, seven hours of tracked frames
 _ENDING = ".npy"
 
 
-def read_arrays(path: Path) -> dict[str, Array]:
+def read_arrays(path: Path) -> dict[str, Array[*Axes]]:
     """Return the arrays of an .npz by their names. Raises HandtrackError for whatever is no .npz of plain arrays."""
     try:
         with zipfile.ZipFile(path) as archive:

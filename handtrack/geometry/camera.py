@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, D3, D4, Axes, Floats, K
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 
@@ -30,14 +30,14 @@ class Camera:
     name: str
     size: tuple[int, int]
     """width, height [px]."""
-    matrix: Floats
-    """(3, 3) [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
-    distortions: Floats
+    matrix: Floats[D3, D3]
+    """[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    distortions: Floats[K]
     """(4, 5, 8, 12 or 14,) in OpenCV's order: k1 k2 p1 p2 k3 ..."""
-    rotation: Floats
-    """(3, 3) R_camera_world."""
-    translation: Floats
-    """(3,) [m], the world's origin in the camera frame."""
+    rotation: Floats[D3, D3]
+    """R_camera_world."""
+    translation: Floats[D3]
+    """[m], the world's origin in the camera frame."""
 
     def __post_init__(self) -> None:
         for name in ("matrix", "distortions", "rotation", "translation"):
@@ -48,13 +48,13 @@ class Camera:
         _check(self)
 
     @cached_property
-    def centre(self) -> Floats:
-        """(3,) the camera's position, world [m]."""
+    def centre(self) -> Floats[D3]:
+        """The camera's position, world [m]."""
         return -self.rotation.T @ self.translation
 
     @cached_property
-    def projection(self) -> Floats:
-        """(3, 4) K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
+    def projection(self) -> Floats[D3, D4]:
+        """K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
         return self.matrix @ np.column_stack([self.rotation, self.translation])
 
     @property
@@ -62,8 +62,8 @@ class Camera:
         """Whether any distortion coefficient differs from zero."""
         return bool(np.any(self.distortions))
 
-    def to_camera(self, points: Floats) -> Floats:
-        """Return world points (..., 3) [m] in the camera frame (..., 3) [m]."""
+    def to_camera(self, points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
+        """Return world points [m] in the camera frame [m]."""
         return np.asarray(points, dtype=float) @ self.rotation.T + self.translation
 
     @property
@@ -71,12 +71,12 @@ class Camera:
         """The focal length [px], the mean of both directions."""
         return 0.5 * float(self.matrix[0, 0] + self.matrix[1, 1])
 
-    def pixels_per_m(self, depth: Floats | float) -> Floats:
+    def pixels_per_m(self, depth: Floats[*Axes] | float) -> Floats[*Axes]:
         """Return how many pixels a metre is at depths [m] of any shape; what is nearer than 5 cm, or behind, counts as 5 cm."""
         return self.focal_px / np.maximum(np.asarray(depth, float), _LEAST_DEPTH_M)
 
-    def project(self, points_world: Floats) -> Floats:
-        """Return the pixels (..., 2) of world points (..., 3) [m], with distortion.
+    def project(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2]:
+        """Return the pixels of world points [m], with distortion.
 
         NaN behind the camera, and beyond the field in which the lens's polynomial is valid.
         """
@@ -91,19 +91,17 @@ class Camera:
         """Return the camera with the same matrix, pose and size, and no distortion."""
         return replace(self, distortions=np.zeros(5))
 
-    def undistort_points(self, pixels: Floats) -> Floats:
-        """Return pixels (..., 2) of the undistorted camera; NaN where the lens cannot have put
-        them."""
+    def undistort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
+        """Return pixels of the undistorted camera; NaN where the lens cannot have put them."""
         return self._pixels(undistort(self._directions(pixels), self.distortions))
 
-    def distort_points(self, pixels: Floats) -> Floats:
-        """Return where pixels (..., 2) of the undistorted camera lie in the real image; NaN beyond
+    def distort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
+        """Return where pixels of the undistorted camera lie in the real image; NaN beyond
         the lens's field."""
         return self._pixels(distort(self._directions(pixels), self.distortions))
 
-    def project_jacobian(self, points_world: Floats) -> Floats:
-        """Return d pixel / d point (..., 2, 3) [px/m] of the undistorted pinhole at world points
-        (..., 3) [m]."""
+    def project_jacobian(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2, D3]:
+        """Return d pixel / d point [px/m] of the undistorted pinhole at world points [m]."""
         x, y, z = np.moveaxis(self.to_camera(points_world), -1, 0)
         zero, one = np.zeros_like(x), np.ones_like(x)
         across = np.stack(
@@ -112,9 +110,8 @@ class Camera:
         focal = np.diag(self.matrix)[:2, None]
         return focal * across / z[..., None, None] @ self.rotation
 
-    def rays(self, pixels: Floats) -> Floats:
-        """Return unit directions (..., 3), world, of viewing rays through pixels (..., 2) of the
-        real image."""
+    def rays(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D3]:
+        """Return unit directions, world, of viewing rays through pixels of the real image."""
         flat = undistort(self._directions(pixels), self.distortions)
         directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

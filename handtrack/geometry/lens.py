@@ -11,15 +11,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, Axes, Floats, K
 
 COEFFICIENT_COUNTS = (4, 5, 8, 12, 14)
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-9  # in normalised units: below a millionth of a pixel
 
 
-def distort(directions: Floats, coefficients: Floats) -> Floats:
-    """Return where the lens puts straight directions (..., 2); NaN beyond the lens's field."""
+def distort(directions: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes, D2]:
+    """Return where the lens puts straight directions; NaN beyond the lens's field."""
     directions = np.asarray(directions, dtype=float)
     if not np.any(coefficients):
         return directions.copy()
@@ -29,9 +29,8 @@ def distort(directions: Floats, coefficients: Floats) -> Floats:
     return np.where((radius <= field_radius(coefficients))[..., None], bent, np.nan)
 
 
-def undistort(bent: Floats, coefficients: Floats) -> Floats:
-    """Return the straight directions (..., 2) of distorted ones, by Newton's method; NaN where
-    there is none."""
+def undistort(bent: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes, D2]:
+    """Return the straight directions of distorted ones, by Newton's method; NaN where there is none."""
     bent = np.asarray(bent, dtype=float)
     if not np.any(coefficients):
         return bent.copy()
@@ -50,9 +49,8 @@ def undistort(bent: Floats, coefficients: Floats) -> Floats:
     return np.where(good[..., None], straight, np.nan)
 
 
-def field_radius(coefficients: Floats) -> float:
-    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if
-    always."""
+def field_radius(coefficients: Floats[K]) -> float:
+    """Return the radius |(x/z, y/z)| up to which the radial polynomial still increases; inf if always."""
     return _field_radius(tuple(float(c) for c in coefficients))
 
 

@@ -7,33 +7,39 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, D3, D4, Array, Axes, E, Floats
 
 
-def shape_matrix(rotation: Floats, radii: Floats) -> Floats:
-    """Return D = R diag(r²) Rᵀ (..., 3, 3) of axes (..., 3, 3) and semi-axes (..., 3) [m]."""
+def shape_matrix(
+    rotation: Floats[*Axes, D3, D3], radii: Floats[*Axes, D3]
+) -> Floats[*Axes, D3, D3]:
+    """Return D = R diag(r²) Rᵀ of axes and semi-axes [m]."""
     return (rotation * radii[..., None, :] ** 2) @ np.swapaxes(rotation, -1, -2)
 
 
-def dual_conic(projection: Floats, centre: Floats, shape: Floats) -> Floats:
-    """Return C* = G D Gᵀ − p pᵀ (E, 3, 3) with p = G c + h; eq. 15.
+def dual_conic(
+    projection: Floats[D3, D4], centre: Floats[E, D3], shape: Floats[E, D3, D3]
+) -> Floats[E, D3, D3]:
+    """Return C* = G D Gᵀ − p pᵀ with p = G c + h; eq. 15.
 
-    projection: (3, 4) = [G|h]; centre: (E, 3), shape D: (E, 3, 3), world [m].
+    projection: [G|h]; centre, shape D: world [m].
     """
     g, h = projection[:, :3], projection[:, 3]
     p = centre @ g.T + h
     return g @ shape @ g.T - p[:, :, None] * p[:, None, :]
 
 
-def is_ellipse(projection: Floats, centre: Floats, shape: Floats) -> Array:
-    """Return (E,) True where the ellipsoid lies wholly before the camera's plane, so that it shows as an ellipse."""
+def is_ellipse(
+    projection: Floats[D3, D4], centre: Floats[E, D3], shape: Floats[E, D3, D3]
+) -> Array[E]:
+    """Return True where the ellipsoid lies wholly before the camera's plane, so that it shows as an ellipse."""
     depth = centre @ projection[2, :3] + projection[2, 3]
     reach = np.einsum("i,eij,j->e", projection[2, :3], shape, projection[2, :3])
     return (depth > 0) & (depth**2 - reach > 1e-6 * depth**2)
 
 
-def ellipse(dual: Floats) -> tuple[Floats, Floats]:
-    """Return centres m (E, 2) and shapes S (E, 2, 2) of dual conics (E, 3, 3): (x − m)ᵀ S⁻¹ (x − m) = 1 on the outline."""
+def ellipse(dual: Floats[E, D3, D3]) -> tuple[Floats[E, D2], Floats[E, D2, D2]]:
+    """Return centres m and shapes S of dual conics: (x − m)ᵀ S⁻¹ (x − m) = 1 on the outline."""
     scaled = dual / dual[:, 2:, 2:]
     centre = scaled[:, :2, 2]
     return centre, centre[:, :, None] * centre[:, None, :] - scaled[:, :2, :2]

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D4, Axes, Floats
 
 _SERIES_BELOW = 1e-4  # [rad]; the dropped terms are below 1e-17 there
 
 
-def skew(vector: Floats) -> Floats:
-    """Return the matrix [v] with [v] a = v × a. vector: (..., 3) → (..., 3, 3)."""
+def skew(vector: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
+    """Return the matrix [v] with [v] a = v × a."""
     vector = np.asarray(vector, dtype=float)
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
@@ -23,8 +23,8 @@ def skew(vector: Floats) -> Floats:
     return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
 
 
-def rotation_matrix(rotvec: Floats) -> Floats:
-    """Return the matrices of rotation vectors. rotvec: (..., 3) [rad] → (..., 3, 3)."""
+def rotation_matrix(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
+    """Return the matrices of rotation vectors [rad]."""
     rotvec = np.asarray(rotvec, dtype=float)
     angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = angle < _SERIES_BELOW
@@ -35,17 +35,17 @@ def rotation_matrix(rotvec: Floats) -> Floats:
     return np.eye(3) + a * cross + b * (cross @ cross)
 
 
-def rotation_vector(matrix: Floats) -> Floats:
-    """Return the rotation vectors, angle in [0, π], of rotation matrices (..., 3, 3) → (..., 3)."""
+def rotation_vector(matrix: Floats[*Axes, D3, D3]) -> Floats[*Axes, D3]:
+    """Return the rotation vectors, angle in [0, π], of rotation matrices."""
     matrix = np.asarray(matrix, dtype=float)
     flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*matrix.shape[:-2], 3)
 
 
-def left_jacobian(rotvec: Floats) -> Floats:
+def left_jacobian(rotvec: Floats[D3]) -> Floats[D3, D3]:
     """Return J with: rotvec + δ turns like exp(J δ) · exp(rotvec), to first order in δ.
 
-    rotvec: (3,) [rad] → (3, 3). Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
+    rotvec: [rad]. Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
     """
     angle = float(np.linalg.norm(rotvec))
     cross = skew(rotvec)
@@ -56,22 +56,22 @@ def left_jacobian(rotvec: Floats) -> Floats:
     return np.eye(3) + a * cross + b * (cross @ cross)
 
 
-def quaternion_wxyz(matrix: Floats) -> Floats:
-    """Return unit quaternions (w, x, y, z) of rotation matrices (..., 3, 3) → (..., 4)."""
+def quaternion_wxyz(matrix: Floats[*Axes, D3, D3]) -> Floats[*Axes, D4]:
+    """Return unit quaternions (w, x, y, z) of rotation matrices."""
     matrix = np.asarray(matrix, dtype=float)
     xyzw = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat()
     return np.roll(xyzw, 1, axis=-1).reshape(*matrix.shape[:-2], 4)
 
 
-def matrix_from_quaternion(wxyz: Floats) -> Floats:
-    """Return the rotation matrices of quaternions (w, x, y, z), (..., 4) → (..., 3, 3)."""
+def matrix_from_quaternion(wxyz: Floats[*Axes, D4]) -> Floats[*Axes, D3, D3]:
+    """Return the rotation matrices of quaternions (w, x, y, z)."""
     wxyz = np.asarray(wxyz, dtype=float)
     flat = Rotation.from_quat(np.roll(wxyz.reshape(-1, 4), -1, axis=-1)).as_matrix()
     return flat.reshape(*wxyz.shape[:-1], 3, 3)
 
 
-def wrapped(rotvec: Floats) -> Floats:
-    """Return the same rotation with an angle of at most π. rotvec: (3,) [rad] → (3,)."""
+def wrapped(rotvec: Floats[D3]) -> Floats[D3]:
+    """Return the same rotation with an angle of at most π. rotvec: [rad]."""
     angle = float(np.linalg.norm(rotvec))
     if angle <= np.pi:
         return np.array(rotvec, dtype=float)
@@ -79,8 +79,8 @@ def wrapped(rotvec: Floats) -> Floats:
     return np.asarray(rotvec) * (1 - 2 * np.pi * turns / angle)
 
 
-def closest_equivalent(rotvec: Floats, to: Floats) -> Floats:
-    """Return the rotation vector of the same rotation that lies closest to `to`. Both (3,) [rad]."""
+def closest_equivalent(rotvec: Floats[D3], to: Floats[D3]) -> Floats[D3]:
+    """Return the rotation vector of the same rotation that lies closest to `to`. Both [rad]."""
     angle = float(np.linalg.norm(rotvec))
     if angle < 1e-9:
         return np.array(rotvec, dtype=float)

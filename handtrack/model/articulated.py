@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, D6, D21, Array, Axes, B, Floats, Ints, J, K, P, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
@@ -55,23 +55,23 @@ class ArticulatedModel:
     skeleton: Skeleton
     transform: ParameterTransform
     limits: Limits
-    rest: Floats
-    """(S,) joint parameters of the relaxed pose; the root's are zero."""
+    rest: Floats[S]
+    """joint parameters of the relaxed pose; the root's are zero."""
     flesh: dict[str, Ellipsoids]
     """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
     joint_names: tuple[str, ...]
-    joint_bone: Ints
-    """(J,) the bone that carries each named joint."""
-    joint_point: Floats
-    """(J, 3) in that bone's frame [m]."""
+    joint_bone: Ints[J]
+    """the bone that carries each named joint."""
+    joint_point: Floats[J, D3]
+    """in that bone's frame [m]."""
     kind: str = "hand"
     """`hand` or `body`; a body has no side: it is never mirrored"""
-    stabilise: Floats | None = None
-    """(S,) [rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
+    stabilise: Floats[S] | None = None
+    """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
-    proportion_moves: Floats | None = None
-    """(K, B, 3) by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
+    proportion_moves: Floats[K, B, D3] | None = None
+    """by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     superquadrics: Superquadrics | None = None
@@ -86,20 +86,20 @@ class ArticulatedModel:
     def has_forearm(self) -> bool:
         return "forearm" in self.skeleton.bone_names
 
-    def is_forearm(self, bone: Ints) -> Array:
+    def is_forearm(self, bone: Ints[*Axes]) -> Array[*Axes]:
         """Return, for bones of any shape, whether they are the forearm."""
         return bone == (self.skeleton.bone("forearm") if self.has_forearm else -1)
 
-    def joint_params(self, params: Floats) -> Floats:
-        """Return the joint parameters (S,) of solver parameters (P,)."""
+    def joint_params(self, params: Floats[P]) -> Floats[S]:
+        """Return the joint parameters of solver parameters."""
         return self.transform.joint_params(params)
 
-    def bones(self, params: Floats) -> BonePoses:
-        """Return the bones' poses for solver parameters (P,)."""
+    def bones(self, params: Floats[P]) -> BonePoses:
+        """Return the bones' poses for solver parameters."""
         return kinematics.bone_poses(self.skeleton, self.joint_params(params))
 
-    def linearize(self, params: Floats) -> tuple[BonePoses, Floats, Floats]:
-        """Return bone poses, twist Jacobian (B, 6, S) and joint parameters (S,) at params (P,)."""
+    def linearize(self, params: Floats[P]) -> tuple[BonePoses, Floats[B, D6, S], Floats[S]]:
+        """Return bone poses, twist Jacobian and joint parameters at params."""
         joint_params = self.joint_params(params)
         bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
         return bones, jacobian, joint_params
@@ -129,21 +129,21 @@ class ArticulatedModel:
         """The solver parameters' limits, and what they move with."""
         return moving_limits(self.limits, self.transform)
 
-    def bounds(self, params: Floats) -> Floats:
-        """Return the solver parameters' limits (P, 2) that hold at params (P,)."""
+    def bounds(self, params: Floats[P]) -> Floats[P, D2]:
+        """Return the solver parameters' limits that hold at params."""
         return self.transform.reduce_bounds(self.limits.bounds(self.joint_params(params)))
 
-    def clipped(self, params: Floats) -> Floats:
-        """Return params (P,) moved into their limits."""
+    def clipped(self, params: Floats[P]) -> Floats[P]:
+        """Return params moved into their limits."""
         bounds = self.bounds(params)
         return np.clip(params, bounds[:, 0], bounds[:, 1])
 
-    def rest_params(self) -> Floats:
-        """Return the solver parameters (P,) of the relaxed pose at the world's origin."""
+    def rest_params(self) -> Floats[P]:
+        """Return the solver parameters of the relaxed pose at the world's origin."""
         return self.transform.solver_params(self.rest)
 
-    def joint_positions(self, bones: BonePoses) -> Floats:
-        """Return (J, 3) the named joints and fingertips, world [m]."""
+    def joint_positions(self, bones: BonePoses) -> Floats[J, D3]:
+        """Return the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
 
     @property
@@ -151,8 +151,8 @@ class ArticulatedModel:
         """Whether the model has all 21 joints of a hand."""
         return set(keypoint_names()) <= set(self.joint_names)
 
-    def keypoints21(self, bones: BonePoses) -> Floats:
-        """Return (21, 3) world [m], wrist, then thumb to little from base to tip; whole hands only have them."""
+    def keypoints21(self, bones: BonePoses) -> Floats[D21, D3]:
+        """Return the keypoints, world [m]: wrist, then thumb to little from base to tip; whole hands only have them."""
         names = keypoint_names()
         if not self.has_keypoints21:
             raise HandtrackError(
@@ -160,8 +160,8 @@ class ArticulatedModel:
             )
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 
-    def params_from(self, values: dict[str, float]) -> Floats:
-        """Return solver parameters (P,) from joint parameters by name [m, rad]; missing ones are 0."""
+    def params_from(self, values: dict[str, float]) -> Floats[P]:
+        """Return solver parameters from joint parameters by name [m, rad]; missing ones are 0."""
         joint = np.zeros(len(self.parameter_names))
         for name, value in values.items():
             if name not in self.parameter_names:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, E, Floats, Ints
 from handtrack.model.kinematics import BonePoses
 
 
@@ -14,14 +14,14 @@ from handtrack.model.kinematics import BonePoses
 class PosedEllipsoids:
     """Ellipsoids in the world."""
 
-    bone: Ints
-    """(E,) the bone each one sits on."""
-    centre: Floats
-    """(E, 3) world [m]."""
-    rotation: Floats
-    """(E, 3, 3) ellipsoid axes → world."""
-    radii: Floats
-    """(E, 3) semi-axes [m]."""
+    bone: Ints[E]
+    """the bone each one sits on."""
+    centre: Floats[E, D3]
+    """world [m]."""
+    rotation: Floats[E, D3, D3]
+    """ellipsoid axes → world."""
+    radii: Floats[E, D3]
+    """semi-axes [m]."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class Ellipsoids:
     """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3)."""
 
     name: tuple[str, ...]
-    bone: Ints
-    """(E,) the bone each one sits on."""
-    centre: Floats
-    """(E, 3) in the bone's frame, origin at its proximal end [m]."""
-    rotation: Floats
-    """(E, 3, 3) ellipsoid axes → bone frame."""
-    radii: Floats
-    """(E, 3) semi-axes [m]."""
+    bone: Ints[E]
+    """the bone each one sits on."""
+    centre: Floats[E, D3]
+    """in the bone's frame, origin at its proximal end [m]."""
+    rotation: Floats[E, D3, D3]
+    """ellipsoid axes → bone frame."""
+    radii: Floats[E, D3]
+    """semi-axes [m]."""
 
     def __len__(self) -> int:
         return len(self.bone)
@@ -54,8 +54,8 @@ class Ellipsoids:
         centre, radii = (bones.grown(self.bone, each) for each in (self.centre, self.radii))
         return replace(self, centre=centre, radii=radii)
 
-    def subset(self, keep: Array) -> Ellipsoids:
-        """Return only the ellipsoids for which `keep` (E,) is True."""
+    def subset(self, keep: Array[E]) -> Ellipsoids:
+        """Return only the ellipsoids for which `keep` is True."""
         kept = np.flatnonzero(keep)
         names = tuple(self.name[i] for i in kept)
         return Ellipsoids(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.arrays import D3, D4, D6, Axes, B, Floats, Ints, S, check_shape
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.model.skeleton import Skeleton
@@ -16,31 +16,31 @@ from handtrack.model.skeleton import Skeleton
 class BonePoses:
     """Where every bone is, in the world."""
 
-    reference: Floats
-    """(3,) the point o that twists are taken about: the root's position [m]."""
-    rotation: Floats
-    """(B, 3, 3) bone frame → world."""
-    position: Floats
-    """(B, 3) proximal end of each bone, world [m]."""
-    growth: Floats | None = None
-    """(B,) how much larger each bone is than what is fixed to it was made for, about its proximal end; None: nowhere."""
+    reference: Floats[D3]
+    """the point o that twists are taken about: the root's position [m]."""
+    rotation: Floats[B, D3, D3]
+    """bone frame → world."""
+    position: Floats[B, D3]
+    """proximal end of each bone, world [m]."""
+    growth: Floats[B] | None = None
+    """how much larger each bone is than what is fixed to it was made for, about its proximal end; None: nowhere."""
 
     @property
-    def T_world_bone(self) -> Floats:
-        """Return (B, 4, 4) transforms, bone → world."""
+    def T_world_bone(self) -> Floats[B, D4, D4]:
+        """Return transforms, bone → world."""
         transforms = np.zeros((len(self.position), 4, 4))
         transforms[:, :3, :3] = self.rotation
         transforms[:, :3, 3] = self.position
         transforms[:, 3, 3] = 1.0
         return transforms
 
-    def to_world(self, bone: int | Ints, points: Floats) -> Floats:
-        """Return points (..., 3) of a bone's frame in the world [m]."""
+    def to_world(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
+        """Return points of a bone's frame in the world [m]."""
         turned = np.einsum("...ij,...j->...i", self.rotation[bone], self.grown(bone, points))
         return self.position[bone] + turned
 
-    def grown(self, bone: int | Ints, points: Floats) -> Floats:
-        """Return points (..., 3) of a bone's frame [m] where its growth has moved them, in that frame."""
+    def grown(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
+        """Return points of a bone's frame [m] where its growth has moved them, in that frame."""
         return points if self.growth is None else points * self.growth[bone][..., None]
 
 
@@ -67,13 +67,13 @@ def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, 
     return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world, root[1]
 
 
-def bone_poses(skeleton: Skeleton, joint_params: Floats) -> BonePoses:
-    """Return the bones' poses for joint parameters (S,) [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
+def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
+    """Return the bones' poses for joint parameters [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
     return _pose(skeleton, joint_params)[0]
 
 
-def linearize(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats]:
-    """Return the poses and the twist Jacobian (B, 6, S): rows (v, ω), world axes, about the root.
+def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, Floats[B, D6, S]]:
+    """Return the poses and the twist Jacobian: rows (v, ω), world axes, about the root.
 
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/derivations/twists.md.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D2, Floats, Ints, N, S
 
 
 @dataclass(frozen=True)
@@ -18,16 +18,16 @@ class Limits:
     when straight and cannot when bent.
     """
 
-    interval: Floats
-    narrowed: Ints
-    """(N, 2) indices of parameters."""
-    narrow_at: Floats
-    """(N,) [rad]"""
-    narrow_to: Floats
-    """(N,) share of the interval's width that is left."""
+    interval: Floats[S, D2]
+    narrowed: Ints[N, D2]
+    """indices of parameters."""
+    narrow_at: Floats[N]
+    """[rad]"""
+    narrow_to: Floats[N]
+    """share of the interval's width that is left."""
 
-    def bounds(self, joint_params: Floats) -> Floats:
-        """Return the intervals (S, 2) that hold at joint parameters (S,)."""
+    def bounds(self, joint_params: Floats[S]) -> Floats[S, D2]:
+        """Return the intervals that hold at joint parameters."""
         bounds = self.interval.copy()
         if len(self.narrowed):
             which, by = self.narrowed.T

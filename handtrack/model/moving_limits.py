@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, Array, Floats, Ints, K, P
 from handtrack.model.limits import Limits
 from handtrack.model.transform import ParameterTransform
 
@@ -17,28 +17,24 @@ class MovingLimits(NamedTuple):
     An interval moves in a straight line from `first` to `last` while parameter `by` goes from `begin` to `end`.
     """
 
-    param: Ints
-    """(K,) whose interval it is"""
-    first: Floats
-    """(K, 2)"""
-    by: Ints
-    """(K,) what it moves with; −1 where it stays `first`"""
-    begin: Floats
-    """(K,)"""
-    end: Floats
-    """(K,)"""
-    last: Floats
-    """(K, 2)"""
+    param: Ints[K]
+    """whose interval it is"""
+    first: Floats[K, D2]
+    by: Ints[K]
+    """what it moves with; −1 where it stays `first`"""
+    begin: Floats[K]
+    end: Floats[K]
+    last: Floats[K, D2]
 
     @classmethod
-    def fixed(cls, bounds: Floats) -> MovingLimits:
-        """Return limits (P, 2) that do not move."""
+    def fixed(cls, bounds: Floats[P, D2]) -> MovingLimits:
+        """Return limits that do not move."""
         count, bounds = len(bounds), np.array(bounds, dtype=float, order="C")
         nothing = np.zeros(count)
         return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
 
-    def frozen(self, where: Array, params: Floats) -> MovingLimits:
-        """Return these limits, but no room at all for some parameters: where (P,) bool, at params (P,)."""
+    def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
+        """Return these limits, but no room at all for some parameters: where `where` is True, at params."""
         kept, stay = ~where[self.param], np.flatnonzero(where)
         nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)
         return MovingLimits(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, S
 from handtrack.errors import unknown_name
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
@@ -51,8 +51,8 @@ def alphabet() -> tuple[str, ...]:
     return tuple(name for name in pose_names() if name.startswith("lsf_"))
 
 
-def named_pose(model: ArticulatedModel, name: str) -> Floats:
-    """Return joint parameters (S,) of a named hand pose, the root at the world's origin."""
+def named_pose(model: ArticulatedModel, name: str) -> Floats[S]:
+    """Return joint parameters of a named hand pose, the root at the world's origin."""
     joint = np.zeros(len(model.parameter_names))
     for parameter, degrees in _pose(name).items():
         if parameter not in _HINTS:
@@ -60,8 +60,8 @@ def named_pose(model: ArticulatedModel, name: str) -> Floats:
     return joint
 
 
-def pose_turn(name: str, side: str = "right") -> Floats:
-    """Return the rotation vector (3,) [rad] that holds the hand as the pose is shown to a viewer.
+def pose_turn(name: str, side: str = "right") -> Floats[D3]:
+    """Return the rotation vector [rad] that holds the hand as the pose is shown to a viewer.
 
     It turns the hand's axes into the viewer's: x to the viewer's right, y up, z to the viewer. A pose
     without a hint is held with its palm to the viewer and fingers up. A left hand is the mirror image.

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D7, B, Floats, N
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
 
@@ -39,22 +39,22 @@ class SizeParameters:
         """(N,)"""
         return ("overall", *self._sigmas, *self.model.proportion_names)
 
-    def deviations(self, scale: HandScale) -> Floats:
-        """Return (N,) how unusual a person is among adults; the inverse of `scale`."""
+    def deviations(self, scale: HandScale) -> Floats[N]:
+        """Return how unusual a person is among adults; the inverse of `scale`."""
         logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
         return np.array(logs + [scale.proportions.get(n, 0.0) for n in self.model.proportion_names])
 
-    def scale(self, deviations: Floats) -> HandScale:
-        """Return the person that is (N,) standard deviations from the mean adult."""
+    def scale(self, deviations: Floats[N]) -> HandScale:
+        """Return the person that is so many standard deviations from the mean adult."""
         split = 1 + len(self._sigmas)
         sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
         factors = np.exp(deviations[:split] * sigmas).tolist()
         moved = dict(zip(self.model.proportion_names, deviations[split:].tolist(), strict=True))
         return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved)
 
-    def grown(self, deviations: Floats) -> ArticulatedModel:
-        """Return the model with its bones as large as a person's is who deviates by (N,); what is fixed to them grows with them."""
+    def grown(self, deviations: Floats[N]) -> ArticulatedModel:
+        """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
         more, skeleton = deviations - self._at, self.model.skeleton
         growth = np.exp(self._rates @ more)
         offset = skeleton.offset
@@ -65,8 +65,8 @@ class SizeParameters:
         larger = replace(skeleton, offset=offset, length=skeleton.length * growth, growth=growth)
         return replace(self.model, skeleton=larger, scale=self.scale(deviations))
 
-    def twists(self, bones: BonePoses) -> Floats:
-        """Return (B, 7, N) by the deviations: what each adds to a bone's (v, ω, σ), world axes, about bones.reference.
+    def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
+        """Return what each of the deviations adds to a bone's (v, ω, σ), world axes, about bones.reference.
 
         bones: those of `grown`. A bone moves as far as those above it have grown, and does not turn.
         """

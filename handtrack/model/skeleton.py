@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, B, Floats, Ints, K
 from handtrack.errors import unknown_name
 
 ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
@@ -19,22 +19,22 @@ class Skeleton:
     """
 
     bone_names: tuple[str, ...]
-    parent: Ints
-    """(B,) index of each bone's parent; −1 for the root, which is bone 0."""
-    offset: Floats
-    """(B, 3) proximal end in the parent's frame [m]; zero for the root."""
-    rest_rotation: Floats
-    """(B, 3, 3) bone frame → parent's frame when all freedoms are zero."""
-    length: Floats
-    """(B,) [m]"""
+    parent: Ints[B]
+    """index of each bone's parent; −1 for the root, which is bone 0."""
+    offset: Floats[B, D3]
+    """proximal end in the parent's frame [m]; zero for the root."""
+    rest_rotation: Floats[B, D3, D3]
+    """bone frame → parent's frame when all freedoms are zero."""
+    length: Floats[B]
+    """[m]"""
     parameter_names: tuple[str, ...]
     """(S,) the six of the root, then the hinges, sorted by bone; within a bone the first hinge turns first."""
-    hinge_bone: Ints
+    hinge_bone: Ints[K]
     """(S − 6,) the bone that each hinge moves."""
-    hinge_axis: Floats
+    hinge_axis: Floats[K, D3]
     """(S − 6, 3) unit axis in the bone's rest frame."""
-    growth: Floats | None = None
-    """(B,) as of `BonePoses`: of a person whose size is being fitted."""
+    growth: Floats[B] | None = None
+    """as of `BonePoses`: of a person whose size is being fitted."""
 
     @property
     def bone_count(self) -> int:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D2, Floats, Ints, P, S
 from handtrack.errors import HandtrackError, unknown_name
 
 
@@ -26,19 +26,19 @@ class ParameterTransform:
 
     names: tuple[str, ...]
     """(P,) solver parameters."""
-    matrix: Floats
-    offset: Floats
+    matrix: Floats[S, P]
+    offset: Floats[S]
 
-    def joint_params(self, params: Floats) -> Floats:
-        """Return the joint parameters (S,) of solver parameters (P,)."""
+    def joint_params(self, params: Floats[P]) -> Floats[S]:
+        """Return the joint parameters of solver parameters."""
         return self.matrix @ params + self.offset
 
-    def solver_params(self, joint_params: Floats) -> Floats:
-        """Return the solver parameters (P,) closest, in least squares, to joint parameters (S,)."""
+    def solver_params(self, joint_params: Floats[S]) -> Floats[P]:
+        """Return the solver parameters closest, in least squares, to joint parameters."""
         return np.linalg.lstsq(self.matrix, joint_params - self.offset, rcond=None)[0]
 
-    def reduce_bounds(self, bounds: Floats) -> Floats:
-        """Return bounds (P, 2) that keep all joint parameters within `bounds` (S, 2).
+    def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
+        """Return bounds that keep all joint parameters within `bounds`.
 
         A solver parameter that leads several joints gets the intersection of their intervals, each
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.

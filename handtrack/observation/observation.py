@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 
@@ -15,11 +15,10 @@ class Silhouette:
 
     camera: Camera
     """without distortion; its size is the mask's."""
-    mask: Array
-    """(H, W) float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
-    valid: Ints
-    """(H, 2) int32: per row the half-open column span that was really observed; equal ends where
-    none."""
+    mask: Array[H, W]
+    """float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
+    valid: Ints[H, D2]
+    """int32: per row the half-open column span that was really observed; equal ends where none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +27,8 @@ class ImageView:
 
     camera: Camera
     """without distortion; its size is the image's."""
-    pixels: Array
-    """(H, W, 3) uint8, BGR; beyond the real image its border goes on"""
+    pixels: Array[H, W, D3]
+    """uint8, BGR; beyond the real image its border goes on"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +36,8 @@ class Keypoints:
     """Points of the hand in space, by joint name."""
 
     names: tuple[str, ...]
-    positions: Floats
-    """(J, 3) world [m], NaN where unknown."""
+    positions: Floats[J, D3]
+    """world [m], NaN where unknown."""
     sigma_m: float
 
 
@@ -48,8 +47,8 @@ class ImageKeypoints:
 
     camera: Camera
     names: tuple[str, ...]
-    pixels: Floats
-    """(J, 2) [px], NaN where unknown."""
+    pixels: Floats[J, D2]
+    """[px], NaN where unknown."""
     sigma_px: float
 
 
@@ -62,7 +61,7 @@ class Observation:
     silhouettes: tuple[Silhouette, ...] = ()
     keypoints: tuple[Keypoints | ImageKeypoints, ...] = ()
     cloud: PointCloud | None = None
-    cloud_views: tuple[Floats, ...] = ()
-    """what can have seen the cloud's points: camera centres (K, 3), world [m], that must all see one"""
+    cloud_views: tuple[Floats[K, D3], ...] = ()
+    """what can have seen the cloud's points: camera centres, world [m], that must all see one"""
     images: tuple[ImageView, ...] = ()
     """only where edges or intensity are looked at"""

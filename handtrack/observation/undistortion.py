@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Ints, check_shape
+from handtrack.arrays import D2, Array, Axes, Bytes, H, Ints, W, check_shape
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import ImageView, Silhouette
 
@@ -21,14 +21,13 @@ class _Maps(NamedTuple):
 
     camera: Camera
     x: Array | None
-    """(H, W) float32: the column in the real image of each undistorted pixel; None without
-    distortion."""
+    """(H, W) float32: the column in the real image of each undistorted pixel; None without distortion."""
     y: Array | None
     valid: Ints
 
 
-def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) -> Silhouette:
-    """Return the silhouette of a mask (H, W) uint8, 0 background to 255 hand, of the real image.
+def undistort_silhouette(camera: Camera, mask: Bytes[H, W], roi: Roi | None = None) -> Silhouette:
+    """Return the silhouette of a mask uint8, 0 background to 255 hand, of the real image.
 
     Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
     largest run of pixels that come from inside the image and the region of interest. Without
@@ -46,7 +45,7 @@ def undistort_silhouette(camera: Camera, mask: Bytes, roi: Roi | None = None) ->
     return Silhouette(maps.camera, coverage, maps.valid)
 
 
-def undistort_image(camera: Camera, pixels: Array) -> ImageView:
+def undistort_image(camera: Camera, pixels: Array[H, W, *Axes]) -> ImageView:
     """Return an image (H, W, 3) uint8 BGR as the camera without distortion would have taken it."""
     width, height = camera.size
     check_shape(pixels, (height, width, 3), f"image of camera '{camera.name}'")
@@ -85,9 +84,8 @@ def _inside(source: Array, box: Roi) -> Array:
     return np.asarray(((source >= low) & (source < high)).all(axis=-1))
 
 
-def longest_runs(inside: Array) -> Ints:
-    """Return per row (H, W) of booleans the longest run of true, half-open, as (H, 2) int32; the
-    first of equals."""
+def longest_runs(inside: Array[H, W]) -> Ints[H, D2]:
+    """Return per row of booleans the longest run of true, half-open, as int32; the first of equals."""
     height, width = inside.shape
     position = np.arange(1, width + 1)
     last_outside = np.maximum.accumulate(np.where(inside, 0, position), axis=1)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import C, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import Chain
 
@@ -14,9 +14,9 @@ _LEADING = 0.95  # share of the total variance that the leading directions make 
 
 
 def chain_votes(
-    model: ArticulatedModel, params: Floats, covariance: Floats, chains: Sequence[Chain]
-) -> Floats:
-    """Return the probability (C,) of each chain to be jumped at a minimum (P,) with a covariance (P, P).
+    model: ArticulatedModel, params: Floats[P], covariance: Floats[P, P], chains: Sequence[Chain]
+) -> Floats[C]:
+    """Return the probability of each chain to be jumped at a minimum with a covariance.
 
     A chain's vote is Σ_k λ_k Σ_p u_k[p]², over the leading eigenpairs of the covariance in units of the limits' ranges
     and over the chain's own parameters p. Without any uncertainty all chains are alike. 2003 paper, §4. A model without

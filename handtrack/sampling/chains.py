@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, J, K, L, M
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
 
@@ -37,37 +37,37 @@ class PreparedChain:
     chain: Chain
     carrier: int
     """the bone that carries the chain: parent of the first hinge's bone"""
-    carrier_zero: Floats
-    """(3, 3) its rotation at the zero pose"""
+    carrier_zero: Floats[D3, D3]
+    """its rotation at the zero pose"""
     start_bone: int
-    start_point: Floats
-    """(3,) where the chain's first joint is, in that bone's frame [m]"""
-    base_columns: Ints
+    start_point: Floats[D3]
+    """where the chain's first joint is, in that bone's frame [m]"""
+    base_columns: Ints[M]
     """the joint parameters of all hinges before the chain"""
-    columns: Ints
-    """(K,) joint parameter of each hinge"""
-    axes: Floats
-    """(K, 3) at the zero pose, world"""
-    link: Ints
-    """(K,) the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
+    columns: Ints[K]
+    """joint parameter of each hinge"""
+    axes: Floats[K, D3]
+    """at the zero pose, world"""
+    link: Ints[K]
+    """the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
     joint of the chain"""
-    leader: Ints
-    """(K,) the hinge that this one follows; itself when free; −1 when it keeps its angle"""
-    ratio: Floats
-    """(K,) to the leader's angle"""
-    interval: Floats
-    """(K, 2) limits [rad]"""
-    reach: Floats
-    """(L, 3) from a link's start to its end at the zero pose [m]"""
-    end_joints: Ints
-    """(L,) index of each link's end among the model's joints"""
+    leader: Ints[K]
+    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
+    ratio: Floats[K]
+    """to the leader's angle"""
+    interval: Floats[K, D2]
+    """limits [rad]"""
+    reach: Floats[L, D3]
+    """from a link's start to its end at the zero pose [m]"""
+    end_joints: Ints[L]
+    """index of each link's end among the model's joints"""
 
     @property
-    def own(self) -> Array:
-        """Return (K,) which hinges the chain moves."""
+    def own(self) -> Array[K]:
+        """Return which hinges the chain moves."""
         return (self.link >= 0) & (self.link < len(self.reach))
 
-    def hinges(self, link: int) -> Ints:
+    def hinges(self, link: int) -> Ints[M]:
         """Return the places among the chain's hinges of those that move a link's end."""
         return np.flatnonzero(self.link == link)
 
@@ -135,7 +135,7 @@ def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
     )
 
 
-def moved_joints(model: ArticulatedModel) -> Array:
+def moved_joints(model: ArticulatedModel) -> Array[J, K]:
     """Return (J, H) which hinges move which joints: those before one, unless it lies on their axis in every pose."""
     skeleton = model.skeleton
     zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
@@ -143,7 +143,7 @@ def moved_joints(model: ArticulatedModel) -> Array:
     axis = np.einsum("hij,hj->hi", zero.rotation[bone], skeleton.hinge_axis)
     arm = model.joint_positions(zero)[:, None] - zero.position[bone]
     on_axis = np.linalg.norm(np.cross(axis, arm), axis=2) < _SAME_POINT_M
-    moved = np.zeros(on_axis.shape, dtype=bool)
+    moved = np.zeros_like(on_axis, dtype=bool)
     for j, carrier in enumerate(model.joint_bone):
         before = np.flatnonzero(np.isin(bone, _ancestors(skeleton.parent, int(carrier))))
         swinging = before[

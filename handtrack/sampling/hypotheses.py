@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Floats, Ints, M, N, P
 from handtrack.geometry.rotation import rotation_matrix
 
 MERGED_RAD = 0.1
@@ -18,20 +18,20 @@ MERGED_RAD = 0.1
 class Hypothesis:
     """One minimum of a frame's cost, and the bell around it."""
 
-    params: Floats
-    """(P,) solver parameters, the first three in metres, the next three the root's rotation vector"""
+    params: Floats[P]
+    """solver parameters, the first three in metres, the next three the root's rotation vector"""
     cost: float
     """½ Σ r² at the minimum, priors included"""
-    covariance: Floats
-    """(P, P) [m, rad]"""
+    covariance: Floats[P, P]
+    """[m, rad]"""
     weight: float
     """share of the posterior among the hypotheses of its frame"""
     origin: str
     """how it was found: a chain's flips, diffusion, the last frame"""
 
 
-def angle_distance(params: Floats, others: Floats) -> Floats:
-    """Return the root mean square difference [rad] of all angles between params (P,) and others (N, P) → (N,).
+def angle_distance(params: Floats[P], others: Floats[N, P]) -> Floats[N]:
+    """Return the root mean square difference [rad] of all angles between params and each of others.
 
     The root's three count as one turn: the angle from one attitude to the other, so that rotation vectors of the same
     attitude (2π apart) are at no distance. Translations do not count.
@@ -47,8 +47,8 @@ def angle_distance(params: Floats, others: Floats) -> Floats:
     return np.sqrt((hinges + turn**2) / (len(params) - 3))
 
 
-def distinct(params: Floats, costs: Floats, threshold_rad: float = MERGED_RAD) -> Ints:
-    """Return the indices of rows of params (N, P) that stand for all: best first, none within the threshold of a better."""
+def distinct(params: Floats[N, P], costs: Floats[N], threshold_rad: float = MERGED_RAD) -> Ints[M]:
+    """Return the indices of rows of params that stand for all: best first, none within the threshold of a better."""
     kept: list[int] = []
     open_rows = np.argsort(costs, kind="stable")
     while len(open_rows):
@@ -74,7 +74,8 @@ def merged(
     kept = distinct(params, np.array([h.cost for h in hypotheses]), threshold_rad)
     group = np.argmin([angle_distance(params[k], params) for k in kept], axis=0)
     return tuple(
-        replace(hypotheses[k], weight=float(weights[group == n].max())) for n, k in enumerate(kept)
+        replace(hypotheses[k], weight=float(weights[group == n].max()))
+        for n, k in enumerate(kept.tolist())
     )
 
 

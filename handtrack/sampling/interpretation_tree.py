@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D2, Array, Floats, Ints, J, K, L, P, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -35,12 +35,12 @@ class TreeSettings:
 class InterpretationTree:
     """The leaves of a tree, L poses."""
 
-    params: Floats
-    """(L, P) solver parameters"""
-    far: Array
+    params: Floats[L, P]
+    """solver parameters"""
+    far: Array[L, K]
     """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
-    exact: Array
-    """(L,) whether every joint of the chains is on its viewing ray, within limits"""
+    exact: Array[L]
+    """whether every joint of the chains is on its viewing ray, within limits"""
     complete: int
     """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
 
@@ -50,18 +50,18 @@ class InterpretationTree:
 
 def interpretation_tree(
     model: ArticulatedModel,
-    params: Floats,
+    params: Floats[P],
     chains: Sequence[Chain | PreparedChain] | None,
     camera: Camera,
-    targets_px: Floats | None = None,
+    targets_px: Floats[J, D2] | None = None,
     settings: TreeSettings = TreeSettings(),
     rng: np.random.Generator | None = None,
 ) -> InterpretationTree:
-    """Return all poses that differ from `params` (P,) by forwards/backwards flips along chains. 2003 paper, §3.
+    """Return all poses that differ from `params` by forwards/backwards flips along chains. 2003 paper, §3.
 
     For each link the sphere about its start, as large as the link is long, is pierced by the viewing ray of
     its end: two depths. Chains that do not carry each other are solved once, and the leaves are all their
-    combinations. chains: all that the model offers, where None. targets_px: (J, 2) where the model's joints are seen
+    combinations. chains: all that the model offers, where None. targets_px: where the model's joints are seen
     (NaN where they are not: there, and by default, the given pose's own projection counts).
     """
     ready = [

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D2, D3, B, C, E, Floats, Ints, J, K, L, M, P, Q, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
@@ -23,12 +23,12 @@ _LOSS_KINDS = {Quadratic: 0, GemanMcClure: 1, Huber: 2}
 class Overlaps(NamedTuple):
     """E ellipsoids on bones and the pairs of them that cost something where they overlap: terms/collision.py."""
 
-    bone: Ints
-    centre: Floats
-    turn: Floats
-    radii: Floats
-    first: Ints
-    second: Ints
+    bone: Ints[E]
+    centre: Floats[E, D3]
+    turn: Floats[E, D3, D3]
+    radii: Floats[E, D3]
+    first: Ints[K]
+    second: Ints[K]
     slack: float
     sigma: float
     weight: float
@@ -37,54 +37,53 @@ class Overlaps(NamedTuple):
 class KeypointProblem(NamedTuple):
     """Model, observations and priors; K points are looked at O times, by C cameras or in space."""
 
-    parent: Ints
-    offset: Floats
-    rest: Floats
-    hinge_bone: Ints
-    hinge_axis: Floats
-    chain_start: Ints
+    parent: Ints[B]
+    offset: Floats[B, D3]
+    rest: Floats[B, D3, D3]
+    hinge_bone: Ints[J]
+    hinge_axis: Floats[J, D3]
+    chain_start: Ints[Q]
     """(B + 1,) where each bone's hinges begin in `chain`"""
-    chain: Ints
+    chain: Ints[Q]
     """the hinges that move each bone, from the root"""
-    joint: Ints
-    """(L,) joint parameter, … """
-    leader: Ints
-    """(L,) … the one solver parameter that leads it …"""
-    ratio: Floats
-    """(L,) … and by how much"""
-    shift: Floats
-    """(S,) joint parameters = ratio · leader + shift"""
+    joint: Ints[L]
+    """joint parameter, …"""
+    leader: Ints[L]
+    """… the one solver parameter that leads it …"""
+    ratio: Floats[L]
+    """… and by how much"""
+    shift: Floats[S]
+    """joint parameters = ratio · leader + shift"""
     limits: MovingLimits
-    is_metre: Ints
-    """(P,) 1 where a solver parameter is in metres"""
-    point_bone: Ints
-    """(K,)"""
-    point: Floats
-    """(K, 3) in the bone's frame [m]"""
-    seen_start: Ints
+    is_metre: Ints[P]
+    """1 where a solver parameter is in metres"""
+    point_bone: Ints[K]
+    point: Floats[K, D3]
+    """in the bone's frame [m]"""
+    seen_start: Ints[L]
     """(K + 1,) where each point's observations begin"""
-    camera: Ints
+    camera: Ints[M]
     """(O,) index of a camera; −1 for a point in space"""
-    target: Floats
+    target: Floats[M, D3]
     """(O, 3) pixels (third number unused) or world [m]"""
-    information: Floats
+    information: Floats[M]
     """(O,) 1/σ²"""
-    camera_rotation: Floats
-    """(C, 3, 3) R_camera_world"""
-    camera_translation: Floats
-    camera_focal: Floats
-    """(C, 2) [px]"""
-    camera_middle: Floats
-    """(C, 2) [px]"""
+    camera_rotation: Floats[C, D3, D3]
+    """R_camera_world"""
+    camera_translation: Floats[C, D3]
+    camera_focal: Floats[C, D2]
+    """[px]"""
+    camera_middle: Floats[C, D2]
+    """[px]"""
     overlaps: Overlaps | None
     """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
     loss_kind: int
     loss_scale: float
-    prior_at: Floats
-    """(P,) where the priors were expanded; they are quadratic, so this is exact everywhere"""
+    prior_at: Floats[P]
+    """where the priors were expanded; they are quadratic, so this is exact everywhere"""
     prior_cost: float
-    prior_gradient: Floats
-    prior_hessian: Floats
+    prior_gradient: Floats[P]
+    prior_hessian: Floats[P, P]
 
 
 def keypoint_problem(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, J, K, L, M, N, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
@@ -27,28 +27,31 @@ _FOLLOWED_SIGMA_M = 0.001
 class Branches:
     """Poses of a chain grown link by link, N of them."""
 
-    rotation: Floats
-    """(N, 3, 3) of the last link, zero pose → world"""
-    end: Floats
-    """(N, 3) the last joint placed so far, world [m]"""
-    angles: Floats
-    """(N, K) of the chain's hinges [rad]"""
-    source: Ints
-    """(N,) the pose that a branch started from"""
-    choice: Ints
+    rotation: Floats[N, D3, D3]
+    """of the last link, zero pose → world"""
+    end: Floats[N, D3]
+    """the last joint placed so far, world [m]"""
+    angles: Floats[N, K]
+    """of the chain's hinges [rad]"""
+    source: Ints[N]
+    """the pose that a branch started from"""
+    choice: Ints[N, L]
     """(N, links) which target each link's end took"""
-    exact: Array
-    """(N,) whether every joint is on its target, within limits"""
+    exact: Array[N]
+    """whether every joint is on its target, within limits"""
 
-    def taken(self, rows: Array | Ints) -> Branches:
+    def taken(self, rows: Array[N] | Ints[N]) -> Branches:
         """Return some of the branches."""
         return Branches(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def rooted(
-    model: ArticulatedModel, chain: PreparedChain, poses: Sequence[BonePoses], joint_params: Floats
+    model: ArticulatedModel,
+    chain: PreparedChain,
+    poses: Sequence[BonePoses],
+    joint_params: Floats[N, S],
 ) -> Branches:
-    """Return a branch for each pose (joint_params: (N, S)) that holds only the chain's first joint."""
+    """Return a branch for each pose that holds only the chain's first joint."""
     rotation = np.stack([bones.rotation[chain.carrier] for bones in poses]) @ chain.carrier_zero.T
     end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
     angles = np.ascontiguousarray(joint_params[:, chain.columns])
@@ -64,15 +67,15 @@ def extended(
     chain: PreparedChain,
     branches: Branches,
     link: int,
-    targets: Floats,
-    missed: Ints,
-    spare: Floats,
+    targets: Floats[N, M, D3],
+    missed: Ints[N, M],
+    spare: Floats[N, K],
     take_nearest: bool = False,
     tolerance: float = REACHED_M,
 ) -> Branches:
     """Return the branches with one link more: all solutions for each target (N, T, 3) of its end.
 
-    missed: (N, T) 0 a target, 1 one that is only the nearest to be had, 2 none. spare: (N, K) the angles that
+    missed: 0 a target, 1 one that is only the nearest to be had, 2 none. spare: the angles that
     turns get which the targets leave open. A branch without a solution within limits ends here; with
     `take_nearest` it goes on with what is nearest, no longer exact.
     """
@@ -97,13 +100,13 @@ def extended(
 
 def fit_positions(
     model: ArticulatedModel,
-    params: Floats,
+    params: Floats[P],
     free: Sequence[str],
     joints: Sequence[str],
-    positions: Floats,
+    positions: Floats[J, D3],
     settings: SolverSettings | None = None,
 ) -> SolveSummary:
-    """Return the pose within limits that comes closest to joint positions (J, 3), by damped Gauss-Newton.
+    """Return the pose within limits that comes closest to joint positions, by damped Gauss-Newton.
 
     For chains that the closed form cannot do: looped ones (a hand on the hip), missed rays, limits in the way. Only
     the solver parameters named `free` move; two chains that form a loop are named together. 2003 paper, §3.2.
@@ -114,8 +117,8 @@ def fit_positions(
     return solve(problem, params, settings or SolverSettings(iterations=50, damping=1e-3))
 
 
-def bounds_of_many(limits: Limits, joint_params: Floats) -> Floats:
-    """Return the limits (N, S, 2) that hold at joint parameters (N, S); row by row `Limits.bounds`."""
+def bounds_of_many(limits: Limits, joint_params: Floats[N, S]) -> Floats[N, S, D2]:
+    """Return the limits that hold at joint parameters; row by row `Limits.bounds`."""
     bounds = np.tile(limits.interval, (len(joint_params), 1, 1))
     for (which, by), at, to in zip(
         limits.narrowed, limits.narrow_at, limits.narrow_to, strict=True

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import Array, Floats, Ints, N, P, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
@@ -39,32 +39,32 @@ class PolishSettings:
 class Polished:
     """Where the starts ended."""
 
-    params: Floats
-    """(N, P) solver parameters, within limits"""
-    cost: Floats
-    """(N,) infinite where the start was behind a camera"""
-    gradient_norm: Floats
-    """(N,) √Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
-    least_eigenvalue: Floats
-    """(N,) of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
-    iterations: Ints
-    """(N,) linearisations used"""
-    normal: Floats
-    """(N, P, P) Gauss-Newton matrix and priors; its inverse is the covariance"""
-    is_minimum: Array
-    """(N,) gradient below the tolerance, and positive Hessian on the free directions"""
+    params: Floats[N, P]
+    """solver parameters, within limits"""
+    cost: Floats[N]
+    """infinite where the start was behind a camera"""
+    gradient_norm: Floats[N]
+    """√Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
+    least_eigenvalue: Floats[N]
+    """of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
+    iterations: Ints[N]
+    """linearisations used"""
+    normal: Floats[N, P, P]
+    """Gauss-Newton matrix and priors; its inverse is the covariance"""
+    is_minimum: Array[N]
+    """gradient below the tolerance, and positive Hessian on the free directions"""
 
 
 def polish(
     model: ArticulatedModel,
-    starts: Floats,
+    starts: Floats[N, P],
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = Quadratic(),
     collision: CollisionTerm | None = None,
     settings: PolishSettings = PolishSettings(),
 ) -> Polished:
-    """Return the minima that descent reaches from starts (N, P), of the cost of KeypointTerms, priors and collisions.
+    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and collisions.
 
     observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
     not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the
@@ -76,7 +76,7 @@ def polish(
 
 
 def polish_problem(
-    problem: KeypointProblem, starts: Floats, settings: PolishSettings = PolishSettings()
+    problem: KeypointProblem, starts: Floats[N, P], settings: PolishSettings = PolishSettings()
 ) -> Polished:
     """Return `polish` of a problem that is already packed."""
     params = np.array(starts, dtype=float, order="C")
@@ -96,10 +96,10 @@ def polish_problem(
     return Polished(params, cost, norm, least, used, normal, minimum)
 
 
-def least_eigenvalues(hessian: Floats, normal: Floats) -> Floats:
-    """Return (N,) least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
+def least_eigenvalues(hessian: Floats[N, P, P], normal: Floats[N, P, P]) -> Floats[N]:
+    """Return least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
 
-    hessian: (N, P, P), with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
+    hessian: with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
     """
     scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
     return np.linalg.eigvalsh(hessian / (scale[:, :, None] * scale[:, None, :]))[:, 0]

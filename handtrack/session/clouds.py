@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D3, Bytes, C, Floats, K
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
@@ -34,13 +34,13 @@ class CloudSource(Protocol):
         ...
 
     @property
-    def eyes(self) -> Floats:
-        """(C, 3) world [m], the centres of the cameras that measured."""
+    def camera_centres(self) -> Floats[C, D3]:
+        """World [m], the centres of the cameras that measured."""
         ...
 
     @property
-    def sight(self) -> tuple[Floats, ...]:
-        """Camera centres (K, 3) that must all see a point for it to be measured, a set each."""
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
+        """Camera centres that must all see a point for it to be measured, a set each."""
         ...
 
     def read(self, frame: int) -> PointCloud | None:
@@ -59,12 +59,12 @@ class DepthClouds:
         return []  # those of the images are the view's
 
     @property
-    def eyes(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         return np.stack([view.camera.centre for view in self._views])
 
     @property
-    def sight(self) -> tuple[Floats, ...]:
-        return tuple(self.eyes[:, None])
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
+        return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [cloud for view in self._views if (cloud := _depth_cloud(view, frame)) is not None]
@@ -91,11 +91,11 @@ class StereoClouds:
         return [*filter(None, (_length_warning(a, b) for a, b, _ in self._pairs)), *met]
 
     @property
-    def eyes(self) -> Floats:
+    def camera_centres(self) -> Floats[C, D3]:
         return np.stack([view.camera.centre for a, b, _ in self._pairs for view in (a, b)])
 
     @property
-    def sight(self) -> tuple[Floats, ...]:
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
         return tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b, _ in self._pairs)
 
     def read(self, frame: int) -> PointCloud | None:
@@ -142,7 +142,7 @@ class FileClouds:
         """Raises HandtrackError when none of the first files can be read."""
         self._files = files
         self._unit = world_unit_m
-        self._eyes = np.stack([camera.centre for camera in rig])
+        self._camera_centres = np.stack([camera.centre for camera in rig])
         self._notes = FrameNotes()
         self._first: tuple[int, PointCloud | None] = (-1, None)
         self._try_first()
@@ -152,12 +152,12 @@ class FileClouds:
         return list(self._notes.texts)
 
     @property
-    def eyes(self) -> Floats:
-        return self._eyes
+    def camera_centres(self) -> Floats[C, D3]:
+        return self._camera_centres
 
     @property
-    def sight(self) -> tuple[Floats, ...]:
-        return tuple(self.eyes[:, None])
+    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
+        return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         path = self._files.get(frame)

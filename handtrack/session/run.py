@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
@@ -148,9 +148,9 @@ class TrackingRun:
             self, scale=scale, model=_model(self.session, self.settings, scale, self.forearm)
         )
 
-    def with_arm_in_view(self, frame: int, params: Floats) -> TrackingRun:
+    def with_arm_in_view(self, frame: int, params: Floats[P]) -> TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
-        frame show one beyond the hand's pose (P,); without a first pose nothing else can tell.
+        frame show one beyond the hand's pose; without a first pose nothing else can tell.
         """
         chosen = self.settings.model.forearm
         if chosen == "auto":
@@ -185,8 +185,8 @@ class TrackingRun:
     def tracker(self) -> Tracker:
         return Tracker(self.model, self.settings)
 
-    def initial(self) -> tuple[int, Floats]:
-        """Return the first pose: its frame, and solver parameters (P,). HandtrackError without one."""
+    def initial(self) -> tuple[int, Floats[P]]:
+        """Return the first pose: its frame, and solver parameters. HandtrackError without one."""
         if self.first is None:
             raise HandtrackError(
                 f"{self.session.folder}: there is no init.json, so tracking has no first pose. Pose the hand in the "
@@ -221,7 +221,7 @@ class TrackingRun:
         self,
         frames: range,
         start_frame: int,
-        start_params: Floats,
+        start_params: Floats[P],
         should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
         """Yield results in the order of tracking; see tracking.sequence.track_frames."""
@@ -229,7 +229,7 @@ class TrackingRun:
         return self.track_with(control, frames, start_frame, start_params)
 
     def track_with(
-        self, control: Control, frames: range, start_frame: int, start_params: Floats
+        self, control: Control, frames: range, start_frame: int, start_params: Floats[P]
     ) -> Iterator[FrameResult]:
         """Yield results as `track` does, stopped, watched and told as control says."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))

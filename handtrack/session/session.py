@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
@@ -166,13 +166,12 @@ class Session:
         """Return the time of a frame [s]: frame / fps, or the median of the cameras' timestamps."""
         return self._times.time_of(frame)
 
-    def image(self, camera: str, frame: int) -> Array | None:
-        """Return an image (H, W, 3) uint8 BGR as it was taken, None where missing."""
+    def image(self, camera: str, frame: int) -> Array[H, W, D3] | None:
+        """Return an image uint8 BGR as it was taken, None where missing."""
         return self.view(camera).image(frame)
 
-    def mask(self, camera: str, frame: int) -> Bytes | None:
-        """Return a mask (H, W) uint8 in the image as it was taken, read or computed; None where
-        missing."""
+    def mask(self, camera: str, frame: int) -> Bytes[H, W] | None:
+        """Return a mask uint8 in the image as it was taken, read or computed; None where missing."""
         return self.view(camera).mask(frame)
 
     @property
@@ -207,12 +206,14 @@ class Session:
         measured = self.measured_cloud(frame)
         if measured is None or self._clouds is None:
             return None, ()
-        return (filters or self.cloud_filters).apply(measured, hand_distance, self._clouds.eyes)
+        return (filters or self.cloud_filters).apply(
+            measured, hand_distance, self._clouds.camera_centres
+        )
 
     @property
-    def cloud_eyes(self) -> Floats | None:
-        """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
-        return None if self._clouds is None else self._clouds.eyes
+    def cloud_camera_centres(self) -> Floats[C, D3] | None:
+        """Centres world [m] of the cameras that measured the clouds; None without clouds."""
+        return None if self._clouds is None else self._clouds.camera_centres
 
     def with_clouds(self, clouds: CloudSettings | None) -> Session:
         """Return this session with other settings of [clouds]; session.toml stays as it is, and what was read is shared.
@@ -296,7 +297,7 @@ class Session:
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None
         points = self.cloud(seen.frame, hand_distance)[0]
-        return replace(seen, cloud=points, cloud_views=self._clouds.sight)
+        return replace(seen, cloud=points, cloud_views=self._clouds.cloud_views)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files
@@ -334,8 +335,7 @@ class Session:
         return pose
 
     def _parameter_names(self) -> tuple[str, ...] | None:
-        """Return the names that init.json may use; None when the model is a file, which is not
-        read here."""
+        """Return the names that init.json may use; None when the model is a file, which is not read here."""
         hand = self.file.hand
         if hand.model not in MODELS:
             return None

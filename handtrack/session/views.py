@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.frames import (
     COLOUR,
     DEPTH,
@@ -75,25 +75,25 @@ class View:
         joints = () if self.keypoint_files is None else self.keypoint_files.warnings
         return [*(text for source in self.sources for text in source.warnings), *joints]
 
-    def image(self, frame: int) -> Array | None:
-        """Return the frame's image (H, W, 3) uint8 BGR, None where missing."""
+    def image(self, frame: int) -> Array[H, W, D3] | None:
+        """Return the frame's image uint8 BGR, None where missing."""
         return None if self.images is None else self.images.read(frame)
 
-    def mask(self, frame: int) -> Bytes | None:
-        """Return the frame's mask (H, W) uint8, read or computed; None where missing."""
+    def mask(self, frame: int) -> Bytes[H, W] | None:
+        """Return the frame's mask uint8, read or computed; None where missing."""
         if self.mask_files is not None:
             return self.mask_files.read(frame)
         source = self._segmented_source
         image = None if source is None else source.read(frame)
         return None if image is None else self._segmenter(image)
 
-    def depth_m(self, frame: int) -> Array | None:
-        """Return the frame's depth (H, W) float64 [m], 0 where not measured; None where missing."""
+    def depth_m(self, frame: int) -> Array[H, W] | None:
+        """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
         image = None if self.depth is None else self.depth.read(frame)
         return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
 
-    def hand_pixels(self, frame: int) -> Bytes | None:
-        """Return where the hand may be (H, W) uint8, by mask and region of interest; None: all.
+    def hand_pixels(self, frame: int) -> Bytes[H, W] | None:
+        """Return where the hand may be uint8, by mask and region of interest; None: all.
 
         A camera that has masks, but none of this frame, says nothing of it: also None.
         """
@@ -101,7 +101,7 @@ class View:
         if self.settings.roi is None:
             return mask
         x, y, width, height = self.settings.roi
-        inside = np.zeros(self.camera.size[::-1], np.uint8)
+        inside = np.zeros((self.camera.size[1], self.camera.size[0]), np.uint8)
         part = slice(y, y + height), slice(x, x + width)
         inside[part] = 255 if mask is None else mask[part]
         return inside

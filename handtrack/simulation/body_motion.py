@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 
@@ -44,8 +44,8 @@ _SWAY_M = 0.06
 _TURN_RAD = 0.12
 
 
-def body_pose(model: ArticulatedModel, name: str) -> Floats:
-    """Return joint parameters (S,) of a named pose of a body, the pelvis at the world's origin."""
+def body_pose(model: ArticulatedModel, name: str) -> Floats[S]:
+    """Return joint parameters of a named pose of a body, the pelvis at the world's origin."""
     if name not in BODY_POSES:
         raise unknown_name("pose of a body", name, tuple(BODY_POSES))
     joint = model.rest.copy()
@@ -56,8 +56,8 @@ def body_pose(model: ArticulatedModel, name: str) -> Floats:
 
 def body_motion(
     model: ArticulatedModel, name: str, frames: int, rng: np.random.Generator, wander: float = 1.0
-) -> Floats:
-    """Return joint parameters (F, S) of a named motion, each within its limits.
+) -> Floats[F, S]:
+    """Return joint parameters of a named motion, each within its limits.
 
     Angles pass through the poses without overshoot; the pelvis stays near the world's origin, where it sways and turns
     (`wander` = 1: about 6 cm and 7°, and a quarter turn there and back; 0: it stays).

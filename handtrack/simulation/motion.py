@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -23,8 +23,8 @@ _TURN_RAD = 0.25
 
 def motion(
     model: ArticulatedModel, name: str, frames: int, rng: np.random.Generator, wander: float = 1.0
-) -> Floats:
-    """Return joint parameters (F, S) of a named motion.
+) -> Floats[F, S]:
+    """Return joint parameters of a named motion.
 
     Angles pass through the poses without overshoot; the palm stays near the world's origin, its back
     turned to +z, and wanders smoothly (`wander` = 1: about 2 cm and 15°; 0: the root stays).

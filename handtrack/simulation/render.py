@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, E, Floats, H, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera
 
 
-def pixel_rays(camera: Camera) -> Floats:
-    """Return directions (H, W, 3), z = 1, camera axes, of all pixel centres, distortion undone."""
+def pixel_rays(camera: Camera) -> Floats[H, W, D3]:
+    """Return directions, z = 1, camera axes, of all pixel centres, distortion undone."""
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
     pixels = camera.undistort_points(np.stack([u, v], axis=-1).reshape(-1, 2))
@@ -21,9 +21,9 @@ def pixel_rays(camera: Camera) -> Floats:
 
 
 def render(
-    camera: Camera, flesh: PosedEllipsoids, rays: Floats | None = None
-) -> tuple[Array, Floats, Floats]:
-    """Return which ellipsoid is in front (H, W; −1 for none), its depth (H, W) [m] and normals (H, W, 3).
+    camera: Camera, flesh: PosedEllipsoids, rays: Floats[H, W, D3] | None = None
+) -> tuple[Array[H, W], Floats[H, W], Floats[H, W, D3]]:
+    """Return which ellipsoid is in front (H, W; −1 for none), its depth [m] and normals.
 
     Exact at pixel centres: each ray is cut with each ellipsoid. Depth is z in the camera, 0 where there is none.
     rays: from `pixel_rays`, to be made once per camera.
@@ -33,7 +33,7 @@ def render(
     front = np.full((height, width), -1)
     depth = np.full((height, width), np.inf)
     normal = np.zeros((height, width, 3))
-    centres = camera.to_camera(flesh.centre)
+    centres: Floats[E, D3] = camera.to_camera(flesh.centre)
     axes = camera.rotation @ flesh.rotation
     for e, (centre, turn, radii) in enumerate(zip(centres, axes, flesh.radii, strict=True)):
         window = _window(camera, rays, centre, float(radii.max()))
@@ -56,13 +56,17 @@ def render(
     return front, np.where(front >= 0, depth, 0.0), normal
 
 
-def render_mask(camera: Camera, flesh: PosedEllipsoids, rays: Floats | None = None) -> Array:
-    """Return the silhouette (H, W) uint8, 0 background, 255 hand; exact at pixel centres."""
+def render_mask(
+    camera: Camera, flesh: PosedEllipsoids, rays: Floats[H, W, D3] | None = None
+) -> Array[H, W]:
+    """Return the silhouette uint8, 0 background, 255 hand; exact at pixel centres."""
     return np.where(render(camera, flesh, rays)[0] >= 0, 255, 0).astype(np.uint8)
 
 
-def shade(front: Array, normal: Floats, colors: Array, background: Array) -> Array:
-    """Return a picture (H, W, 3) uint8: each ellipsoid in its colour (E, 3), lit from the upper left."""
+def shade(
+    front: Array[H, W], normal: Floats[H, W, D3], colors: Array[E, D3], background: Array[H, W, D3]
+) -> Array[H, W, D3]:
+    """Return a picture uint8: each ellipsoid in its colour, lit from the upper left."""
     light = np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     lit = colors[np.maximum(front, 0)] * (0.35 + 0.65 * light[..., None])
     return np.where((front >= 0)[..., None], lit, background).astype(np.uint8)

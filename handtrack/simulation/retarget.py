@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats, check_shape
+from handtrack.arrays import D3, F, Floats, J, P, check_shape
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
@@ -23,8 +23,10 @@ _SOLVER = SolverSettings(iterations=30, damping=1e-3)
 _FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as well
 
 
-def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats) -> Floats:
-    """Return solver parameters (F, P) whose joints are nearest to positions (F, J, 3) world [m], within limits.
+def retarget(
+    model: ArticulatedModel, names: tuple[str, ...], positions: Floats[F, J, D3]
+) -> Floats[F, P]:
+    """Return solver parameters whose joints are nearest to positions world [m], within limits.
 
     names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
     that leads far off. The model's size stays: `fitted_model` finds a person's.
@@ -43,9 +45,11 @@ def retarget(model: ArticulatedModel, names: tuple[str, ...], positions: Floats)
 
 
 def fitted_model(
-    build: Callable[[HandScale], ArticulatedModel], names: tuple[str, ...], positions: Floats
+    build: Callable[[HandScale], ArticulatedModel],
+    names: tuple[str, ...],
+    positions: Floats[F, J, D3],
 ) -> ArticulatedModel:
-    """Return the model in the size of the person whose joints are at positions (F, J, 3) world [m].
+    """Return the model in the size of the person whose joints are at positions world [m].
 
     build: makes the model of a given size.
     """
@@ -63,9 +67,12 @@ def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
 
 
 def retarget_errors(
-    model: ArticulatedModel, names: tuple[str, ...], positions: Floats, params: Floats
-) -> Floats:
-    """Return (F, J) how far the model's joints are from positions (F, J, 3) [m]; NaN where unknown."""
+    model: ArticulatedModel,
+    names: tuple[str, ...],
+    positions: Floats[F, J, D3],
+    params: Floats[F, P],
+) -> Floats[F, J]:
+    """Return how far the model's joints are from positions [m]; NaN where unknown."""
     pairs = zip(positions, params, strict=True)
     return np.stack(
         [_errors(model, Keypoints(tuple(names), points, _SIGMA_M), pose) for points, pose in pairs]

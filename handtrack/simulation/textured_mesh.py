@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.images.carried_texture import texture_points
 from handtrack.terms.images.depth_picture import depth_picture
 
-Paint = Callable[[Ints, Floats], Floats]
-"""bone (N,), place in its frame (N, 3) [m] → colour (N, 3), 0 … 255"""
+Paint = Callable[[Ints[N], Floats[N, D3]], Floats[N, D3]]
+"""bone, place in its frame [m] → colour, 0 … 255"""
 
 _FINER = 2  # samples along a pixel's side
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera
@@ -27,14 +27,13 @@ _AMBIENT = 0.55
 class Pattern:
     """Smooth random patterns, another on every bone: sums of waves in the bone's own frame."""
 
-    base: Floats
-    """(B, 3) mean colour"""
-    wave: Floats
-    """(B, K, 3) [1/m]"""
-    phase: Floats
-    """(B, K)"""
-    swing: Floats
-    """(B, K, 3) of each colour"""
+    base: Floats[B, D3]
+    """mean colour"""
+    wave: Floats[B, K, D3]
+    """[1/m]"""
+    phase: Floats[B, K]
+    swing: Floats[B, K, D3]
+    """of each colour"""
 
     @classmethod
     def random(cls, bones: int, rng: np.random.Generator, wave_length_m: float) -> Pattern:
@@ -50,17 +49,17 @@ class Pattern:
             rng.normal(scale=22.0, size=(bones, count, 3)),
         )
 
-    def __call__(self, bone: Ints, local: Floats) -> Floats:
+    def __call__(self, bone: Ints[N], local: Floats[N, D3]) -> Floats[N, D3]:
         angle = np.einsum("nki,ni->nk", self.wave[bone], local) + self.phase[bone]
         return self.base[bone] + np.einsum("nk,nkc->nc", np.sin(angle), self.swing[bone])
 
 
 def textured_picture(
-    camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array
-) -> tuple[Array, Array]:
-    """Return a picture (H, W, 3) uint8 and the share (H, W) of each pixel that the model covers.
+    camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array[H, W, D3]
+) -> tuple[Array[H, W, D3], Array[H, W]]:
+    """Return a picture uint8 and the share of each pixel that the model covers.
 
-    Lit from the upper left. background: (H, W, 3). Four samples a pixel; no lens distortion.
+    Lit from the upper left. Four samples a pixel; no lens distortion.
     """
     fine = _finer(camera)
     picture = depth_picture(mesh, bones, fine)
@@ -78,8 +77,8 @@ def textured_picture(
     return np.clip(np.rint(small), 0, 255).astype(np.uint8), share
 
 
-def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Return a picture (H, W, 3) uint8 of random rectangles and spots of all sizes, width and height `size`."""
+def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Array[H, W, D3]:
+    """Return a picture uint8 of random rectangles and spots of all sizes, width and height `size`."""
     width, height = size
     image = np.full((height, width, 3), rng.uniform(60, 190, 3), np.float32)
     for _ in range(60):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D2, Floats, Ints, M, N, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics_kernels import Moving
 from handtrack.model.moving_limits import MovingLimits
@@ -21,9 +21,9 @@ class CompiledProblem:
 
     moving: Moving
     limits: MovingLimits
-    observed: Ints
-    """(N, 2) addresses of kernels and tables"""
-    priors: Ints
+    observed: Ints[N, D2]
+    """addresses of kernels and tables"""
+    priors: Ints[M, D2]
     is_block: bool
     """no term couples two bones"""
     tables: Sequence[TermTable]
@@ -45,13 +45,13 @@ class CompiledProblem:
             model.moving, model.moving_limits, entries(observed), entries(priors), is_block, (*observed, *priors)
         )  # fmt: skip
 
-    def cost(self, params: Floats) -> float:
-        """Return the sum of all terms' costs at params (P,)."""
+    def cost(self, params: Floats[P]) -> float:
+        """Return the sum of all terms' costs."""
         work = workspace(self.moving, len(params))
         return evaluate(self.moving, self.observed, self.priors, self.is_block, params, work, 0)
 
-    def linearize(self, params: Floats) -> JointSystem:
-        """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P) at params (P,)."""
+    def linearize(self, params: Floats[P]) -> JointSystem:
+        """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
         work = workspace(self.moving, len(params))
         cost = evaluate(self.moving, self.observed, self.priors, self.is_block, params, work, 6)
         return JointSystem(cost, work.gradient, work.hessian)

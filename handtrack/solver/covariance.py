@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, D6, Array, B, Floats, J, K, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 
@@ -18,16 +18,15 @@ UNOBSERVABLE_STD = 1.0
 class Uncertainty:
     """Covariance of solver parameters and of all that follows from them."""
 
-    covariance: Floats
-    """(P, P)"""
-    parameter_std: Floats
-    """(S,) of joint parameters [m, rad]; infinite where unobservable"""
-    joint_covariance: Floats
-    """(J, 3, 3) of joint positions [m²]"""
+    covariance: Floats[P, P]
+    parameter_std: Floats[S]
+    """of joint parameters [m, rad]; infinite where unobservable"""
+    joint_covariance: Floats[J, D3, D3]
+    """of joint positions [m²]"""
 
 
-def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
-    """Return variance · H⁻¹ (P, P) and the directions (P, K), unit vectors, that H does not determine.
+def covariance(hessian: Floats[P, P], variance: float = 1.0) -> tuple[Floats[P, P], Array[P, K]]:
+    """Return variance · H⁻¹ and the directions, unit vectors, that H does not determine.
 
     A direction is undetermined when its eigenvalue gives a standard deviation above UNOBSERVABLE_STD;
     its variance is capped there, so that the matrix stays finite.
@@ -39,10 +38,10 @@ def covariance(hessian: Floats, variance: float = 1.0) -> tuple[Floats, Array]:
     return (vectors * spread) @ vectors.T, vectors[:, blind]
 
 
-def inherited_information(motion: Floats, before: Floats | None) -> Floats:
-    """Return what a prediction tells of a pose, an inverse covariance (P, P), when the pose before is not known exactly either.
+def inherited_information(motion: Floats[P, P], before: Floats[K, K] | None) -> Floats[P, P]:
+    """Return what a prediction tells of a pose, an inverse covariance, when the pose before is not known exactly either.
 
-    motion: (P, P) what it would tell otherwise: the inverse of how much a frame may change. before: (P, P) covariance of
+    motion: what it would tell otherwise: the inverse of how much a frame may change. before: covariance of
     the pose before; None where nothing is said of it. As in a Kalman filter, (M⁻¹ + C)⁻¹; written (I + M C)⁻¹ M, since M
     says nothing of parameters that move freely.
     """
@@ -54,14 +53,14 @@ def inherited_information(motion: Floats, before: Floats | None) -> Floats:
 
 def uncertainty(
     model: ArticulatedModel,
-    params: Floats,
-    hessian: Floats,
-    seen: Floats | None = None,
+    params: Floats[P],
+    hessian: Floats[P, P],
+    seen: Floats[P, P] | None = None,
     variance: float = 1.0,
 ) -> Uncertainty:
-    """Return the uncertainty of a pose. hessian: (P, P) of the cost ½ Σ r²; variance: of one residual.
+    """Return the uncertainty of a pose. hessian: of the cost ½ Σ r²; variance: of one residual.
 
-    seen: (P, P) the observations' part of it, without priors. What only a prior holds counts as unobservable: its
+    seen: the observations' part of it, without priors. What only a prior holds counts as unobservable: its
     standard deviation is infinite, though its covariance is the prior's.
     """
     cov, blind = covariance(hessian, variance)
@@ -77,9 +76,9 @@ def uncertainty(
 
 
 def joint_position_jacobian(
-    model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats
-) -> Floats:
-    """Return (J, 3, S), the velocity of each named joint per unit of each joint parameter."""
+    model: ArticulatedModel, bones: BonePoses, twist_jacobian: Floats[B, D6, S]
+) -> Floats[J, D3, S]:
+    """Return the velocity of each named joint per unit of each joint parameter."""
     arm = model.joint_positions(bones) - bones.reference
     twist = twist_jacobian[model.joint_bone]
     return twist[:, :3] + np.cross(twist[:, 3:], arm[:, :, None], axis=1)

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.setting import setting
 from handtrack.solver.compiled_problem import CompiledProblem
@@ -38,9 +38,9 @@ class BoundedProblem(Protocol):
     @property
     def limits(self) -> MovingLimits: ...
 
-    def cost(self, params: Floats) -> float: ...
+    def cost(self, params: Floats[P]) -> float: ...
 
-    def linearize(self, params: Floats) -> JointSystem: ...
+    def linearize(self, params: Floats[P]) -> JointSystem: ...
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class SolverSettings:
 class SolveSummary:
     """Where the loop ended, and why."""
 
-    params: Floats
+    params: Floats[P]
     cost: float
     iterations: int
     why: str
@@ -101,12 +101,12 @@ _WHY = {CONVERGED: "converged", USED_UP: "iterations", NO_DESCENT: "no descent"}
 
 def solve(
     problem: BoundedProblem,
-    params: Floats,
+    params: Floats[P],
     settings: SolverSettings | None = None,
     should_stop: Callable[[], bool] | None = None,
-    on_iteration: Callable[[int, Floats, float], None] | None = None,
+    on_iteration: Callable[[int, Floats[P], float], None] | None = None,
 ) -> SolveSummary:
-    """Return the minimum that descent reaches from params (P,), within the problem's limits.
+    """Return the minimum that descent reaches from params, within the problem's limits.
 
     A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
     way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
@@ -199,9 +199,9 @@ def _solve_compiled(
 
 
 def bounded_step(
-    system: JointSystem, params: Floats, limits: MovingLimits | None, damping: float
-) -> Floats | None:
-    """Return the step (P,) that minimises the damped quadratic model within the limits; None if it has no minimum."""
+    system: JointSystem, params: Floats[P], limits: MovingLimits | None, damping: float
+) -> Floats[P] | None:
+    """Return the step that minimises the damped quadratic model within the limits; None if it has no minimum."""
     box, step = new_box(len(params)), np.empty(len(params))
     if limits is not None:
         fill_box(limits, params, box)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, Array, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.assembly import assemble
@@ -23,7 +23,7 @@ class Problem:
     observation_terms: Sequence[ObservationTerm]
     parameter_terms: Sequence[ParameterTerm] = ()
 
-    def cost(self, params: Floats) -> float:
+    def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
         if self.compiled is not None:
             return self.compiled.cost(params)
@@ -32,7 +32,7 @@ class Problem:
         joint = self.model.joint_params(params)
         return float(seen + sum(term.cost(joint) for term in self.parameter_terms))
 
-    def costs(self, params: Floats) -> dict[str, float]:
+    def costs(self, params: Floats[P]) -> dict[str, float]:
         """Return the cost of each kind of term, by its name; terms of one name are summed."""
         bones, joint = self.model.bones(params), self.model.joint_params(params)
         costs: dict[str, float] = {}
@@ -42,8 +42,8 @@ class Problem:
             costs[prior.name] = costs.get(prior.name, 0.0) + float(prior.cost(joint))
         return costs
 
-    def linearize(self, params: Floats) -> JointSystem:
-        """Return cost, gradient (P,) and Gauss-Newton Hessian (P, P)."""
+    def linearize(self, params: Floats[P]) -> JointSystem:
+        """Return cost, gradient and Gauss-Newton Hessian (P, P)."""
         if self.compiled is not None:
             return self.compiled.linearize(params)
         return assemble(self.model, params, self.observation_terms, self.parameter_terms)
@@ -57,8 +57,8 @@ class Problem:
     def limits(self) -> MovingLimits:
         return self.model.moving_limits
 
-    def bounds(self, params: Floats) -> Floats:
-        """Return the limits (P, 2) that hold at params."""
+    def bounds(self, params: Floats[P]) -> Floats[P, D2]:
+        """Return the limits that hold at params."""
         return self.model.bounds(params)
 
 
@@ -67,14 +67,14 @@ class FreeProblem:
     """A problem in which only some solver parameters move; the others stay at `params` (P,)."""
 
     problem: Problem
-    free: Array
-    """(P,) bool"""
-    params: Floats
+    free: Array[P]
+    """bool"""
+    params: Floats[P]
 
-    def cost(self, params: Floats) -> float:
+    def cost(self, params: Floats[P]) -> float:
         return self.problem.cost(params)
 
-    def linearize(self, params: Floats) -> JointSystem:
+    def linearize(self, params: Floats[P]) -> JointSystem:
         return self.problem.linearize(params)
 
     @property

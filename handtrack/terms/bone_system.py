@@ -6,25 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import B6, D3, B, Floats, K, P, S
 from handtrack.terms.bone_kernels import pull_back_blocks
 
 
 @dataclass(frozen=True)
 class JointSystem:
-    """cost + gᵀδ + ½ δᵀHδ for a change δ of parameters (S,) or (P,)."""
+    """cost + gᵀδ + ½ δᵀHδ for a change δ of K parameters, of joints or the solver's."""
 
     cost: float
-    gradient: Floats
-    hessian: Floats
+    gradient: Floats[K]
+    hessian: Floats[K, K]
 
     def __add__(self, other: JointSystem) -> JointSystem:
         return JointSystem(
             self.cost + other.cost, self.gradient + other.gradient, self.hessian + other.hessian
         )
 
-    def pull_back(self, matrix: Floats) -> JointSystem:
-        """Return the system of q where these parameters are matrix · q + offset. matrix: (S, P)."""
+    def pull_back(self, matrix: Floats[S, P]) -> JointSystem:
+        """Return the system of q where these parameters are matrix · q + offset."""
         return JointSystem(self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix)
 
 
@@ -37,8 +37,8 @@ class BoneSystem:
     """
 
     cost: float
-    gradient: Floats
-    hessian: Floats
+    gradient: Floats[B6]
+    hessian: Floats[B6, B6]
 
     @classmethod
     def zero(cls, bone_count: int, width: int = 6) -> BoneSystem:
@@ -55,8 +55,8 @@ class BoneSystem:
         """Return the system of weight × cost."""
         return BoneSystem(weight * self.cost, weight * self.gradient, weight * self.hessian)
 
-    def with_growth(self, moves_like: Floats) -> BoneSystem:
-        """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like (3,)."""
+    def with_growth(self, moves_like: Floats[D3]) -> BoneSystem:
+        """Return the system (7B) of residuals for which a bone that grows about the root by a share σ moves by σ · moves_like."""
         bones = len(self.gradient) // 6
         gradient, hessian = np.empty((bones, 7)), np.empty((bones, 7, bones, 7))
         gradient[:, :6] = self.gradient.reshape(bones, 6)
@@ -67,7 +67,7 @@ class BoneSystem:
         hessian[:, 6, :, 6] = np.einsum("i,bic->bc", moves_like, mixed[:, :3])
         return BoneSystem(self.cost, gradient.ravel(), hessian.reshape(7 * bones, 7 * bones))
 
-    def pull_back(self, twist_jacobian: Floats) -> JointSystem:
+    def pull_back(self, twist_jacobian: Floats[B, K, S]) -> JointSystem:
         """Return the system of joint parameters. twist_jacobian: (B, 6, S), or (B, 7, S) with growth."""
         if twist_jacobian.shape[1] == 7:
             dense = twist_jacobian.reshape(len(self.gradient), -1)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.arrays import D2, Floats, Ints, K, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -27,8 +27,8 @@ class CollisionTerm(CompiledTerm):
     """
 
     flesh: Ellipsoids
-    pairs: Ints
-    """(K, 2) ellipsoids that may not overlap"""
+    pairs: Ints[K, D2]
+    """ellipsoids that may not overlap"""
     sigma_m: float = 0.01
     slack_m: float = 0.01
     """flesh gives way by this much before it counts"""
@@ -64,8 +64,8 @@ class CollisionTerm(CompiledTerm):
         pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 
-    def depths(self, bones: BonePoses) -> Floats:
-        """Return (K,) how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
+    def depths(self, bones: BonePoses) -> Floats[K]:
+        """Return how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
         return _depths(self.flesh, bones, self.pairs)
 
     def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
@@ -86,8 +86,10 @@ class CollisionTerm(CompiledTerm):
         return first, second
 
 
-def colliding_pairs(model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01) -> Ints:
-    """Return (K, 2) the pairs of ellipsoids that can collide.
+def colliding_pairs(
+    model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01
+) -> Ints[K, D2]:
+    """Return the pairs of ellipsoids that can collide.
 
     Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
     already: shoulder and chest, the thighs' tops.

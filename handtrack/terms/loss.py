@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Axes, Floats
 from handtrack.errors import HandtrackError
 from handtrack.terms.loss_kernels import GEMAN_MCCLURE, HUBER, OUTLIERS, QUADRATIC
 
@@ -15,11 +15,11 @@ from handtrack.terms.loss_kernels import GEMAN_MCCLURE, HUBER, OUTLIERS, QUADRAT
 class Loss(Protocol):
     """ρ(r²) with ρ ≈ r² for small residuals."""
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         """Return ρ(r²)."""
         ...
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         """Return dρ/d(r²), the weight of iteratively reweighted least squares."""
         ...
 
@@ -28,10 +28,10 @@ class Loss(Protocol):
 class Quadratic:
     """No robustness."""
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         return squared
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         return np.ones_like(squared)
 
 
@@ -41,11 +41,11 @@ class GemanMcClure:
 
     scale: float
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         s2 = self.scale**2
         return squared * s2 / (squared + s2)
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         s2 = self.scale**2
         return (s2 / (squared + s2)) ** 2
 
@@ -56,11 +56,11 @@ class Huber:
 
     scale: float
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         size = np.sqrt(squared)
         return np.where(size <= self.scale, squared, 2 * self.scale * size - self.scale**2)
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         return self.scale / np.maximum(np.sqrt(squared), self.scale)
 
 
@@ -86,10 +86,10 @@ class UniformOutliers:
         """c, an outlier's density beside an exact point's."""
         return self.share / (1.0 - self.share) * np.sqrt(2.0 * np.pi) / (2.0 * self.half_width)
 
-    def value(self, squared: Floats) -> Floats:
+    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         return -2.0 * np.log((np.exp(-0.5 * squared) + self.level) / (1.0 + self.level))
 
-    def weight(self, squared: Floats) -> Floats:
+    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         inlier = np.exp(-0.5 * squared)
         return inlier / (inlier + self.level)
 

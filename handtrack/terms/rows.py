@@ -6,20 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, D6, D7, Floats, Ints, K, L, N
 from handtrack.terms.bone_system import BoneSystem
 
 
-def point_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
+def point_row(
+    points: Floats[N, D3], normals: Floats[N, D3], reference: Floats[D3]
+) -> Floats[N, D6]:
     """Return [n ; (X − o) × n], what a twist of X's bone adds to a measurement along n at X.
 
-    points, normals: (N, 3) world; reference: (3,) → (N, 6).
+    points, normals: world.
     """
     return np.concatenate([normals, np.cross(points - reference, normals)], axis=-1)
 
 
-def grown_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
-    """Return [n ; (X − o) × n ; n · (X − o)] (N, 7): what the growth of X's bone about o adds, too."""
+def grown_row(
+    points: Floats[N, D3], normals: Floats[N, D3], reference: Floats[D3]
+) -> Floats[N, D7]:
+    """Return [n ; (X − o) × n ; n · (X − o)]: what the growth of X's bone about o adds, too."""
     growth = (normals * (points - reference)).sum(axis=-1, keepdims=True)
     return np.concatenate([point_row(points, normals, reference), growth], axis=-1)
 
@@ -28,17 +32,16 @@ def grown_row(points: Floats, normals: Floats, reference: Floats) -> Floats:
 class Rows:
     """Residuals (N,), and one entry (6,) or (7,) for each bone that a residual depends on."""
 
-    residual: Floats
-    row: Ints
-    """(K,) which residual an entry belongs to"""
-    bone: Ints
-    """(K,)"""
-    twist: Floats
+    residual: Floats[N]
+    row: Ints[K]
+    """which residual an entry belongs to"""
+    bone: Ints[K]
+    twist: Floats[K, L]
     """(K, 6) derivative of the residual by that bone's twist; (K, 7) by its growth too"""
     cost: float
     """½ Σ ρ(r²)"""
-    weight: Floats
-    """(N,) dρ/d(r²)"""
+    weight: Floats[N]
+    """dρ/d(r²)"""
 
     def bone_system(self, bone_count: int) -> BoneSystem:
         """Return the sum over rows: gradient Jᵀ W r and Hessian Jᵀ W J in bone twists."""

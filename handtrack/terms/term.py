@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.term_table import TermTable
@@ -49,10 +49,10 @@ class ParameterTerm(Protocol):
     @property
     def name(self) -> str: ...
 
-    def cost(self, joint_params: Floats) -> float:
-        """Return ½ Σ r² (weighted). joint_params: (S,)"""
+    def cost(self, joint_params: Floats[S]) -> float:
+        """Return ½ Σ r² (weighted)."""
         ...
 
-    def linearize(self, joint_params: Floats) -> JointSystem:
-        """Return cost, gradient (S,) and Hessian (S, S)."""
+    def linearize(self, joint_params: Floats[S]) -> JointSystem:
+        """Return cost, gradient and Hessian (S, S)."""
         ...

@@ -16,7 +16,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from handtrack.arrays import Array, Ints
+from handtrack.arrays import D2, Array, Axes, Ints, N
 
 _CELLS = 4  # of an array in a table: its address and up to three lengths
 
@@ -41,7 +41,7 @@ class TermKernel:
 class TermTable:
     """Arrays in the order in which a kernel reads them. couples: a residual moves with more than one bone."""
 
-    def __init__(self, kernel: TermKernel, *arrays: Array, couples: bool = False) -> None:
+    def __init__(self, kernel: TermKernel, *arrays: Array[*Axes], couples: bool = False) -> None:
         self.kernel, self.couples = kernel, couples
         self._arrays = [np.ascontiguousarray(a) for a in arrays]  # kept alive for the kernel
         self._cells = np.array([_cells(a) for a in self._arrays], np.int64)
@@ -57,8 +57,8 @@ def _cells(array: Array) -> tuple[int, ...]:
     return array.ctypes.data, *shape
 
 
-def entries(tables: list[TermTable]) -> Ints:
-    """Return (N, 2) addresses of kernels and tables; the tables must outlive its use."""
+def entries(tables: list[TermTable]) -> Ints[N, D2]:
+    """Return the addresses of kernels and tables; the tables must outlive its use."""
     return np.array([t.entry for t in tables], np.int64).reshape(-1, 2)
 
 

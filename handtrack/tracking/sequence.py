@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
@@ -22,7 +22,7 @@ def track_frames(
     tracker: Tracker,
     observe: Observe,
     start_frame: int,
-    start_params: Floats,
+    start_params: Floats[P],
     frames: range,
     control: Control = Control(),
 ) -> Iterator[FrameResult]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.appearance_terms import Before
@@ -19,20 +19,20 @@ REMEMBERED = 30
 class TrackerState:
     """Immutable: a state may be stepped from again, with other settings or another observation."""
 
-    start: Floats | None = None
-    """(P,) where the first frame begins"""
+    start: Floats[P] | None = None
+    """where the first frame begins"""
     results: tuple[FrameResult, ...] = ()
     """the latest last, in the order of tracking; they predict, and tell what is usual and how long the hand is lost"""
-    belief: Floats | None = None
-    """(P, P) covariance of the latest pose that was not lost; None where nothing is said of it"""
+    belief: Floats[P, P] | None = None
+    """covariance of the latest pose that was not lost; None where nothing is said of it"""
     hypotheses: tuple[MovingHypothesis, ...] = ()
     """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
     texture: Before | None = None
     """images of the latest frame that was not lost and the model in it, where images are looked at"""
 
     @classmethod
-    def beginning_at(cls, start: Floats) -> TrackerState:
-        """Return the state before a first frame, whose pose is about `start`, solver parameters (P,)."""
+    def beginning_at(cls, start: Floats[P]) -> TrackerState:
+        """Return the state before a first frame, whose pose is about `start`, solver parameters."""
         return cls(start=start)
 
     @classmethod

@@ -85,7 +85,7 @@ class FakeSession:
     warnings: tuple[str, ...] = ()
     has_clouds: bool = False
     cloud_filters: CloudFilters = field(default_factory=CloudFilters)
-    cloud_eyes: Floats | None = None
+    cloud_camera_centres: Floats | None = None
 
     @property
     def views(self) -> tuple[FakeView, ...]:

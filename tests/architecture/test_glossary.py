@@ -11,23 +11,6 @@ from tests.conftest import REPOSITORY
 
 GLOSSARY = REPOSITORY / "docs" / "glossary.md"
 PACKAGES = (REPOSITORY / "handtrack", REPOSITORY / "app" / "handtrack_app")
-STILL_TO_BE_RENAMED: set[str] = {
-    "CloudSource.eyes",
-    "CloudSource.sight",
-    "DepthClouds.eyes",
-    "DepthClouds.sight",
-    "FileClouds.eyes",
-    "FileClouds.sight",
-    "RunSession.cloud_eyes",
-    "Session.cloud_eyes",
-    "Stage.axes_looked_along",
-    "StereoClouds.eyes",
-    "StereoClouds.sight",
-    "knobs",
-    "looked_at",
-    "unwound",
-}
-"""module, Class or Class.method; strike off what is renamed, add nothing"""
 
 
 def banned_words(text: str) -> set[str]:
@@ -63,8 +46,7 @@ def names_in_dialect(packages: tuple[Path, ...]) -> set[str]:
 
 def test_public_names_use_words_of_the_glossary():
     found = names_in_dialect(PACKAGES)
-    assert found - STILL_TO_BE_RENAMED == set(), "docs/glossary.md says what to call these"
-    assert STILL_TO_BE_RENAMED - found == set(), "renamed: strike these off the list"
+    assert found == set(), "docs/glossary.md says what to call these"
 
 
 def test_the_glossary_has_its_words():

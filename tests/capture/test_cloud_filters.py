@@ -128,13 +128,13 @@ def test_each_points_fate_is_the_filter_that_dropped_it(rng):
     near, far = patch(rng, (0, 0, 0.5), 3_000), patch(rng, (0, 0, 3.0))
     cloud = PointCloud(np.vstack([near, far]))
     chain = CloudFilters(max_points=None)
-    fate, reports = chain.dropped_by(cloud, eyes=EYE)
+    fate, reports = chain.dropped_by(cloud, centres=EYE)
     assert (fate[len(near) :] == 0).all()
     assert (fate[: len(near)] > 0).all()
     assert [int((fate == k).sum()) for k in range(len(reports))] == [
         r.before - r.after for r in reports
     ]
-    left, _ = chain.apply(cloud, eyes=EYE)
+    left, _ = chain.apply(cloud, centres=EYE)
     assert np.array_equal(left.points, cloud.points[fate == len(reports)])
 
 

@@ -101,7 +101,7 @@ def test_a_real_hand_before_a_body(data_dir):
     chain = CloudFilters(component="nearest", front_m=0.12)
     for path in files:
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 0.000125
-        hand, _ = chain.apply(depth_cloud(sr305, depth), eyes=np.zeros((1, 3)))
+        hand, _ = chain.apply(depth_cloud(sr305, depth), centres=np.zeros((1, 3)))
         low, high = np.quantile(hand.points, [0.01, 0.99], axis=0)
         assert 2500 <= len(hand) <= 4000, path.name
         assert 0.15 < np.linalg.norm(high - low) < 0.5, path.name  # hand and some forearm

@@ -13,7 +13,7 @@ from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, unwound
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, with_wrapped_turn
 from handtrack.tracking.hypotheses.sequence_path import chosen_sequence, lineage, smoothed
 
 MODEL = load_model("ball6")
@@ -127,7 +127,7 @@ def test_a_turn_beyond_half_is_the_same_hypothesis_written_shorter(rng):
     problem = Problem(MODEL, [], [prior])
     belief = MotionBelief(long, rng.normal(scale=0.01, size=6), 1e-4 * np.eye(12))
     before = replace(_hypothesis(long), belief=belief, seen=problem.linearize(long))
-    after = unwound(before)
+    after = with_wrapped_turn(before)
     assert np.linalg.norm(after.params[3:6]) <= np.pi
     np.testing.assert_allclose(
         rotation_matrix(after.params[3:6]), rotation_matrix(long[3:6]), atol=1e-12

@@ -14,7 +14,7 @@ from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import NotAcceptedError, declared, setting
 from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
-from handtrack_app.page.panels.knobs import KNOBS
+from handtrack_app.page.panels.controls import CONTROLS
 
 CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
             "solver.iterations", "tracker.jumps", "tracker.smoothing")  # fmt: skip
@@ -32,7 +32,7 @@ def test_there_are_no_more_settings_than_people_can_use():
 
 
 def test_page_and_docs_show_what_is_declared_and_nothing_else():
-    on_page = [known.name for folder in KNOBS.values() for known in folder]
+    on_page = [known.name for folder in CONTROLS.values() for known in folder]
     assert sorted(on_page) == sorted(n for n, known in SETTINGS.items() if known.level == "user")
     in_docs = re.findall(r"^\| `([a-z_.]+)` \| (user|expert)", settings_page(), re.MULTILINE)
     assert dict(in_docs) == {n: s.level for n, s in (SETTINGS | CLOUD_SETTINGS).items()}

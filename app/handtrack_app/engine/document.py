@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose, pose_names
@@ -31,8 +31,8 @@ def drivers(model: ArticulatedModel) -> list[int]:
     return chosen
 
 
-def params_of(model: ArticulatedModel, values: Floats) -> Floats:
-    """Return solver parameters (P,), within limits, for joint parameters (S,) as set on the page.
+def params_of(model: ArticulatedModel, values: Floats[S]) -> Floats[P]:
+    """Return solver parameters, within limits, for joint parameters as set on the page.
 
     Under a coupling the driving joints count and the driven ones follow.
     """
@@ -51,22 +51,22 @@ def params_of(model: ArticulatedModel, values: Floats) -> Floats:
 class ModelWork:
     """What was made with a model that is not the one in force."""
 
-    start: Floats
-    shown: Floats
-    by_hand: dict[int, Floats] = field(default_factory=dict)
+    start: Floats[S]
+    shown: Floats[S]
+    by_hand: dict[int, Floats[S]] = field(default_factory=dict)
     results: dict[int, FrameResult] = field(default_factory=dict)
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def pose_at(self, frame: int) -> Floats:
+    def pose_at(self, frame: int) -> Floats[S]:
         if frame in self.by_hand:
             return self.by_hand[frame]
         return self.results[frame].parameters if frame in self.results else self.shown
 
 
 def renamed(
-    values: Floats, names: Sequence[str], new_names: Sequence[str], others: Floats
-) -> Floats:
-    """Return joint parameters of another model by name; those that are not known are `others` (S,)."""
+    values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
+) -> Floats[S]:
+    """Return joint parameters of another model by name; those that are not known are `others`."""
     known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
     return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
 
@@ -78,7 +78,7 @@ class Document:
     """
 
     def __init__(
-        self, run: Run, first_frame: int, first_params: Floats, size_pending: bool = False
+        self, run: Run, first_frame: int, first_params: Floats[P], size_pending: bool = False
     ) -> None:
         self.run = run
         self.frames: range = run.session.frame_range
@@ -113,8 +113,8 @@ class Document:
         self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
         self.shown = self.pose_at(self.frame)
 
-    def pose_at(self, frame: int) -> Floats:
-        """Return the joint parameters (S,) of a frame."""
+    def pose_at(self, frame: int) -> Floats[S]:
+        """Return the joint parameters of a frame."""
         if frame in self.by_hand:
             return self.by_hand[frame]
         if frame in self.results:
@@ -155,16 +155,15 @@ class Document:
             taken = self.pose_at(max(known)) if known else self.start
         else:
             taken = self.start
-        self.set_pose(frame, tuple(taken))
+        self.set_pose(frame, taken.tolist())
 
     def pull_tip(self, frame: int, tip: str, target: Sequence[float]) -> None:
         """Bend a finger so that its tip comes to a point, and show it."""
         point = np.asarray(target, dtype=float)
         if tip in self.tip_names and point.shape == (3,) and np.isfinite(point).all():
             params = params_of(self.model, self.pose_at(frame))
-            self.set_pose(
-                frame, tuple(self.model.joint_params(reach(self.model, params, tip, point)))
-            )
+            bent = self.model.joint_params(reach(self.model, params, tip, point))
+            self.set_pose(frame, bent.tolist())
 
     @property
     def pose_names(self) -> tuple[str, ...]:
@@ -201,8 +200,8 @@ class Document:
         self.replace_run(run)
         return True
 
-    def start_params(self, frame: int, anew: bool = False) -> Floats:
-        """Return solver parameters (P,) that tracking from a frame starts with.
+    def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
+        """Return solver parameters that tracking from a frame starts with.
 
         anew: at the first frame, its saved pose as `handtrack track` takes it, unless the user has moved it since.
         """
@@ -216,8 +215,8 @@ class Document:
         """Whether anybody said where the hand is: else it stands somewhere in view."""
         return self.run.first is not None or bool(self.by_hand) or bool(self.results)
 
-    def keyframes(self, frames: range) -> dict[int, Floats]:
-        """Return the poses set by hand at some of the frames, as solver parameters (P,)."""
+    def keyframes(self, frames: range) -> dict[int, Floats[P]]:
+        """Return the poses set by hand at some of the frames, as solver parameters."""
         return {
             f: params_of(self.model, self.by_hand[f]) for f in sorted(self.by_hand) if f in frames
         }

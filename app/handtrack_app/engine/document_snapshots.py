@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, F, Floats, K
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -56,7 +56,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         stop=document.frames.stop,
         first_frame=document.first_frame,
         cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
-        looked_at=looked_at(session.rig.cameras),
+        scene_centre=scene_centre(session.rig.cameras),
         parameter_names=model.parameter_names,
         driven=tuple(n for n in model.parameter_names if n not in driving),
         interval=model.limits.interval.copy(),
@@ -77,8 +77,8 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     )
 
 
-def looked_at(cameras: Sequence[Camera]) -> Floats:
-    """Return the point (3,) nearest to all optical axes, world [m]; for one camera, half a metre before it."""
+def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
+    """Return the point nearest to all optical axes, world [m]; for one camera, half a metre before it."""
     system, right = 1e-3 * np.eye(3), np.zeros(3)
     for camera in cameras:
         centre, axis = camera.centre, camera.rotation[2]
@@ -149,8 +149,8 @@ def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
     return mean_error_mm(found, truth)
 
 
-def truth_at(document: Document, frame: int) -> Floats | None:
-    """Return the true keypoints (21, 3) of a frame, or joints (J, 3) of a body, world [m]."""
+def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
+    """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
     truth = document.run.session.truth
     points = None if truth is None else truth.keypoints21
     if truth is not None and points is None and truth.joint_names == document.model.joint_names:
@@ -171,7 +171,7 @@ def status_note(result: FrameResult) -> str:
     return result.note[:1].upper() + result.note[1:]
 
 
-def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
+def mean_error_mm(found: Floats[K, D3] | None, truth: Floats[K, D3] | None) -> float:
     """Return the mean distance of keypoints [mm]; NaN where there is nothing to compare."""
     if found is None or truth is None or found.shape != truth.shape:
         return float("nan")
@@ -179,8 +179,8 @@ def mean_error_mm(found: Floats | None, truth: Floats | None) -> float:
     return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
 
 
-def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats]:
-    """Return the energy's parts (F,) of frames in words, NaN where a frame has none."""
+def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats[F]]:
+    """Return the energy's parts of frames in words, NaN where a frame has none."""
     parts: dict[str, Floats] = {}
     for frame, result in results.items():
         if frame not in frames:

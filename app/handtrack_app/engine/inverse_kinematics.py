@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
@@ -41,8 +41,8 @@ def tip_names(model: ArticulatedModel) -> tuple[str, ...]:
     return tuple(name for name in model.joint_names if name.endswith(ends))
 
 
-def reach(model: ArticulatedModel, params: Floats, tip: str, target: Floats) -> Floats:
-    """Return params (P,) with one limb bent, within limits, so that its end comes nearest to target (3,) [m]."""
+def reach(model: ArticulatedModel, params: Floats[P], tip: str, target: Floats[D3]) -> Floats[P]:
+    """Return params with one limb bent, within limits, so that its end comes nearest to target [m]."""
     free = _limb(model, tip)
     sigma = np.full(len(model.parameter_names), np.inf)
     sigma[6:] = _STAY_SIGMA

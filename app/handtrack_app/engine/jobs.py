@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
@@ -213,15 +213,17 @@ class Leg:
 
     frames: range
     first: int
-    params: Floats
-    """(P,) to start with at `first`"""
+    params: Floats[P]
+    """to start with at `first`"""
 
 
-def legs(frames: range, first: int, params: Floats, held: Mapping[int, Floats]) -> tuple[Leg, ...]:
-    """Return in which legs frames are tracked from a pose (P,) at `first`: away from it, up to the next keyframe, and on
+def legs(
+    frames: range, first: int, params: Floats[P], held: Mapping[int, Floats[P]]
+) -> tuple[Leg, ...]:
+    """Return in which legs frames are tracked from a pose at `first`: away from it, up to the next keyframe, and on
     from that.
 
-    held: poses (P,) set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
+    held: poses set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
     `first` is among them, tracking begins beside it.
     """
     later = [k for k in sorted(held) if first < k < frames.stop]

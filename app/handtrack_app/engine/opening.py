@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.session import bundled
@@ -16,7 +16,7 @@ from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import looked_at
+from handtrack_app.engine.document_snapshots import scene_centre
 from handtrack_app.engine.run import Run
 
 # the share of points that are nearest, and how far behind them a hand may reach
@@ -39,14 +39,14 @@ def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     return Document(run, frame, params, pending)
 
 
-def placed_in_view(run: TrackingRun) -> Floats:
-    """Return solver parameters (P,) of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
+def placed_in_view(run: TrackingRun) -> Floats[P]:
+    """Return solver parameters of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
     the first one.
     """
     cameras = list(run.session.rig.cameras)
     centre = _middle_of_cloud(run.session)
     if centre is None:
-        centre = looked_at(cameras)
+        centre = scene_centre(cameras)
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
     # +y up, back of the hand to the camera
@@ -67,9 +67,9 @@ def _middle_of_cloud(session: Session) -> Floats | None:
         return None
     if cloud is None or not len(cloud):
         return None
-    points, eyes = cloud.points, session.cloud_eyes
-    if eyes is not None and len(eyes):
-        away = np.linalg.norm(points[:, None] - eyes, axis=2).min(axis=1)
+    points, centres = cloud.points, session.cloud_camera_centres
+    if centres is not None and len(centres):
+        away = np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1)
         points = points[away <= np.quantile(away, _NEAR) + _DEEP_M]
     return np.median(points, axis=0)
 

@@ -54,7 +54,7 @@ class PageLayout:
         left = gui.add_panel()
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
-        nudges = NudgePanel(page, stage.hand_middle, stage.axes_looked_along, self.keys)
+        nudges = NudgePanel(page, stage.hand_middle, stage.view_axes, self.keys)
         self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses)
         self.limits = LimitsPanel(page, left.add_tab("Limits"))
         certainty = left.add_tab("Certainty")

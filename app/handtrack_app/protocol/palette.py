@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.arrays import D3, Axes, Bytes, Floats, Ints, N
 
 FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
     "palm": (168, 158, 150),
@@ -66,13 +66,13 @@ def colour_of(name: str) -> tuple[int, int, int]:
     return FINGER_COLOURS[finger_of(name)] if limb is None else LIMB_COLOURS[limb]
 
 
-def colours_of(bone_names: tuple[str, ...], bones: Ints) -> Bytes:
-    """Return (N, 3) colours of things that sit on bones (N,)."""
+def colours_of(bone_names: tuple[str, ...], bones: Ints[N]) -> Bytes[N, D3]:
+    """Return colours of things that sit on bones."""
     return linear([colour_of(bone_names[b]) for b in bones])
 
 
-def linear(colours: object) -> Bytes:
-    """Return (..., 3) colours as the scene's light is computed; sent as they are, they would look washed out."""
+def linear(colours: object) -> Bytes[*Axes, D3]:
+    """Return colours as the scene's light is computed; sent as they are, they would look washed out."""
     share = np.asarray(colours, dtype=float) / 255
     low = share <= 0.04045
     return np.rint(255 * np.where(low, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(
@@ -115,8 +115,8 @@ _RAMP = np.array(
 )
 
 
-def residual_colours(residual_mm: Floats) -> Bytes:
-    """Return (N, 3) colours of distances to the model (N,) [mm]: blue inside, grey on it, orange outside."""
+def residual_colours(residual_mm: Floats[N]) -> Bytes[N, D3]:
+    """Return colours of distances to the model [mm]: blue inside, grey on it, orange outside."""
     share = np.nan_to_num(np.clip(residual_mm / RESIDUAL_MM, -1.0, 1.0))
     place = 0.5 * (share + 1.0) * (len(_RAMP) - 1)
     stops = np.arange(len(_RAMP))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats, Ints
+from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N, S, T, V, W
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
 
@@ -22,9 +22,9 @@ class PartCard:
     """A part of a body as the scene draws it: a closed mesh, fixed to a bone."""
 
     bone: int
-    vertices: Floats
-    """(V, 3) in that bone's frame [m]"""
-    faces: Ints
+    vertices: Floats[V, D3]
+    """in that bone's frame [m]"""
+    faces: Ints[T, D3]
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class CameraCard:
 
     name: str
     size: tuple[int, int]
-    matrix: Floats
-    rotation: Floats
-    """(3, 3) camera → world"""
-    centre: Floats
-    """(3,) world [m]"""
+    matrix: Floats[D3, D3]
+    rotation: Floats[D3, D3]
+    """camera → world"""
+    centre: Floats[D3]
+    """world [m]"""
 
     @classmethod
     def of(cls, camera: Camera) -> CameraCard:
@@ -57,20 +57,20 @@ class SessionSnapshot:
     stop: int
     first_frame: int
     cameras: tuple[CameraCard, ...]
-    looked_at: Floats
-    """(3,) where the cameras look, world [m]"""
+    scene_centre: Floats[D3]
+    """where the cameras look, world [m]"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
-    interval: Floats
-    """(S, 2) limits in force [m, rad]"""
-    own_interval: Floats
-    """(S, 2) the model's own limits"""
+    interval: Floats[S, D2]
+    """limits in force [m, rad]"""
+    own_interval: Floats[S, D2]
+    """the model's own limits"""
     bone_names: tuple[str, ...]
-    bone_length: Floats
-    ellipsoid_bone: Ints
-    radii: Floats
-    """(E, 3) [m]"""
+    bone_length: Floats[B]
+    ellipsoid_bone: Ints[E]
+    radii: Floats[E, D3]
+    """[m]"""
     settings: dict[str, object]
     own_settings: dict[str, object]
     """as session.toml has them"""
@@ -93,25 +93,24 @@ class PoseSnapshot:
 
     frame: int
     version: int
-    values: Floats
-    """(S,) joint parameters [m, rad]"""
-    bone_position: Floats
-    bone_rotation: Floats
-    """(B, 3) and (B, 3, 3)"""
-    centre: Floats
-    rotation: Floats
-    """ellipsoids: (E, 3) and (E, 3, 3)"""
-    tips: Floats
-    """(T, 3) fingertips, world [m]"""
+    values: Floats[S]
+    """joint parameters [m, rad]"""
+    bone_position: Floats[B, D3]
+    bone_rotation: Floats[B, D3, D3]
+    centre: Floats[E, D3]
+    rotation: Floats[E, D3, D3]
+    """of ellipsoids"""
+    tips: Floats[L, D3]
+    """fingertips, world [m]"""
     origin: str
     """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float
-    std: Floats | None
-    """(S,) [m, rad]"""
-    truth: Floats | None
-    """(K, 3) true keypoints, world [m]"""
+    std: Floats[S] | None
+    """[m, rad]"""
+    truth: Floats[K, D3] | None
+    """true keypoints, world [m]"""
     error_mm: float
     """mean distance to the truth; NaN without"""
     note: str = ""
@@ -123,11 +122,11 @@ class PictureSnapshot:
     """Pictures of one frame, RGB."""
 
     frame: int
-    thumbnails: dict[str, Bytes] = field(default_factory=dict)
-    sheet: Bytes | None = None
+    thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
+    sheet: Bytes[H, W, D3] | None = None
     """the thumbnails side by side"""
     screen: str | None = None
-    screen_image: Bytes | None = None
+    screen_image: Bytes[H, W, D3] | None = None
 
 
 @dataclass(frozen=True)
@@ -135,15 +134,15 @@ class TimelineSnapshot:
     """The whole recording at a glance; rows are frames from `start`."""
 
     start: int
-    status: Ints
-    """(F,) contracts §5; −1 untracked"""
-    energy: Floats
-    error_mm: Floats
-    """(F,) NaN where unknown"""
+    status: Ints[F]
+    """contracts §5; −1 untracked"""
+    energy: Floats[F]
+    error_mm: Floats[F]
+    """NaN where unknown"""
     by_hand: tuple[int, ...]
     """frames whose pose was given, by hand or by a search"""
-    terms: dict[str, Floats] = field(default_factory=dict)
-    """(F,) the energy's parts in words"""
+    terms: dict[str, Floats[F]] = field(default_factory=dict)
+    """the energy's parts in words"""
     found: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
 
@@ -212,14 +211,14 @@ class GuessesSnapshot:
     kind: str
     """`found` without a first pose, `carried` by the tracker, or empty: there are none"""
     guesses: tuple[Guess, ...] = ()
-    owner: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(N,) the guess that each bone belongs to"""
-    position: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    """(N, 3) where bones begin, world [m]"""
-    rotation: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    """(N, 3, 3) bone → world; bones lie along y"""
-    length: Floats = field(default_factory=lambda: np.zeros(0))
-    """(N,) [m]"""
+    owner: Ints[N] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """the guess that each bone belongs to"""
+    position: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
+    """where bones begin, world [m]"""
+    rotation: Floats[N, D3, D3] = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """bone → world; bones lie along y"""
+    length: Floats[N] = field(default_factory=lambda: np.zeros(0))
+    """[m]"""
     is_new: bool = False
     """just found: the surest is to be taken"""
 
@@ -230,9 +229,9 @@ class SurfaceSnapshot:
 
     frame: int
     version: int
-    vertices: Floats
-    """(V, 3) world [m]"""
-    faces: Ints
+    vertices: Floats[V, D3]
+    """world [m]"""
+    faces: Ints[T, D3]
 
 
 @dataclass(frozen=True)
@@ -250,14 +249,14 @@ class CloudSnapshot:
     """The cloud of one frame, as the tracker gets it, against the hand shown."""
 
     frame: int
-    points: Floats
-    """(N, 3) world [m]; of very many, a random part"""
-    colors: Bytes | None
-    """(N, 3) RGB"""
-    residual_mm: Floats
-    """(N,) distance to the model's surface, negative inside; NaN where there is no such surface"""
-    dropped: Floats
-    """(M, 3) world [m] points that a filter dropped, thinned ones not among them"""
+    points: Floats[N, D3]
+    """world [m]; of very many, a random part"""
+    colors: Bytes[N, D3] | None
+    """RGB"""
+    residual_mm: Floats[N]
+    """distance to the model's surface, negative inside; NaN where there is no such surface"""
+    dropped: Floats[M, D3]
+    """world [m] points that a filter dropped, thinned ones not among them"""
     measured: int
     left: int
     counts: tuple[FilterCount, ...] = ()
@@ -270,8 +269,8 @@ class CloudPicture:
     """The picture of the cloud panel."""
 
     frame: int
-    image: Bytes
-    """(H, W, 3) RGB"""
+    image: Bytes[H, W, D3]
+    """RGB"""
     wide: bool
     words: str
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Floats, P
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
@@ -40,8 +40,7 @@ _PAUSE_S = 0.02
 class Step(NamedTuple):
     """A state that the solver accepted."""
 
-    params: Floats
-    """(P,)"""
+    params: Floats[P]
     cost: float
 
 

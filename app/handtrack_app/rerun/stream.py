@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W
 from handtrack.errors import HandtrackError
 from handtrack_app.rerun.viewer import RerunViewer
 
@@ -38,12 +38,12 @@ class CameraPictures:
     """What one camera saw and what the model predicts there."""
 
     camera: str
-    observed: Floats | Bytes | None = None
-    """(H, W) coverage by the hand, 0…1, or bytes 0…255"""
-    predicted: Floats | Bytes | None = None
-    """(H, W) likewise"""
-    residual: Floats | None = None
-    """(H, W) signed, −1…1: observed − predicted"""
+    observed: Floats[H, W] | Bytes[H, W] | None = None
+    """coverage by the hand, 0…1, or bytes 0…255"""
+    predicted: Floats[H, W] | Bytes[H, W] | None = None
+    """likewise"""
+    residual: Floats[H, W] | None = None
+    """signed, −1…1: observed − predicted"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,15 +228,15 @@ def _log_pictures(
                 recording.log(f"{root}/{view.camera}/{kind}", image)
 
 
-def grey(picture: Array) -> Bytes:
-    """Return bytes (H, W) of a picture in 0…1; bytes stay as they are."""
+def grey(picture: Array[H, W]) -> Bytes[H, W]:
+    """Return bytes of a picture in 0…1; bytes stay as they are."""
     if picture.dtype == np.uint8:
         return picture
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def signed_colours(residual: Floats) -> Bytes:
-    """Return (H, W, 3): red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
+def signed_colours(residual: Floats[H, W]) -> Bytes[H, W, D3]:
+    """Return colours: red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
     value = np.clip(np.nan_to_num(residual), -1.0, 1.0)
     fade = np.rint(255 * (1 - np.abs(value))).astype(np.uint8)
     full = np.full_like(fade, 255)

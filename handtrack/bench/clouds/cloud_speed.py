@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, N, P
 from handtrack.bench.clouds.dense_rows_kernels import dense_rows
 from handtrack.bench.measuring import alone, alternating_medians, mean_mm
 from handtrack.model.articulated import ArticulatedModel
@@ -34,12 +34,11 @@ class CloudScene:
 
     model: ArticulatedModel
     surface: MetaballSurface
-    points: Floats
-    """(N, 3) world [m]"""
-    truth: Floats
-    """(P,)"""
-    start: Floats
-    """(P,) 10 mm off, all angles off by 5° (standard deviation), within limits"""
+    points: Floats[N, D3]
+    """world [m]"""
+    truth: Floats[P]
+    start: Floats[P]
+    """10 mm off, all angles off by 5° (standard deviation), within limits"""
 
 
 def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> CloudScene:
@@ -241,10 +240,10 @@ class DenseCloud:
         self.scene = scene
         self.points = np.ascontiguousarray(scene.points)
 
-    def residual(self, params: Floats) -> Floats:
+    def residual(self, params: Floats[P]) -> Floats[N]:
         return self._rows(params, False)[0]
 
-    def jacobian(self, params: Floats) -> Floats:
+    def jacobian(self, params: Floats[P]) -> Floats[N, P]:
         return self._rows(params, True)[1] @ self.scene.model.transform.matrix
 
     def _rows(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:

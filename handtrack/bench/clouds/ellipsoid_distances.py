@@ -10,7 +10,7 @@ import sys
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Floats, H, N, W
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface, true_distance
@@ -19,8 +19,8 @@ SHAPES = {"finger": (0.010, 0.026, 0.010), "palm": (0.038, 0.053, 0.015)}
 LEVELS_MM = (-8, -4, -1, 1, 5, 20)
 
 
-def distance(radii: tuple[float, float, float], form: str, points: Floats) -> Floats:
-    """Return one form's distance (N,) of points (N, 3) to an ellipsoid around the origin."""
+def distance(radii: tuple[float, float, float], form: str, points: Floats[N, D3]) -> Floats[N]:
+    """Return one form's distance of points to an ellipsoid around the origin."""
     flesh = Ellipsoids(
         ("e",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.array([radii])
     )
@@ -45,7 +45,7 @@ def error_table(count: int = 40_000) -> list[tuple[str, str, int, float, float]]
     return rows
 
 
-def error_map(step_m: float = 0.0004, most_mm: float = 10.0) -> Array:
+def error_map(step_m: float = 0.0004, most_mm: float = 10.0) -> Array[H, W, D3]:
     """Return a picture (BGR) of signed errors in the plane of the longest and shortest axis, d1, d2, d3 side by side.
 
     Red too far, blue too near, full colour at `most_mm`; lines of equal value every 4 mm, the surface thick.

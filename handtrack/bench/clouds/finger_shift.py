@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.bench.measuring import joint_error_mm
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -100,8 +100,8 @@ def repair(seed: int, seen: str) -> Repair:
     return Repair(*errors, *costs)
 
 
-def one_finger_off(model: ArticulatedModel, params: Floats, side: float) -> Floats:
-    """Return params (P,) with each finger in its neighbour's place, bent as that one is; side 1: towards the little."""
+def one_finger_off(model: ArticulatedModel, params: Floats[P], side: float) -> Floats[P]:
+    """Return params with each finger in its neighbour's place, bent as that one is; side 1: towards the little."""
     bones = model.bones(params)
     places = model.joint_positions(bones)
     index, little = (places[model.joint_names.index(f"{f}_mcp")] for f in ("index", "little"))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -47,14 +47,14 @@ def freedoms(seeds: int = 2) -> dict[str, float | int | str]:
 
 def scene(
     hand: str, sensor: str, seed: int, frames: int = FRAMES
-) -> tuple[Floats, list[Observation]]:
+) -> tuple[Floats[F, S], list[Observation]]:
     """Return joint parameters (F, 26) of a motion that obeys the coupling or not, and its clouds."""
     rng = np.random.default_rng(seed)
     truth = fingers_of(hand, FRAMES, rng)[:frames]
     return truth, list(depth_views(load_model(), truth, SENSORS[sensor], rng))
 
 
-def fingers_of(hand: str, frames: int, rng: np.random.Generator) -> Floats:
+def fingers_of(hand: str, frames: int, rng: np.random.Generator) -> Floats[F, S]:
     """Return joint parameters (F, 26) within limits: half of an opening and closing, fingers spreading on the way."""
     coupled = person("18")
     joint = motion(coupled, "curl", 2 * frames, rng)[:frames]
@@ -76,7 +76,7 @@ def person(free: str) -> ArticulatedModel:
     return load_model(coupling=free.partition("_")[0], spread=spread)
 
 
-def error_mm(free: str, truth: Floats, seen: Sequence[Observation]) -> float:
+def error_mm(free: str, truth: Floats[F, S], seen: Sequence[Observation]) -> float:
     """Return the mean distance of joints and tips over the frames, tracked from the true first pose [mm]."""
     model, whole = person(free), load_model()
     start = model.clipped(model.transform.solver_params(truth[0]))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, F, Floats
 from handtrack.bench.measuring import mean_mm, recording
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
 from handtrack.session.run import TrackingRun
@@ -73,8 +73,8 @@ def mean_error_mm(run: TrackingRun, frames: range | None = None) -> float:
     return mean_mm(track.keypoints21, _known(run.session)[kept.start : kept.stop])
 
 
-def true_factors(model: ArticulatedModel, keypoints: Floats) -> dict[str, float]:
-    """Return by bone how much longer it is in the truth (F, 21, 3) than in a model.
+def true_factors(model: ArticulatedModel, keypoints: Floats[F, D21, D3]) -> dict[str, float]:
+    """Return by bone how much longer it is in the truth than in a model.
 
     The palm's bones, from the wrist to a knuckle or the thumb's base, share the factor of that distance.
     """
@@ -95,7 +95,7 @@ def true_factors(model: ArticulatedModel, keypoints: Floats) -> dict[str, float]
     return factors
 
 
-def true_scale(model: ArticulatedModel, keypoints: Floats) -> HandScale:
+def true_scale(model: ArticulatedModel, keypoints: Floats[F, D21, D3]) -> HandScale:
     """Return the size with the truth's lengths as far as a size can say them: the palm's mean factor from the wrist to
     the knuckles, and each finger's whole length.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.bench.measuring import tracked
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
@@ -61,7 +61,7 @@ def poor_clouds(seeds: int = 2) -> dict[str, float | int | str]:
 
 def scene(
     seed: int, sensor: Sensor = DIGICLOPS, frames: int = FRAMES
-) -> tuple[Floats, list[Observation]]:
+) -> tuple[Floats[F, S], list[Observation]]:
     """Return joint parameters (F, 26) of a motion and what the sensor saw of it."""
     rng = np.random.default_rng(seed)
     model = load_model()
@@ -69,7 +69,7 @@ def scene(
     return truth, list(depth_views(model, truth, sensor, rng))
 
 
-def track(way: str, truth: Floats, seen: Sequence[Observation]) -> list[FrameResult]:
+def track(way: str, truth: Floats[F, S], seen: Sequence[Observation]) -> list[FrameResult]:
     """Return the frames, tracked from the first true pose."""
     name, values = WAYS[way]
     whole, model = load_model(), load_model(name)
@@ -77,7 +77,7 @@ def track(way: str, truth: Floats, seen: Sequence[Observation]) -> list[FrameRes
     return tracked(model, values, seen, start)
 
 
-def palm_mm(way: str, results: Sequence[FrameResult], truth: Floats) -> Floats:
+def palm_mm(way: str, results: Sequence[FrameResult], truth: Floats[F, S]) -> Floats[F]:
     """Return the mean error of wrist and middle knuckle of each frame [mm]."""
     whole, model = load_model(), load_model(WAYS[way][0])
     theirs = [whole.joint_names.index(name) for name in PALM]

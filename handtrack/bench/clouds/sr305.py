@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, Floats, H, K, M, N, W
 from handtrack.bench.measuring import data_folder
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
@@ -51,14 +51,14 @@ class DepthFit:
     frame: int
     model: ArticulatedModel
     result: FrameResult
-    hand: Floats
-    """(N, 3) the hand's points, world [m]"""
-    cloud_to_model_mm: Floats
-    """(N,) distance of each of them to the surface"""
-    model_to_cloud_mm: Floats
-    """(M,) of the hand's surface that the camera sees, point by point, to the nearest measured one"""
-    measured: Floats
-    """(K, 3) everything measured, world [m]"""
+    hand: Floats[N, D3]
+    """the hand's points, world [m]"""
+    cloud_to_model_mm: Floats[N]
+    """distance of each of them to the surface"""
+    model_to_cloud_mm: Floats[M]
+    """of the hand's surface that the camera sees, point by point, to the nearest measured one"""
+    measured: Floats[K, D3]
+    """everything measured, world [m]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +148,8 @@ def _measured(
     return DepthFit(result.frame, model, result, hand, there * _MM, back * _MM, every)
 
 
-def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats:
-    """Return (M, 3) world [m], points of the hand's merged surface, the forearm's left out, that the camera sees."""
+def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats[M, D3]:
+    """Return points, world [m], of the hand's merged surface, the forearm's left out, that the camera sees."""
     surface = MetaballSurface.of(model)
     posed = surface.ellipsoids.posed(bones)
     rays = pixel_rays(CAMERA)[::_EVERY_PX, ::_EVERY_PX]
@@ -160,7 +160,7 @@ def visible_surface(model: ArticulatedModel, bones: BonePoses) -> Floats:
     return surface.projected(bones, points)
 
 
-def overlay(fit: DepthFit, side: int = 320) -> Bytes:
+def overlay(fit: DepthFit, side: int = 320) -> Bytes[H, W, D3]:
     """Return a picture (side, 3 side, 3) BGR: the cloud with the model's outlines, the model, the cloud by distance.
 
     Green: on the surface; red: 10 mm and more off it.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, F, Floats, H, P, W
 from handtrack.bench.measuring import data_folder, mean_mm, tracked
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -48,13 +48,13 @@ class Dance:
     """The dance, and what the camera saw of it."""
 
     model: ArticulatedModel
-    params: Floats
-    """(F, P) the truth"""
+    params: Floats[F, P]
+    """the truth"""
     camera: Camera
-    images: tuple[Array, ...]
-    """(H, W, 3) uint8 of each frame"""
-    covered: tuple[Array, ...]
-    """(H, W) the share of each pixel that the dancer covers"""
+    images: tuple[Array[H, W, D3], ...]
+    """uint8 of each frame"""
+    covered: tuple[Array[H, W], ...]
+    """the share of each pixel that the dancer covers"""
 
     def bones(self, frame: int) -> BonePoses:
         """Return the true pose."""
@@ -77,10 +77,10 @@ class DanceTrack:
     """One way to track, by frame."""
 
     results: tuple[FrameResult, ...]
-    overlap: Floats
-    """(F,) intersection over union with the true silhouette"""
-    error_mm: Floats
-    """(F,) mean over joints, relative to the root"""
+    overlap: Floats[F]
+    """intersection over union with the true silhouette"""
+    error_mm: Floats[F]
+    """mean over joints, relative to the root"""
 
 
 def dance(frames: int = FRAMES, size: tuple[int, int] = (640, 480), seed: int = 0) -> Dance:
@@ -105,8 +105,8 @@ def front_camera(size: tuple[int, int] = (640, 480)) -> Camera:
     return Camera("front", size, matrix, np.zeros(5), rotation, -rotation @ (0.0, 0.95, 4.3))
 
 
-def first_guess(what: Dance) -> Floats:
-    """Return the first pose (P,) as somebody poses it by hand: near the truth."""
+def first_guess(what: Dance) -> Floats[P]:
+    """Return the first pose as somebody poses it by hand: near the truth."""
     rng = np.random.default_rng(2)
     scale = np.full(what.params.shape[1], np.deg2rad(_NOISE_DEG))
     scale[:3] = _NOISE_M

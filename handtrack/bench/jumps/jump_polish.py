@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, R
 from handtrack.bench.jumps.jump_polish_kernels import image_rows
 from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import covariance_scaled, projected
@@ -93,14 +93,14 @@ class DenseKeypoints:
         self.prior_rows, self.prior_means = np.concatenate(rows), np.concatenate(means)
         self.count = 2 * len(self.problem.camera)
 
-    def residual(self, params: Floats) -> Floats:
-        """Return (R,) image joints [px], then priors [standard deviations]."""
+    def residual(self, params: Floats[P]) -> Floats[R]:
+        """Return image joints [px], then priors [standard deviations]."""
         return np.concatenate(
             [self._image(params, False)[0], self.prior_rows @ params - self.prior_means]
         )
 
-    def jacobian(self, params: Floats) -> Floats:
-        """Return (R, P)."""
+    def jacobian(self, params: Floats[P]) -> Floats[R, P]:
+        """Return the residual's derivative by solver parameters."""
         return np.concatenate([self._image(params, True)[1], self.prior_rows])
 
     def _image(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.bench.measuring import alternating_medians
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -111,7 +111,7 @@ def tentacle() -> ArticulatedModel:
 
 
 def leaves_one_by_one(
-    model: ArticulatedModel, params: Floats, chain: PreparedChain, camera: Camera
+    model: ArticulatedModel, params: Floats[P], chain: PreparedChain, camera: Camera
 ) -> list[list[float]]:
     """Return the leaves' parameters by the plain loop. The tentacle's zero pose has all frames parallel to the world."""
     bones = model.bones(params)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, M, N, P
 from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import Tails, covariance_scaled, projected, spherical
 from handtrack.sampling.hypotheses import MERGED_RAD, distinct
@@ -67,14 +67,13 @@ class Sampled:
     """What a row is made from."""
 
     row: Row
-    raw: Floats
-    """(N, P)"""
-    found: Floats
-    """(M, P) distinct minima"""
+    raw: Floats[N, P]
+    found: Floats[M, P]
+    """distinct minima"""
 
 
 def sampled(
-    scene: JumpScene, name: str, scale: str, draw: Callable[[], Floats], equal: int
+    scene: JumpScene, name: str, scale: str, draw: Callable[[], Floats[N, P]], equal: int
 ) -> Sampled:
     """Return the row of a sampler: drawn, polished, near-equal minima merged."""
     begin = time.process_time()
@@ -101,8 +100,8 @@ def _medians(values: Floats, count: int) -> tuple[float, float]:
     return float(np.median(values[:count])), found
 
 
-def scene_costs(scene: JumpScene, params: Floats) -> Floats:
-    """Return the whole cost (N,) at params (N, P)."""
+def scene_costs(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
+    """Return the whole cost at params."""
     problem = keypoint_problem(
         scene.model, [scene.seen], scene.priors.joints, collision=scene.collision
     )
@@ -110,13 +109,13 @@ def scene_costs(scene: JumpScene, params: Floats) -> Floats:
     return np.array([keypoint_cost(problem, row, space) for row in params])
 
 
-def parameter_distance(scene: JumpScene, params: Floats) -> Floats:
-    """Return the Euclidean distances (N,) of params (N, P) from the scene's start."""
+def parameter_distance(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
+    """Return the Euclidean distances of params from the scene's start."""
     return np.linalg.norm(params - scene.start, axis=1)
 
 
-def std_distance(scene: JumpScene, params: Floats) -> Floats:
-    """Return the Mahalanobis distances (N,) of params (N, P) from the scene's start."""
+def std_distance(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
+    """Return the Mahalanobis distances of params from the scene's start."""
     off = params - scene.start
     return np.sqrt(np.einsum("np,np->n", off, np.linalg.solve(scene.covariance, off.T).T))
 

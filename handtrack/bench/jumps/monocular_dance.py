@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, D3, Axes, F, Floats, J, P
 from handtrack.bench.measuring import data_folder, mean_mm
 from handtrack.bench.pictures.plotting import pyplot
 from handtrack.geometry.camera import Camera
@@ -48,13 +48,13 @@ class SeenDance:
     """A stretch of the dance, and its joints in one camera."""
 
     model: ArticulatedModel
-    params: Floats
-    """(F, P) the truth"""
-    places: Floats
-    """(F, J, 3) world [m]"""
+    params: Floats[F, P]
+    """the truth"""
+    places: Floats[F, J, D3]
+    """world [m]"""
     camera: Camera
-    pixels: Floats
-    """(F, J, 2) with noise"""
+    pixels: Floats[F, J, D2]
+    """with noise"""
 
     def observation(self, frame: int) -> Observation:
         """Return the joints as seen."""
@@ -62,13 +62,13 @@ class SeenDance:
         joints = ImageKeypoints(self.camera, names, self.pixels[frame], NOISE_PX)
         return Observation(frame, frame / FPS, keypoints=(joints,))
 
-    def start(self) -> Floats:
-        """Return a first guess (P,) that knows nothing of the pose: at rest in the middle of the scene, facing the camera."""
+    def start(self) -> Floats[P]:
+        """Return a first guess that knows nothing of the pose: at rest in the middle of the scene, facing the camera."""
         params = self.model.rest_params()
         params[:3] = self.places[:, self.model.joint_names.index("pelvis")].mean(axis=0)
         return params
 
-    def errors(self, shape: Floats, frame: int) -> float:
+    def errors(self, shape: Floats[J, D3], frame: int) -> float:
         """Return the mean over the joints (J, 3) of their distance to the truth, both relative to the pelvis [mm]."""
         root = self.model.joint_names.index("pelvis")
         true = self.places[frame] - self.places[frame, root]
@@ -79,12 +79,12 @@ class SeenDance:
 class DanceErrors:
     """Joint errors of each frame [mm]."""
 
-    oracle: Floats
-    """(F,) of the best of the hypotheses shown"""
-    own: Floats
-    """(F,) of the heaviest"""
-    path: Floats
-    smooth: Floats
+    oracle: Floats[F]
+    """of the best of the hypotheses shown"""
+    own: Floats[F]
+    """of the heaviest"""
+    path: Floats[F]
+    smooth: Floats[F]
     results: tuple[FrameResult, ...]
 
 
@@ -110,8 +110,8 @@ def seen_dance(first: int = 0, frames: int = FRAMES, seed: int = 0) -> SeenDance
     )
 
 
-def framing_camera(places: Floats) -> Camera:
-    """Return a camera in front, 4.5 m from the middle of the points (..., 3), that they fill."""
+def framing_camera(places: Floats[*Axes, D3]) -> Camera:
+    """Return a camera in front, 4.5 m from the middle of the points, that they fill."""
     points = places.reshape(-1, 3)
     rotation = np.diag([1.0, -1.0, -1.0])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))

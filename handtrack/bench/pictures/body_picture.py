@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D3, Bytes, Floats, H, P, W
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -28,8 +28,8 @@ _SUBPIXEL_BITS = 4
 _SHADES = 64
 
 
-def body_pictures(model: ArticulatedModel) -> Bytes:
-    """Return the pictures side by side (H, W, 3) BGR."""
+def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
+    """Return the pictures side by side BGR."""
     if model.superquadrics is None:
         raise HandtrackError(f"body picture: the model '{model.name}' has no superquadrics.")
     parts = model.superquadrics.mesh(40, 28)
@@ -41,8 +41,8 @@ def body_pictures(model: ArticulatedModel) -> Bytes:
     return np.concatenate(shown, axis=1)
 
 
-def drawn(model: ArticulatedModel, mesh: PartMesh, params: Floats, turn: float) -> Bytes:
-    """Return a picture of a mesh posed by params (P,), turned about the vertical [rad], without perspective."""
+def drawn(model: ArticulatedModel, mesh: PartMesh, params: Floats[P], turn: float) -> Bytes[P]:
+    """Return a picture of a mesh posed by params, turned about the vertical [rad], without perspective."""
     vertices, _ = mesh.carried(model.bones(params))
     c, s = np.cos(turn), np.sin(turn)
     seen = vertices @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, Floats, H, Ints, W
 from handtrack.bench.jumps.dance_appearance import WAYS, Dance, DanceTrack, dance, track
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
@@ -28,8 +28,8 @@ _PLAIN = np.array([150.0, 160.0, 175.0])
 _OUTLINE = (255, 255, 255)
 
 
-def fig7(what: Dance, found: DanceTrack, shown: tuple[int, ...] = SHOWN) -> Array:
-    """Return the picture (H, W, 3) uint8 BGR: four rows, the last one the truth from above for comparison."""
+def fig7(what: Dance, found: DanceTrack, shown: tuple[int, ...] = SHOWN) -> Array[H, W, D3]:
+    """Return the picture uint8 BGR: four rows, the last one the truth from above for comparison."""
     columns = []
     by_frame = {result.frame: result for result in found.results}
     for frame in shown:
@@ -45,7 +45,7 @@ def fig7(what: Dance, found: DanceTrack, shown: tuple[int, ...] = SHOWN) -> Arra
     return np.hstack(columns)
 
 
-def overlay(what: Dance, bones: BonePoses, image: Array) -> Array:
+def overlay(what: Dance, bones: BonePoses, image: Array[H, W, D3]) -> Array[H, W, D3]:
     """Return the image with the model's parts outlined, what is around them darkened."""
     face, depth = depth_picture(model_mesh(what.model), bones, what.camera).in_image()
     inside = face >= 0
@@ -56,7 +56,7 @@ def overlay(what: Dance, bones: BonePoses, image: Array) -> Array:
     return drawn.astype(np.uint8)
 
 
-def seen_from_above(what: Dance, bones: BonePoses) -> Array:
+def seen_from_above(what: Dance, bones: BonePoses) -> Array[H, W, D3]:
     """Return a plain picture of the model by a camera that looks straight down on it."""
     middle = bones.position[0]
     rotation = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])

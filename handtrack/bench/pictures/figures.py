@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import Bytes, F, Floats, S
 from handtrack.bench.pictures.model_pictures import SKIN, model_pictures, rendered
 from handtrack.bench.pictures.plotting import pyplot, saved, tight
 from handtrack.bench.silhouettes.binary_fist import FIST, MODES, RIGS, FistTrack, scene, track
@@ -67,9 +67,13 @@ def draw_model(model: ArticulatedModel) -> Any:
 
 
 def draw_gesture(
-    model: ArticulatedModel, truth: Floats, field: Floats, binary: Floats, shown: tuple = SHOWN
+    model: ArticulatedModel,
+    truth: Floats[F, S],
+    field: Floats[F, S],
+    binary: Floats[F, S],
+    shown: tuple = SHOWN,
 ) -> Any:
-    """Return the paper's Fig. 2. truth, field, binary: (F, S), the latter two what each experiment found."""
+    """Return the paper's Fig. 2. truth, field, binary: the latter two what each experiment found."""
     camera = simulated_rig(2).cameras[0]
     around = simulated_rig(6).cameras[0]
     figure, axes = pyplot().subplots(2, 2 * len(shown), figsize=(9, 2.5))

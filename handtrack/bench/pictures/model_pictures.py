@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, P, W
 from handtrack.diagnostics.residual_image import field_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import FINGERS, ArticulatedModel
@@ -22,8 +22,8 @@ _BEHIND_M = 0.10  # the field's picture stands this far behind the hand
 _GHOST = 0.45  # how much of the flesh is seen where all is shown
 
 
-def segments(model: ArticulatedModel, bones: BonePoses) -> Floats:
-    """Return (N, 2, 3) world [m]: from each bone's start to its child's, and to the fingertips."""
+def segments(model: ArticulatedModel, bones: BonePoses) -> Floats[N, D2, D3]:
+    """Return segments, world [m]: from each bone's start to its child's, and to the fingertips."""
     parent = model.skeleton.parent
     lines = [(bones.position[p], bones.position[b]) for b, p in enumerate(parent) if p >= 0]
     joints = dict(zip(model.joint_names, model.joint_positions(bones), strict=True))
@@ -48,8 +48,10 @@ def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids
     return PosedEllipsoids(np.zeros(count, int), centre, turn, np.tile(radius[:, None], (1, 3)))
 
 
-def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: Array) -> Bytes:
-    """Return a picture (H, W, 3) RGB of ellipsoids in one colour."""
+def rendered(
+    camera: Camera, flesh: PosedEllipsoids, color: Floats[D3], background: Array[H, W, D3]
+) -> Bytes[H, W, D3]:
+    """Return a picture RGB of ellipsoids in one colour."""
     front, _, normal = render(camera, flesh)
     colors = np.tile(color, (len(flesh.radii), 1))
     height, width = front.shape
@@ -57,9 +59,9 @@ def rendered(camera: Camera, flesh: PosedEllipsoids, color: Floats, background: 
 
 
 def model_pictures(
-    model: ArticulatedModel, params: Floats, size: tuple[int, int] = (640, 480)
-) -> dict[str, Bytes]:
-    """Return four pictures (H, W, 3) RGB of a pose (P,), by title."""
+    model: ArticulatedModel, params: Floats[P], size: tuple[int, int] = (640, 480)
+) -> dict[str, Bytes[H, W, D3]]:
+    """Return four pictures RGB of a pose, by title."""
     beside, *_, seen_by = simulated_rig(3, size).cameras
     bones = model.bones(params)
     balls, flesh = skeleton_balls(model, bones), model.flesh["fine"].posed(bones)

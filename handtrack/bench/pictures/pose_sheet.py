@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array
+from handtrack.arrays import D3, Array, H, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose, pose_turn
@@ -27,8 +27,8 @@ _VISIBLE_M = 0.235
 
 def pose_sheet(
     model: ArticulatedModel, names: Sequence[str], columns: int = 7, size: int = 180
-) -> Array:
-    """Return a picture (H, W, 3) BGR of poses in rows, each `size` pixels wide, held as `pose_turn` says."""
+) -> Array[H, W, D3]:
+    """Return a picture BGR of poses in rows, each `size` pixels wide, held as `pose_turn` says."""
     tiles = [pose_picture(model, name, size) for name in names]
     while len(tiles) % columns:
         tiles.append(np.full_like(tiles[0], 255))
@@ -36,7 +36,7 @@ def pose_sheet(
     return np.asarray(cv2.vconcat(rows))
 
 
-def pose_picture(model: ArticulatedModel, name: str, size: int = 180) -> Array:
+def pose_picture(model: ArticulatedModel, name: str, size: int = 180) -> Array[H, W, D3]:
     """Return one pose (size, size, 3) BGR with its name, seen by someone opposite the signer."""
     joint = named_pose(model, name)
     joint[3:6] = pose_turn(name, model.side)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, D3, Floats, J, N
 from handtrack.bench.measuring import data_folder, mean_mm
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
@@ -79,8 +79,8 @@ def write_session(folder: Path, cameras: Sequence[str]) -> Session:
     return Session.open(folder)
 
 
-def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats]:
-    """Return joint names and positions (J, 3) world [m] from all cameras that see each, NaN where fewer than two do."""
+def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats[J, D3]]:
+    """Return joint names and positions world [m] from all cameras that see each, NaN where fewer than two do."""
     names = seen[0].names
     positions = np.full((len(names), 3), np.nan)
     for j in range(len(names)):
@@ -137,8 +137,8 @@ def _fitted(run: TrackingRun) -> ArticulatedModel:
     return fitted_model(lambda scale: load_model("body34", scale=scale), points[0][0], places)
 
 
-def residuals_px(what: Balancing) -> dict[str, Floats]:
-    """Return each camera's distances (N, 2) from model joints to detections [px], over all frames."""
+def residuals_px(what: Balancing) -> dict[str, Floats[N, D2]]:
+    """Return each camera's distances from model joints to detections [px], over all frames."""
     found: dict[str, list[Floats]] = {}
     for result in what.results:
         for seen in what.run.observation(result.frame).keypoints:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, F, Floats, J, S
 from handtrack.bench.measuring import tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -50,13 +50,13 @@ class Scene:
     """The motion and what a rig sees of it."""
 
     model: ArticulatedModel
-    joint_params: Floats
-    """(F, S) the truth"""
+    joint_params: Floats[F, S]
+    """the truth"""
     observations: tuple[Observation, ...]
 
     @property
-    def joints(self) -> Floats:
-        """Return the true joint positions (F, J, 3) [m]."""
+    def joints(self) -> Floats[F, J, D3]:
+        """Return the true joint positions [m]."""
         solver = (self.model.transform.solver_params(x) for x in self.joint_params)
         return np.stack([self.model.joint_positions(self.model.bones(x)) for x in solver])
 
@@ -66,12 +66,12 @@ class FistTrack:
     """One way to track, by frame of the range that was tracked."""
 
     results: tuple[FrameResult, ...]
-    error_mm: Floats
-    """(F,) mean joint error"""
-    stated_mm: Floats
-    """(F,) root mean square of what parameter uncertainty says of the joints' positions"""
-    within90: Floats
-    """(F,) share of joints inside their stated 90 % ellipsoid"""
+    error_mm: Floats[F]
+    """mean joint error"""
+    stated_mm: Floats[F]
+    """root mean square of what parameter uncertainty says of the joints' positions"""
+    within90: Floats[F]
+    """share of joints inside their stated 90 % ellipsoid"""
 
 
 def scene(

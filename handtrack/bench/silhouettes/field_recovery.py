@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, P, S
 from handtrack.bench.measuring import joint_error_mm
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -43,9 +43,9 @@ class Recovery:
     error_mm: float
     """mean joint error of what was found"""
     iterations: int
-    truth: Floats
-    start: Floats
-    found: Floats
+    truth: Floats[P]
+    start: Floats[P]
+    found: Floats[P]
 
 
 def field_recovery(seeds: int = 200) -> dict[str, float | int | str]:
@@ -93,8 +93,10 @@ def recover(
     return Recovery(seed, start_mm, error_mm, end.iterations, truth, start, end.params)
 
 
-def follow(model: ArticulatedModel, cameras: Sequence[Camera], joint_params: Floats) -> Floats:
-    """Return what is found of a gesture (F, S), joint parameters, from field images: ten iterations a frame,
+def follow(
+    model: ArticulatedModel, cameras: Sequence[Camera], joint_params: Floats[F, S]
+) -> Floats[F, S]:
+    """Return what is found of a gesture, joint parameters, from field images: ten iterations a frame,
     each from the last frame's estimate, the first from the true pose."""
     settings = SolverSettings(iterations=10)
     params = model.transform.solver_params(joint_params[0])

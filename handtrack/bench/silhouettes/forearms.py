@@ -13,7 +13,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, F, Floats
 from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
@@ -82,8 +82,8 @@ def cameras(rig: str) -> list[Camera]:
 
 def recording(
     rig: Sequence[Camera], ends: float, sleeve: float, frames: int, rng: np.random.Generator
-) -> tuple[list[Observation], Floats]:
-    """Return masks of the first frames, and the true keypoints (F, 21, 3): a hand that opens and closes, wanders, and
+) -> tuple[list[Observation], Floats[F, D21, D3]]:
+    """Return masks of the first frames, and the true keypoints: a hand that opens and closes, wanders, and
     bends by 45° at the wrist while the arm does not turn."""
     model = load_model(forearm=True)
     flesh, arm = model.flesh["fine"], model.skeleton.bone("forearm")

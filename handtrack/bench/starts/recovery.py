@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, K
 from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
@@ -28,7 +28,7 @@ class Gap:
 
     moved_mm: float
     """mean move of the joints between the last frame seen and the first one seen again"""
-    error_mm: Floats
+    error_mm: Floats[K]
     """(SEEN_AFTER,) mean joint error of the frames after the gap"""
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats, Ints
+from handtrack.arrays import D2, Array, Axes, Bytes, Floats, H, Ints, N, W
 from handtrack.capture.calibration.boards import Board, CharucoBoard, Chessboard
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -20,10 +20,9 @@ class BoardView:
     """A board as one camera saw it in one frame."""
 
     frame: int
-    ids: Ints
-    """(N,) rows of the board's `points`."""
-    pixels: Floats
-    """(N, 2)"""
+    ids: Ints[N]
+    """rows of the board's `points`."""
+    pixels: Floats[N, D2]
     blur_px: float
     """width of the board's edges [px]: about 1.5 to 2 in a sharp image."""
     source: str = ""
@@ -33,7 +32,11 @@ class BoardView:
 
 
 def find_board(
-    image: Array, board: Board, frame: int = 0, source: str = "", thorough: bool = False
+    image: Array[H, W, *Axes],
+    board: Board,
+    frame: int = 0,
+    source: str = "",
+    thorough: bool = False,
 ) -> BoardView | None:
     """Return the board in an image (H, W[, 3]) uint8, None where it is not (fully) seen.
 

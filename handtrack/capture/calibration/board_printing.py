@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D4, Bytes, Floats, H, R, W
 from handtrack.capture.calibration.boards import Board, CharucoBoard
 from handtrack.errors import HandtrackError
 
@@ -43,8 +43,8 @@ def page_size_mm(board: Board) -> tuple[float, float]:
     return width * square + 2 * margin, height * square + 2 * margin
 
 
-def black_rectangles(board: Board) -> Floats:
-    """Return (R, 4) x, y, width, height [mm] of what is black, from the page's upper left corner."""
+def black_rectangles(board: Board) -> Floats[R, D4]:
+    """Return x, y, width, height [mm] of what is black, from the page's upper left corner."""
     square, margin = board.square_m * 1e3, _margin_mm(board)
     columns, rows = board.squares
     cells = [
@@ -58,8 +58,8 @@ def black_rectangles(board: Board) -> Floats:
     return np.array(cells)
 
 
-def draw_board(board: Board, pixels_per_mm: float) -> Bytes:
-    """Return the page (H, W) uint8 at a resolution; edges inside a pixel are shaded."""
+def draw_board(board: Board, pixels_per_mm: float) -> Bytes[H, W]:
+    """Return the page uint8 at a resolution; edges inside a pixel are shaded."""
     fine = 4  # sub-pixels along each side
     width, height = (round(side * pixels_per_mm) for side in page_size_mm(board))
     page = np.full((height * fine, width * fine), 255, np.uint8)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Axes, Floats, H, W
 from handtrack.capture.calibration.board_detection import BoardView, find_board
 from handtrack.capture.calibration.boards import Board, Chessboard
 from handtrack.capture.images.frames import FrameSource
@@ -51,7 +51,7 @@ def search_views(
     board: Board,
     frames: Iterable[int],
     progress: Progress = lambda: None,
-    as_image: Callable[[Array], Array] = lambda image: image,
+    as_image: Callable[[Array[H, W, *Axes]], Array[H, W, *Axes]] = lambda image: image,
 ) -> tuple[list[BoardView], tuple[int, int] | None, int]:
     """Return the views of the board in a source, the image size and how many images there were.
 
@@ -192,7 +192,7 @@ def _farthest(
 
 
 def require_views(
-    board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array]]
+    board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array[H, W, *Axes]]]
 ) -> None:
     """Raise HandtrackError when a camera never saw the board, or it is larger than was said.
 

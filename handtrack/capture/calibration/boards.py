@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, Floats, Ints, N
 from handtrack.errors import HandtrackError, unknown_name
 
 EXAMPLES = "chessboard:9x6:25mm (inner corners) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares)"
@@ -41,15 +41,15 @@ class Chessboard:
         return self.columns + 1, self.rows + 1
 
     @cached_property
-    def points(self) -> Floats:
+    def points(self) -> Floats[N, D3]:
         """(columns * rows, 3) inner corners row by row, board frame [m]."""
         row, column = np.mgrid[: self.rows, : self.columns]
         grid = np.stack([column, row, np.zeros_like(row)], axis=-1)
         return grid.reshape(-1, 3) * self.square_m
 
     @cached_property
-    def turns(self) -> tuple[Ints, ...]:
-        """Renumberings of the corners (N,) that look the same as the board in colour and shape.
+    def turns(self) -> tuple[Ints[N], ...]:
+        """Renumberings of the corners that look the same as the board in colour and shape.
 
         Turned by it, corner i of what is seen is corner `turn[i]` of the board. The first is the
         identity; more than one means the board does not tell how it is turned.
@@ -96,13 +96,13 @@ class CharucoBoard:
         return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self.cv2_dictionary)
 
     @cached_property
-    def points(self) -> Floats:
+    def points(self) -> Floats[N, D3]:
         """((columns − 1) (rows − 1), 3) inner corners by their number, board frame [m]."""
         corners = self.cv2_board.getChessboardCorners()
         return np.array(corners, dtype=float).reshape(-1, 3)
 
     @property
-    def turns(self) -> tuple[Ints, ...]:
+    def turns(self) -> tuple[Ints[N], ...]:
         """The identity alone: markers tell how the board is turned."""
         return (np.arange(len(self.points)),)
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import coo_matrix, csr_matrix, hstack
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, D6, D9, Array, C, Floats, Ints, M, N, V
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -28,24 +28,23 @@ _ROBUST_SIGMAS = 3.0  # corners farther off than this many standard deviations c
 class Corners:
     """M corners seen: which camera, which view, where on the board, where in the image."""
 
-    camera: Ints
-    view: Ints
-    board: Floats
-    """(M, 3) [m]"""
-    pixels: Floats
-    """(M, 2)"""
+    camera: Ints[N]
+    view: Ints[N]
+    board: Floats[M, D3]
+    """[m]"""
+    pixels: Floats[M, D2]
 
 
 @dataclass(frozen=True)
 class RigState:
     """All that is estimated; rotation vectors and translations [rad, m]."""
 
-    lens: Floats
-    """(C, 9) in the order of LENS."""
-    camera: Floats
-    """(C, 6) world → camera."""
-    view: Floats
-    """(V, 6) board → world."""
+    lens: Floats[C, D9]
+    """in the order of LENS."""
+    camera: Floats[C, D6]
+    """world → camera."""
+    view: Floats[V, D6]
+    """board → world."""
 
 
 @dataclass(frozen=True)
@@ -53,31 +52,31 @@ class Refined:
     """The best state, what is left over, and how sure it is."""
 
     state: RigState
-    residuals: Floats
-    """(M, 2) seen − predicted [px]."""
+    residuals: Floats[M, D2]
+    """seen − predicted [px]."""
     sigma_px: float
     """robust standard deviation of one coordinate"""
-    lens_std: Floats
-    """(C, 9); 0 where held fixed."""
-    camera_std: Floats
-    """(C, 6); 0 for the camera held fixed."""
-    skew: Floats
-    """(C, 2) the skew [px] that would fit next, and its standard deviation."""
+    lens_std: Floats[C, D9]
+    """; 0 where held fixed."""
+    camera_std: Floats[C, D6]
+    """; 0 for the camera held fixed."""
+    skew: Floats[C, D2]
+    """the skew [px] that would fit next, and its standard deviation."""
     converged: bool
 
 
-def residuals(state: RigState, corners: Corners) -> Floats:
-    """Return (M, 2) seen − predicted [px]."""
+def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
+    """Return seen − predicted [px]."""
     _, _, pixels, _ = _project(state, corners)
     return corners.pixels - pixels
 
 
 def refine(
-    start: RigState, corners: Corners, free_lens: Array, fixed_camera: int, steps: int = 100
+    start: RigState, corners: Corners, free_lens: Array[C, D9], fixed_camera: int, steps: int = 100
 ) -> Refined:
     """Return the least-squares state from a start; all cameras but one move, all views move.
 
-    free_lens: (C, 9) bool, which lens numbers are estimated.
+    free_lens: bool, which lens numbers are estimated.
     """
     layout = _Layout(start, np.asarray(free_lens, dtype=bool), fixed_camera)
     scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, Floats, N
 from handtrack.capture.calibration.board_views import CameraViews
 from handtrack.capture.calibration.bundle_adjustment import LENS, Refined
 from handtrack.capture.calibration.rig_graph import common_frames
@@ -133,12 +133,12 @@ def camera_report(
     camera: Camera,
     given: CameraViews,
     used: CameraViews,
-    left: Sequence[Floats],
+    left: Sequence[Floats[N, D2]],
     rms_alone_px: float,
     refined: Refined,
     index: int,
 ) -> CameraReport:
-    """Return the report of one camera; left: residuals (N, 2) of each view, shared ones first."""
+    """Return the report of one camera; left: residuals of each view, shared ones first."""
     views = (*used.shared, *used.alone)
     pixels = np.concatenate([view.pixels for view in views])
     cell = np.floor(pixels / np.array(camera.size) * _GRID).astype(int)

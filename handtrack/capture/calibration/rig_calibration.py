@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, D4, Array, Floats, N
 from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import CameraViews, choose_views
 from handtrack.capture.calibration.boards import Board, CharucoBoard
@@ -56,12 +56,12 @@ class RigCalibration:
 
     rig: CameraRig
     report: CalibrationReport
-    T_world_board: dict[int, Floats]
+    T_world_board: dict[int, Floats[D4, D4]]
     """by frame, of shared views"""
     cameras: tuple[CameraViews, ...]
     """the views used"""
-    residuals: tuple[tuple[Floats, ...], ...]
-    """per camera and view, shared ones first: (N, 2) seen − predicted [px]"""
+    residuals: tuple[tuple[Floats[N, D2], ...], ...]
+    """per camera and view, shared ones first: seen − predicted [px]"""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D4, C, Floats, K
 from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import CameraViews
 from handtrack.capture.calibration.boards import Board
@@ -27,16 +27,17 @@ class Placed:
 
     cameras: tuple[CameraViews, ...]
     """the same views; of a board that looks alike when turned, renumbered to agree"""
-    T_camera_world: Floats
-    """(C, 4, 4)"""
-    T_world_board: dict[int, Floats]
+    T_camera_world: Floats[C, D4, D4]
+    T_world_board: dict[int, Floats[D4, D4]]
     """by frame, of shared views"""
     disagreement: dict[tuple[str, str], float]
     """median share of the board's distance by which common views disagree about a pair"""
 
 
-def pose_of_view(view: BoardView, board: Board, matrix: Floats, distortions: Floats) -> Floats:
-    """Return T_camera_board (4, 4) of one view, the better of a plane's two poses."""
+def pose_of_view(
+    view: BoardView, board: Board, matrix: Floats[D3, D3], distortions: Floats[K]
+) -> Floats[D4, D4]:
+    """Return T_camera_board of one view, the better of a plane's two poses."""
     points = board.points[view.ids]
     count, turns, shifts, errors = cv2.solvePnPGeneric(
         points, view.pixels.reshape(-1, 1, 2), matrix, distortions, flags=cv2.SOLVEPNP_IPPE
@@ -60,7 +61,7 @@ def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
 
 
 def place_cameras(
-    cameras: Sequence[CameraViews], poses: Sequence[dict[int, Floats]], board: Board
+    cameras: Sequence[CameraViews], poses: Sequence[dict[int, Floats[D4, D4]]], board: Board
 ) -> Placed:
     """Return all cameras in the first one's frame.
 
@@ -99,7 +100,7 @@ def place_cameras(
 
 
 def frame_offset(
-    a: dict[int, Floats], b: dict[int, Floats], board: Board, most: int = 60
+    a: dict[int, Floats[D4, D4]], b: dict[int, Floats[D4, D4]], board: Board, most: int = 60
 ) -> int | None:
     """Return by how many frames the second camera seems to be late, None when no shift explains it.
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Floats, H, W
 from handtrack.capture.calibration.boards import Board
 from handtrack.capture.calibration.rig_calibration import RigCalibration
 from handtrack.geometry.camera import Camera
@@ -26,8 +26,8 @@ _COLOURS = [
 _MAGNIFIED = 50  # times a residual is drawn
 
 
-def draw_rig(calibration: RigCalibration, board: Board) -> Array:
-    """Return a picture (H, W, 3) of cameras and boards: from behind the first camera, from its side and
+def draw_rig(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
+    """Return a picture of cameras and boards: from behind the first camera, from its side and
     from above it."""
     first = calibration.rig.cameras[0]
     tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))
@@ -114,7 +114,7 @@ def _outline(board: Board) -> Floats:
     return np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
 
 
-def draw_residuals(calibration: RigCalibration) -> Array:
+def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:
     """Return one picture with a panel a camera: each corner, and 50 times how far it was missed."""
     panels = [
         _residual_panel(camera, [v.pixels for v in (*seen.shared, *seen.alone)], left)

@@ -15,13 +15,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, C, Floats, Ints, N
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
 
-HandDistance = Callable[[Floats], Floats]
-"""points (N, 3) world [m] → distance (N,) [m] to the hand of the frame before."""
+HandDistance = Callable[[Floats[N, D3]], Floats[N]]
+"""points, world [m] → distance [m] to the hand of the frame before."""
 
 _AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at
@@ -103,26 +103,26 @@ class CloudFilters:
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        eyes: Floats | None = None,
+        centres: Floats[C, D3] | None = None,
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
-        hand_distance: of the frame before; None skips the crop. eyes: (C, 3) world [m], the
+        hand_distance: of the frame before; None skips the crop. centres: world [m], the
         cameras' centres; None skips what depends on the distance to them.
         """
-        fate, reports = self.dropped_by(cloud, hand_distance, eyes)
+        fate, reports = self.dropped_by(cloud, hand_distance, centres)
         return cloud.select(fate == len(reports)), reports
 
     def dropped_by(
         self,
         cloud: PointCloud,
         hand_distance: HandDistance | None = None,
-        eyes: Floats | None = None,
-    ) -> tuple[Array, tuple[FilterReport, ...]]:
-        """Return which filter dropped each point (N,), by its place among the reports, and the
+        centres: Floats[C, D3] | None = None,
+    ) -> tuple[Array[N], tuple[FilterReport, ...]]:
+        """Return which filter dropped each point, by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
-        steps = self._steps(hand_distance, eyes)
+        steps = self._steps(hand_distance, centres)
         fate = np.full(len(cloud), len(steps), np.int8)
         left, place = cloud, np.arange(len(cloud))
         reports: list[FilterReport] = []
@@ -136,7 +136,7 @@ class CloudFilters:
         return fate, tuple(reports)
 
     def _steps(
-        self, hand_distance: HandDistance | None, eyes: Floats | None
+        self, hand_distance: HandDistance | None, centres: Floats | None
     ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
         """Return name, words and function of the filters that are on: the cheap ones first, so
         that the dear ones see few points."""
@@ -144,9 +144,9 @@ class CloudFilters:
         skin, part, front = self.skin, self.component, self.front_m
         voxel, neighbours, most = self.voxel_m, self.outlier_neighbours, self.max_points
         steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
-        if eyes is not None and (self.near_m or self.far_m):
+        if centres is not None and (self.near_m or self.far_m):
             text = f"{near:g} to {far:g} m from a camera"
-            steps.append(("range", text, lambda c: within_range(c.points, eyes, near, far)))
+            steps.append(("range", text, lambda c: within_range(c.points, centres, near, far)))
         if crop is not None and hand_distance is not None:
             text = f"within {crop * 1e3:g} mm of the previous hand"
             steps.append(("crop", text, lambda c: near_hand(c.points, hand_distance, crop)))
@@ -155,10 +155,10 @@ class CloudFilters:
             steps.append(("skin", text, lambda c: skin_coloured(c.colors, len(c), skin)))
         if part == "largest":
             steps.append(("component", "the largest part", lambda c: largest_part(c.points)))
-        if part == "nearest" and eyes is not None:
+        if part == "nearest" and centres is not None:
             reach = "" if front is None else f", {front * 1e3:g} mm deep"
             text = f"the part nearest to a camera{reach}"
-            steps.append(("component", text, lambda c: nearest_part(c.points, eyes, front)))
+            steps.append(("component", text, lambda c: nearest_part(c.points, centres, front)))
         if voxel is not None:
             text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
             steps.append(
@@ -181,37 +181,39 @@ class CloudFilters:
         return steps
 
 
-def finite(points: Floats) -> Array:
-    """Return which points (N, 3) have three finite coordinates."""
+def finite(points: Floats[N, D3]) -> Array[N]:
+    """Return which points have three finite coordinates."""
     return np.asarray(np.isfinite(points).all(axis=1))
 
 
-def within_range(points: Floats, eyes: Floats, near_m: float, far_m: float) -> Array:
-    """Return which points (N, 3) lie in the range [m] of at least one camera at `eyes` (C, 3)."""
+def within_range(
+    points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
+) -> Array[N]:
+    """Return which points lie in the range [m] of at least one camera at `centres`."""
     keep = np.zeros(len(points), bool)
-    for eye in eyes:
-        square = ((points - eye) ** 2).sum(axis=1)
+    for centre in centres:
+        square = ((points - centre) ** 2).sum(axis=1)
         keep |= (square >= near_m**2) & (square <= far_m**2)
     return keep
 
 
-def near_hand(points: Floats, hand_distance: HandDistance, crop_m: float) -> Array:
-    """Return which points (N, 3) lie within crop_m [m] of the hand of the frame before."""
+def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:
+    """Return which points lie within crop_m [m] of the hand of the frame before."""
     parts = range(0, len(points), _AT_ONCE)
     return np.concatenate(
         [hand_distance(points[i : i + _AT_ONCE]) <= crop_m for i in parts] or [np.zeros(0, bool)]
     )
 
 
-def skin_coloured(colors: Array | None, count: int, skin: SkinEllipse) -> Array:
-    """Return which colours (N, 3) uint8 RGB lie in the skin's ellipse; all where there are none."""
+def skin_coloured(colors: Array[N, D3] | None, count: int, skin: SkinEllipse) -> Array[N]:
+    """Return which colours uint8 RGB lie in the skin's ellipse; all where there are none."""
     if colors is None:
         return np.ones(count, bool)
     return np.less_equal(skin.distance(colors), skin.size)
 
 
-def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
-    """Return which points (N, 3) belong to the largest part that hangs together, by touching cells
+def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
+    """Return which points belong to the largest part that hangs together, by touching cells
     of side link_m."""
     if len(points) == 0:
         return np.zeros(0, bool)
@@ -221,9 +223,12 @@ def largest_part(points: Floats, link_m: float = _LINK_M) -> Array:
 
 
 def nearest_part(
-    points: Floats, eyes: Floats, front_m: float | None = None, link_m: float = _LINK_M
-) -> Array:
-    """Return which points (N, 3) belong to the part nearest to a camera at `eyes` (C, 3).
+    points: Floats[N, D3],
+    centres: Floats[C, D3],
+    front_m: float | None = None,
+    link_m: float = _LINK_M,
+) -> Array[N]:
+    """Return which points belong to the part nearest to a camera at `centres`.
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
     nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
@@ -231,7 +236,7 @@ def nearest_part(
     """
     if len(points) == 0:
         return np.zeros(0, bool)
-    distance = np.min([np.linalg.norm(points - eye, axis=1) for eye in eyes], axis=0)
+    distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points))
     if front_m is None:
         return inside
@@ -242,8 +247,8 @@ def nearest_part(
     return inside
 
 
-def thinned(points: Floats, voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array:
-    """Return which points (N, 3) stay when each cell of side voxel_m keeps per_voxel random ones."""
+def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
+    """Return which points stay when each cell of side voxel_m keeps per_voxel random ones."""
     order = np.random.default_rng(seed).permutation(len(points))
     cells = cell_numbers(points, voxel_m)[order]
     by_cell = np.argsort(cells, kind="stable")
@@ -255,7 +260,7 @@ def thinned(points: Floats, voxel_m: float, per_voxel: int = 1, seed: int = 0) -
     return keep
 
 
-def random_part(count: int, most: int, seed: int = 0) -> Array:
+def random_part(count: int, most: int, seed: int = 0) -> Array[N]:
     """Return a mask (count,) with at most `most` true, evenly at random, the same for one seed."""
     keep = np.ones(count, bool)
     if count > most:
@@ -264,8 +269,8 @@ def random_part(count: int, most: int, seed: int = 0) -> Array:
     return keep
 
 
-def inliers(points: Floats, neighbours: int, ratio: float, seed: int = 0) -> Array:
-    """Return which points (N, 3) have their neighbours about as near as points usually have.
+def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0) -> Array[N]:
+    """Return which points have their neighbours about as near as points usually have.
 
     The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the
     distance to those.
@@ -278,8 +283,8 @@ def inliers(points: Floats, neighbours: int, ratio: float, seed: int = 0) -> Arr
     return distance <= ratio * np.median(distance)
 
 
-def cell_numbers(points: Floats, side_m: float) -> Ints:
-    """Return one whole number (N,) per point (N, 3), equal within a cell of one grid."""
+def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
+    """Return one whole number per point, equal within a cell of one grid."""
     cells = np.floor(points / side_m)
     cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0
     whole = np.clip(cells, -_FAR_CELLS, _FAR_CELLS).astype(np.int64) + _FAR_CELLS

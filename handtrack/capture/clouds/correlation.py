@@ -7,28 +7,28 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Bytes, H, W
 
 
 class Correlated(NamedTuple):
     """The best match of every pixel, in both directions."""
 
-    left: Array
-    """(H, W) float32 disparity of the left pixels, between whole pixels; NaN where none."""
-    right: Array
-    """(H, W) float32 disparity of the right pixels, whole; NaN where none."""
+    left: Array[H, W]
+    """float32 disparity of the left pixels, between whole pixels; NaN where none."""
+    right: Array[H, W]
+    """float32 disparity of the right pixels, whole; NaN where none."""
 
 
 def correlate(
-    left: Bytes,
-    right: Bytes,
+    left: Bytes[H, W],
+    right: Bytes[H, W],
     least: int,
     most: int,
     window_px: int = 9,
     least_score: float = 0.6,
     least_contrast: float = 1.0,
 ) -> Correlated:
-    """Return the disparities of two rectified grey images (H, W) uint8: left x is right x − d.
+    """Return the disparities of two rectified grey images uint8: left x is right x − d.
 
     least, most: range of d searched [px], both included. least_score: correlation below which
     nothing matches. least_contrast: standard deviation in a window [grey levels] below which
@@ -40,16 +40,16 @@ def correlate(
     mean_b, scale_b = _statistics(b, size, least_contrast)
     best = np.full(a.shape, np.float32(least_score))
     best_right = best.copy()
-    found = np.full(a.shape, np.nan, np.float32)
+    found = np.full_like(a, np.nan, np.float32)
     found_right = found.copy()
-    before = np.full(a.shape, np.nan, np.float32)
+    before = np.full_like(a, np.nan, np.float32)
     after = before.copy()
-    last = np.full(a.shape, np.nan, np.float32)
+    last = np.full_like(a, np.nan, np.float32)
     width = a.shape[1]
     for d in range(least, most + 1):
         # only columns x with 0 <= x - d < width have a partner
         mine, theirs = slice(max(d, 0), width + min(d, 0)), slice(max(-d, 0), width - max(d, 0))
-        score = np.full(a.shape, np.nan, np.float32)
+        score = np.full_like(a, np.nan, np.float32)
         if mine.start < mine.stop:
             product = cv2.boxFilter(a[:, mine] * b[:, theirs], -1, size)
             product -= mean_a[:, mine] * mean_b[:, theirs]

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats, check_shape
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W, check_shape
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 
@@ -32,9 +32,9 @@ class DepthSettings:
 
 
 def surface_pixels(
-    depth_m: Array, focal_px: float, settings: DepthSettings = DepthSettings()
-) -> Array:
-    """Return where a depth image (H, W) [m] shows a surface, as (H, W) of booleans.
+    depth_m: Array[H, W], focal_px: float, settings: DepthSettings = DepthSettings()
+) -> Array[H, W]:
+    """Return where a depth image [m] shows a surface.
 
     0, negative and infinite depths are no measurement.
     """
@@ -53,15 +53,15 @@ def surface_pixels(
 
 def depth_cloud(
     camera: Camera,
-    depth_m: Array,
-    mask: Array | None = None,
-    image: Bytes | None = None,
+    depth_m: Array[H, W],
+    mask: Array[H, W] | None = None,
+    image: Bytes[H, W, D3] | None = None,
     settings: DepthSettings | None = DepthSettings(),
 ) -> PointCloud:
-    """Return the points of a depth image (H, W) [m] in the world frame.
+    """Return the points of a depth image [m] in the world frame.
 
-    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: (H, W), only
-    pixels > 0 are used. image: (H, W, 3) uint8 BGR in the same pixels, for colours. settings:
+    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: only
+    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. settings:
     None keeps every measured pixel. Raises HandtrackError when a size differs from the camera's.
     """
     width, height = camera.size

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.clouds.correlation import correlate
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import setting
@@ -69,29 +69,35 @@ class StereoSettings:
 class Matches(NamedTuple):
     """What was matched, and what of it was thrown away."""
 
-    disparity: Array
-    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
-    rejected: Bytes
-    """(H, W) uint8: why a match does not count, see REJECTED."""
+    disparity: Array[H, W]
+    """float32 [px] of the left pixels, NaN where there is none."""
+    rejected: Bytes[H, W]
+    """uint8: why a match does not count, see REJECTED."""
 
 
 def disparity(
-    left: Bytes,
-    right: Bytes,
+    left: Bytes[H, W, *Axes],
+    right: Bytes[H, W, *Axes],
     least: int,
     most: int,
     settings: StereoSettings = StereoSettings(),
-) -> Array:
-    """Return the disparity (H, W) float32 [px] of the left pixels, NaN where there is no match
+) -> Array[H, W]:
+    """Return the disparity float32 [px] of the left pixels, NaN where there is no match
     that both directions agree on.
 
-    left, right: rectified BGR (H, W, 3) or grey (H, W) uint8 of one size; left (x, y) is right
+    left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right
     (x − d, y). least, most: range of d searched, both included; may be negative.
     """
     return matches(left, right, least, most, settings).disparity
 
 
-def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSettings) -> Matches:
+def matches(
+    left: Bytes[H, W, *Axes],
+    right: Bytes[H, W, *Axes],
+    least: int,
+    most: int,
+    settings: StereoSettings,
+) -> Matches:
     """Return what `disparity` does, and why the other matches were thrown away."""
     if settings.method == "correlation":
         both = correlate(_grey(left), _grey(right), least, most, settings.window)
@@ -111,8 +117,8 @@ def matches(left: Bytes, right: Bytes, least: int, most: int, settings: StereoSe
     return Matches(kept, rejected)
 
 
-def consistent(left: Array, right: Array, tolerance_px: float) -> Array:
-    """Return where left disparities (H, W) are also those of the right pixels they lead to."""
+def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Array[H, W]:
+    """Return where left disparities are also those of the right pixels they lead to."""
     columns = np.arange(left.shape[1])
     partner = columns - np.nan_to_num(left).round().astype(int)
     inside = (partner >= 0) & (partner < left.shape[1])
@@ -121,9 +127,8 @@ def consistent(left: Array, right: Array, tolerance_px: float) -> Array:
         return inside & (np.abs(left - back) <= tolerance_px)
 
 
-def without_speckles(found: Array, least_px: int, step_px: float = 1.0) -> Array:
-    """Return disparities (H, W) without patches, bounded by steps above step_px, of fewer than
-    least_px pixels."""
+def without_speckles(found: Array[H, W], least_px: int, step_px: float = 1.0) -> Array[H, W]:
+    """Return disparities without patches, bounded by steps above step_px, of fewer than least_px pixels."""
     known = np.isfinite(found)
     if least_px <= 1 or not known.any():
         return found

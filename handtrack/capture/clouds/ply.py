@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Floats, M, N
 from handtrack.errors import HandtrackError
 
 _TYPES = {
@@ -42,8 +42,8 @@ class _Header(NamedTuple):
     """first byte after the header."""
 
 
-def read_ply(path: Path, most: int) -> tuple[Floats, Array | None, int]:
-    """Return points (N, 3), colours (N, 3) uint8 RGB or None, and how many points the file has.
+def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None, int]:
+    """Return points, colours uint8 RGB or None, and how many points the file has.
 
     Of more than `most` points, about that many are returned, evenly spread. Raises HandtrackError
     for what is no .ply, is cut off, or has no vertices with x, y, z.
@@ -66,8 +66,8 @@ def read_ply(path: Path, most: int) -> tuple[Floats, Array | None, int]:
     return points, _colors(table, names), header.count
 
 
-def write_ply(path: Path, points: Floats, colors: Array | None = None) -> None:
-    """Write points (N, 3) and colours (N, 3) uint8 RGB as binary little endian, single precision."""
+def write_ply(path: Path, points: Floats[N, D3], colors: Array[N, D3] | None = None) -> None:
+    """Write points and colours uint8 RGB as binary little endian, single precision."""
     fields = [(axis, "<f4") for axis in "xyz"]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     lines += [f"property float {axis}" for axis in "xyz"]
@@ -85,7 +85,7 @@ def write_ply(path: Path, points: Floats, colors: Array | None = None) -> None:
         file.write(table.tobytes())
 
 
-def spread_part(count: int, most: int) -> Array:
+def spread_part(count: int, most: int) -> Array[M]:
     """Return ascending indices of at most `most` of `count` things: one, at random, of each of
     `most` stretches of equal length; all where they are few. A fixed pattern, part of reading a
     file: no seed changes it."""

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, check_shape
+from handtrack.arrays import D3, Array, Axes, Floats, N, check_shape
 
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
     """Measured surface points. Raises HandtrackError when the shapes do not fit."""
 
-    points: Floats
-    """(N, 3) world [m]."""
-    colors: Array | None = None
-    """(N, 3) uint8 RGB."""
+    points: Floats[N, D3]
+    """world [m]."""
+    colors: Array[N, D3] | None = None
+    """uint8 RGB."""
 
     def __post_init__(self) -> None:
         check_shape(self.points, (None, 3), "points of a cloud")
@@ -27,7 +27,7 @@ class PointCloud:
     def __len__(self) -> int:
         return len(self.points)
 
-    def select(self, keep: Array) -> PointCloud:
+    def select(self, keep: Array[*Axes]) -> PointCloud:
         """Return the points of a mask (N,) or of indices (M,), with their colours."""
         colors = None if self.colors is None else self.colors[keep]
         return PointCloud(self.points[keep], colors)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 
@@ -32,9 +32,9 @@ class RectifiedPair:
     right_real: Camera
     swapped: bool
     """whether the first of the two given cameras is `right`."""
-    left_maps: tuple[Array, Array]
-    """(H, W) float32 x and y in the real image of each rectified pixel."""
-    right_maps: tuple[Array, Array]
+    left_maps: tuple[Array[H, W], Array[H, W]]
+    """float32 x and y in the real image of each rectified pixel."""
+    right_maps: tuple[Array[H, W], Array[H, W]]
 
     @property
     def baseline_m(self) -> float:
@@ -51,15 +51,15 @@ class RectifiedPair:
         focal = float(self.left.matrix[0, 0])
         return focal * self.baseline_m / depth_m + self.zero_disparity
 
-    def depth_of(self, disparity: Array) -> Array:
+    def depth_of(self, disparity: Array[*Axes]) -> Array[*Axes]:
         """Return the depth z [m] of disparities [px]; NaN where they are beyond infinity."""
         parallax = disparity - self.zero_disparity
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = self.left.matrix[0, 0] * self.baseline_m / parallax
         return np.where(parallax > 0, depth, np.nan)
 
-    def points(self, columns: Array, rows: Array, disparity: Array) -> Floats:
-        """Return world points (N, 3) [m] of left rectified pixels (N,) with their disparity [px]."""
+    def points(self, columns: Array[N], rows: Array[N], disparity: Array[N]) -> Floats[N, D3]:
+        """Return world points [m] of left rectified pixels with their disparity [px]."""
         depth = self.depth_of(disparity)
         matrix = self.left.matrix
         across = np.column_stack(
@@ -71,7 +71,9 @@ class RectifiedPair:
         )
         return (across * depth[:, None]) @ self.left.rotation + self.left.centre
 
-    def rectify(self, image: Array, right: bool, linear: bool = True) -> Array:
+    def rectify(
+        self, image: Array[H, W, *Axes], right: bool, linear: bool = True
+    ) -> Array[K, L, *Axes]:
         """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it.
 
         linear: interpolate, and repeat the border outside, which makes no edges; false for masks,

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, D3, Array, Floats, N
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above
 
@@ -45,8 +45,8 @@ class SkinEllipse:
                 f"covariance = {list(self.covariance)}; expected rr, rg, gg of an ellipse: rr gg > rg²."
             )
 
-    def distance(self, colors: Array) -> Floats:
-        """Return how far colours (N, 3) uint8 RGB lie from the mean, (N,) standard deviations.
+    def distance(self, colors: Array[N, D3]) -> Floats[N]:
+        """Return how far colours uint8 RGB lie from the mean, standard deviations.
 
         Infinite for colours too dark to have one.
         """
@@ -58,15 +58,15 @@ class SkinEllipse:
         return np.where(bright, distance, np.inf)
 
 
-def chromaticity(colors: Array) -> tuple[Floats, Array]:
-    """Return (r, g) (N, 2) of colours (N, 3) uint8 RGB, and whether each is bright enough."""
+def chromaticity(colors: Array[N, D3]) -> tuple[Floats[N, D2], Array[N]]:
+    """Return (r, g) of colours uint8 RGB, and whether each is bright enough."""
     values = np.asarray(colors, dtype=float)
     total = values.sum(axis=-1)
     return values[:, :2] / np.maximum(total, 1.0)[:, None], total >= _DARK
 
 
-def fit_skin_ellipse(samples: Array, size: float = 2.5) -> SkinEllipse:
-    """Return the ellipse of skin samples (N, 3) uint8 RGB: painted, boxed, or inside masks.
+def fit_skin_ellipse(samples: Array[N, D3], size: float = 2.5) -> SkinEllipse:
+    """Return the ellipse of skin samples uint8 RGB: painted, boxed, or inside masks.
 
     Samples far off (a nail's rim, background caught in the box) are trimmed. Raises
     HandtrackError with fewer than 20 samples that are bright enough.

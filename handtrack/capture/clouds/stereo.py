@@ -7,7 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.clouds.depth import DepthSettings, surface_pixels
 from handtrack.capture.clouds.disparity import REJECTED, StereoSettings, disparity, matches
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
@@ -26,17 +26,17 @@ _ASTRAY = REJECTED.index("outside the other mask")
 class StereoView(NamedTuple):
     """A matched pair, for the screen and for checks."""
 
-    left: Bytes
-    """(H, W, 3) uint8 BGR, rectified."""
-    right: Bytes
-    disparity: Array
-    """(H, W) float32 [px] of the left pixels, NaN where there is none."""
+    left: Bytes[H, W, D3]
+    """uint8 BGR, rectified."""
+    right: Bytes[H, W, D3]
+    disparity: Array[H, W]
+    """float32 [px] of the left pixels, NaN where there is none."""
     searched: tuple[int, int]
     """least and most disparity looked for."""
     asked: int
     """pixels that could have had a disparity: those of the mask, or all."""
-    rejected: Bytes
-    """(H, W) uint8: why a match does not count, see disparity.REJECTED."""
+    rejected: Bytes[H, W]
+    """uint8: why a match does not count, see disparity.REJECTED."""
 
     @property
     def matched_share(self) -> float:
@@ -64,14 +64,14 @@ class StereoMatcher:
 
     def match(
         self,
-        first: Bytes,
-        second: Bytes,
-        first_mask: Bytes | None = None,
-        second_mask: Bytes | None = None,
+        first: Bytes[H, W, D3],
+        second: Bytes[H, W, D3],
+        first_mask: Bytes[H, W] | None = None,
+        second_mask: Bytes[H, W] | None = None,
     ) -> StereoView:
-        """Return the disparities of two images (H, W, 3) uint8 BGR taken at once.
+        """Return the disparities of two images uint8 BGR taken at once.
 
-        Masks (H, W): only pixels > 0 are matched, in their own image.
+        Masks: only pixels > 0 are matched, in their own image.
         """
         images = self._rectify((first, second), True)
         masks = self._rectify((first_mask, second_mask), False)
@@ -80,10 +80,10 @@ class StereoMatcher:
         assert right is not None
         wanted = _wanted(masks[0], self.pair, right=False)
         least, most = self.range_px
-        found = np.full(left.shape[:2], np.nan, np.float32)
+        found = np.full_like(wanted, np.nan, np.float32)
         box = _box(wanted)
         asked = int(wanted.sum())
-        rejected = np.zeros(found.shape, np.uint8)
+        rejected = np.zeros_like(found, np.uint8)
         if box is None or most < least:
             return StereoView(left, right, found, (least, most), asked, rejected)
         partner = _wanted(masks[1], self.pair, right=True)
@@ -103,10 +103,10 @@ class StereoMatcher:
 
     def cloud(
         self,
-        first: Bytes,
-        second: Bytes,
-        first_mask: Bytes | None = None,
-        second_mask: Bytes | None = None,
+        first: Bytes[H, W, D3],
+        second: Bytes[H, W, D3],
+        first_mask: Bytes[H, W] | None = None,
+        second_mask: Bytes[H, W] | None = None,
     ) -> PointCloud:
         """Return the points that `match` finds, coloured by the left image, world [m]."""
         return self.triangulate(self.match(first, second, first_mask, second_mask))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.clouds.stereo import StereoMatcher, StereoView
 
 _FEATURES = 1500
@@ -17,8 +17,10 @@ _EXCHANGED = 2.0
 _LEAST_MATCHED = 0.02
 
 
-def check_pair(matcher: StereoMatcher, view: StereoView, first: Bytes, second: Bytes) -> str | None:
-    """Return what is wrong with a matched pair of images (H, W, 3) uint8 BGR, in one plain
+def check_pair(
+    matcher: StereoMatcher, view: StereoView, first: Bytes[H, W, D3], second: Bytes[H, W, D3]
+) -> str | None:
+    """Return what is wrong with a matched pair of images uint8 BGR, in one plain
     sentence or two; None when nothing is.
 
     Looks at distinct features (SIFT) that the rectified images share: they must lie in the same

@@ -13,7 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, D3, Array, Axes, Floats, H, W
 from handtrack.errors import HandtrackError, unknown_name
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
@@ -24,8 +24,8 @@ _AROUND = 4  # [px] border added for the library, which only copies its outermos
 _PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
-def demosaic(mosaic: Array, pattern: str, method: str = "library") -> Array:
-    """Return the colour image (H, W, 3) BGR of a raw mosaic (H, W), uint8 or uint16, same type.
+def demosaic(mosaic: Array[H, W], pattern: str, method: str = "library") -> Array[H, W, D3]:
+    """Return the colour image BGR of a raw mosaic, uint8 or uint16, same type.
 
     pattern: colours of the first 2 x 2 pixels, row by row. Methods: `library` (OpenCV's edge-aware one),
     `library_vng` (8 bit only), `bilinear`, `level_line` (the paper's), `level_line_hue` (its green, and
@@ -49,8 +49,8 @@ def demosaic(mosaic: Array, pattern: str, method: str = "library") -> Array:
     return np.clip(np.round(image), 0, most).astype(mosaic.dtype)
 
 
-def level_line_green(mosaic: Floats, pattern: str) -> Floats:
-    """Return green (H, W) at every pixel: as seen where it was seen, along the level line elsewhere."""
+def level_line_green(mosaic: Floats[H, W], pattern: str) -> Floats[H, W]:
+    """Return green at every pixel: as seen where it was seen, along the level line elsewhere."""
     padded = np.pad(np.asarray(mosaic, dtype=float), 1, mode="reflect")
     # the square on its corner, turned so that its corners read P1 P2 / P3 P4
     p1, p2 = padded[1:-1, :-2], padded[:-2, 1:-1]  # left, above
@@ -75,8 +75,13 @@ def _gradient(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> tuple[Floats, F
 
 
 def level_line_value(
-    p1: Floats, p2: Floats, p3: Floats, p4: Floats, x: Floats, y: Floats
-) -> Floats:
+    p1: Floats[*Axes],
+    p2: Floats[*Axes],
+    p3: Floats[*Axes],
+    p4: Floats[*Axes],
+    x: Floats[*Axes],
+    y: Floats[*Axes],
+) -> Floats[*Axes]:
     """Return the values at points (x, y) of squares [−1, 1]² with corners P1 P2 / P3 P4 (y down).
 
     The paper's rule for any place in the square: the level line through the point is cut with the
@@ -106,8 +111,8 @@ def level_line_value(
     return on_side(ahead) * (1 - share) + on_side(-behind) * share
 
 
-def sample_green(mosaic: Array, pattern: str, pixels: Floats) -> Floats:
-    """Return green (...) at real coordinates (..., 2) x, y of a raw mosaic, NaN outside of it.
+def sample_green(mosaic: Array[H, W], pattern: str, pixels: Floats[*Axes, D2]) -> Floats[*Axes]:
+    """Return green (...) at real coordinates x, y of a raw mosaic, NaN outside of it.
 
     As the paper does for rectification: no intermediate image, the level line through the very point.
     """
@@ -134,7 +139,7 @@ def sample_green(mosaic: Array, pattern: str, pixels: Floats) -> Floats:
     return np.where(inside[..., 0], level_line_value(*corners, x, y), np.nan)
 
 
-def check_mosaic(mosaic: Array, pattern: str) -> None:
+def check_mosaic(mosaic: Array[*Axes], pattern: str) -> None:
     """Raise HandtrackError unless an array can be a mosaic of the pattern."""
     _check_pattern(pattern)
     if mosaic.ndim == 3:
@@ -151,7 +156,7 @@ def check_mosaic(mosaic: Array, pattern: str) -> None:
         )
 
 
-def mosaic_doubts(mosaic: Array, pattern: str) -> tuple[str, ...]:
+def mosaic_doubts(mosaic: Array[H, W], pattern: str) -> tuple[str, ...]:
     """Return what speaks against a mosaic of this pattern, in plain sentences.
 
     The two green pixels of each 2 x 2 block resemble each other more than red and blue do; a grey image

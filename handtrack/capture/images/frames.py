@@ -13,7 +13,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 
@@ -53,7 +53,7 @@ class FrameSource(Protocol):
         """Whether there should be an image for a frame; reading it may still fail."""
         ...
 
-    def read(self, frame: int) -> Array | None:
+    def read(self, frame: int) -> Array[H, W, *Axes] | None:
         """Return the image of a frame, None where there is none."""
         ...
 
@@ -144,7 +144,7 @@ class ImageFiles:
         """Return the file of a frame that there is."""
         return self._files[frame]
 
-    def read(self, frame: int) -> Array | None:
+    def read(self, frame: int) -> Array[H, W, *Axes] | None:
         path = self._files.get(frame)
         if path is None:
             return None
@@ -169,7 +169,7 @@ class ImageFiles:
         return image
 
 
-def check_size(image: Array, expected: tuple[int, int] | None, where: str) -> None:
+def check_size(image: Array[H, W, *Axes], expected: tuple[int, int] | None, where: str) -> None:
     """Raise HandtrackError unless an image has the calibration's size (width, height)."""
     found = (image.shape[1], image.shape[0])
     if expected is not None and found != tuple(expected):

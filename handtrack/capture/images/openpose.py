@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, K
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import read_json
 
@@ -70,8 +70,8 @@ LAYOUTS: dict[str, Layout] = {
 }  # fmt: skip
 
 
-def read_openpose(path: Path, layout: Layout) -> Floats | None:
-    """Return (K, 3) column and row [px] and confidence of the person who stands tallest in the image.
+def read_openpose(path: Path, layout: Layout) -> Floats[K, D3] | None:
+    """Return column and row [px] and confidence of the person who stands tallest in the image.
 
     Points that were not found are NaN with confidence 0. None when nobody was found. Raises HandtrackError.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.bayer import METHODS, demosaic, mosaic_doubts
 from handtrack.capture.images.frames import ImageFiles
 from handtrack.errors import HandtrackError
@@ -63,7 +63,7 @@ class MosaicFiles:
     def has(self, frame: int) -> bool:
         return self._files.has(frame)
 
-    def read(self, frame: int) -> Bytes | None:
+    def read(self, frame: int) -> Bytes[H, W, D3] | None:
         """Return the image of a frame, None where there is none. Raises HandtrackError for what is no mosaic."""
         mosaic = self._files.read(frame)
         if mosaic is None:

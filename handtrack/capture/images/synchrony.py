@@ -13,7 +13,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, Array, Axes, B, Floats, H, L, Q, T, W
 from handtrack.geometry.camera import Camera
 
 _WIDTH = 192  # of the reduced pictures [px]
@@ -41,7 +41,7 @@ class Lag:
 class Motion:
     """What moved from frame to frame in one camera's pictures, reduced."""
 
-    def __init__(self, camera: Camera, pictures: Iterable[Array | None]) -> None:
+    def __init__(self, camera: Camera, pictures: Iterable[Array[H, W, *Axes] | None]) -> None:
         """pictures: of frames after one another, (H, W, 3) or (H, W) uint8, None where missing."""
         small = [None if p is None else _small(p) for p in pictures]
         self.camera = camera
@@ -50,8 +50,8 @@ class Motion:
             for a, b in pairwise(small)
         ]
 
-    def by_plane(self, angles: Floats, edges: Floats) -> Floats:
-        """Return (B, T) how much moved in each range of angles; NaN where a frame is missing. angles: (H, W) reduced."""
+    def by_plane(self, angles: Floats[H, W], edges: Floats[Q]) -> Floats[B, T]:
+        """Return how much moved in each range of angles; NaN where a frame is missing. angles: reduced."""
         bins = np.digitize(angles, edges).ravel()
         none = np.full(len(edges) + 1, np.nan)
         rows = [
@@ -61,11 +61,11 @@ class Motion:
         return np.array(rows)[:, 1:-1].T
 
 
-def plane_angles(camera: Camera, other: Camera, pixels: Floats) -> Floats:
+def plane_angles(camera: Camera, other: Camera, pixels: Floats[*Axes, D2]) -> Floats[*Axes]:
     """Return (...) the angle of each pixel's plane through both centres [rad]; NaN where the lens shows nothing, or the
     centres are one.
 
-    pixels: (..., 2) of the camera's real image. 0 is where the two look on average.
+    pixels: of the camera's real image. 0 is where the two look on average.
     """
     first, second = sorted((camera, other), key=lambda c: c.name)  # one line, one zero for both
     line = second.centre - first.centre
@@ -90,8 +90,8 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
     return np.stack(np.meshgrid(across, down), axis=-1)
 
 
-def lag_of(alike: Floats) -> Lag | None:
-    """Return the lag that curves (2, L) of two stretches of a recording show, see `agreement`; None where they cannot tell.
+def lag_of(alike: Floats[D2, L]) -> Lag | None:
+    """Return the lag that curves of two stretches of a recording show, see `agreement`; None where they cannot tell.
 
     It counts only where both stretches agree about it to a frame, and the pictures agree clearly better at it.
     """
@@ -106,8 +106,8 @@ def lag_of(alike: Floats) -> Lag | None:
     return Lag(0, as_numbered, as_numbered)
 
 
-def agreement(first: tuple[Motion, Motion], second: tuple[Motion, Motion]) -> Floats:
-    """Return (2, L) how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
+def agreement(first: tuple[Motion, Motion], second: tuple[Motion, Motion]) -> Floats[D2, L]:
+    """Return how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
     return np.stack([_alike(a, b) for a, b in zip(first, second, strict=True)])
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array
+from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.images.frames import check_size
 from handtrack.errors import HandtrackError
 
@@ -85,7 +85,7 @@ class VideoFile:
     def has(self, frame: int) -> bool:
         return frame in self.frames
 
-    def read(self, frame: int) -> Array | None:
+    def read(self, frame: int) -> Array[H, W, D3] | None:
         if frame < 0:
             return None
         with self._lock:
@@ -127,8 +127,7 @@ class VideoFile:
         return image if good else None
 
     def _decode_to(self, frame: int) -> Array | None:
-        """Decode up to a frame at or after the position; the last ones on the way stay in the
-        cache."""
+        """Decode up to a frame at or after the position; the last ones on the way stay in the cache."""
         window = self._window
         while self._next < frame - window:
             if not self._capture.grab():

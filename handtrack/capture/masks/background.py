@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.errors import HandtrackError
@@ -32,8 +32,7 @@ class BackgroundMedian:
     samples: Annotated[int, at_least(_LEAST_FRAMES)] = 25
     """frames, evenly spaced over the recording, whose median is the background."""
     threshold: Annotated[float, above(0, "standard deviations")] = 8.0
-    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the
-    pixel."""
+    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the pixel."""
     open_px: Annotated[int, at_least(0)] = 5
     """side of the square of the opening [px]; 0 for none."""
     largest: bool = True
@@ -41,7 +40,7 @@ class BackgroundMedian:
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array], Bytes]:
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
         """Return the function from a BGR image to its mask.
 
         Raises HandtrackError with fewer than 3 readable frames.
@@ -85,7 +84,7 @@ class BackgroundMog2:
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array], Bytes]:
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
         """Return the function from a BGR image to its mask.
 
         Raises HandtrackError with fewer than 3 readable frames.
@@ -104,7 +103,7 @@ class BackgroundMog2:
         return segment
 
 
-def sampled_images(source: FrameSource, count: int) -> Iterator[Array]:
+def sampled_images(source: FrameSource, count: int) -> Iterator[Array[H, W, D3]]:
     """Yield up to `count` images evenly spaced over a recording.
 
     Raises HandtrackError with fewer than 3.

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import Bytes
+from handtrack.arrays import Bytes, H, W
 
 Roi = Annotated[tuple[int, int, int, int], Meta(description="4 whole numbers [x, y, w, h]")]
 """x, y, width, height [px]"""
 
 
-def clean(mask: Bytes, open_px: int, largest: bool, roi: Roi | None) -> Bytes:
-    """Return the mask (H, W) uint8 {0, 255} inside the region of interest, opened by a square,
+def clean(mask: Bytes[H, W], open_px: int, largest: bool, roi: Roi | None) -> Bytes[H, W]:
+    """Return the mask uint8 {0, 255} inside the region of interest, opened by a square,
     largest piece only."""
     if roi is not None:
         mask = inside_roi(mask, roi)
@@ -24,7 +24,7 @@ def clean(mask: Bytes, open_px: int, largest: bool, roi: Roi | None) -> Bytes:
     return largest_component(mask) if largest else mask
 
 
-def inside_roi(mask: Bytes, roi: Roi) -> Bytes:
+def inside_roi(mask: Bytes[H, W], roi: Roi) -> Bytes[H, W]:
     """Return the mask with everything outside roi = (x, y, width, height) [px] cleared."""
     x, y, width, height = roi
     kept = np.zeros_like(mask)
@@ -32,7 +32,7 @@ def inside_roi(mask: Bytes, roi: Roi) -> Bytes:
     return kept
 
 
-def opened(mask: Bytes, side_px: int) -> Bytes:
+def opened(mask: Bytes[H, W], side_px: int) -> Bytes[H, W]:
     """Return the opening with a square of side_px; an even one too shifts nothing."""
     square = np.ones((side_px, side_px), np.uint8)
     at = side_px // 2
@@ -41,7 +41,7 @@ def opened(mask: Bytes, side_px: int) -> Bytes:
     return cv2.dilate(shrunk, square, anchor=(back, back))  # type: ignore[return-value]
 
 
-def largest_component(mask: Bytes) -> Bytes:
+def largest_component(mask: Bytes[H, W]) -> Bytes[H, W]:
     """Return the largest 8-connected piece of a mask; of equals the first in reading order."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if len(stats) < 2:

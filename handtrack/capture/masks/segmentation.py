@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
 from handtrack.capture.masks.mask_cleaning import Roi, clean
@@ -18,8 +18,8 @@ from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least, checked_table, read_table, required
 
-Segmenter = Callable[[Array], Bytes]
-"""image → mask (H, W) uint8 {0, 255}"""
+Segmenter = Callable[[Array[H, W, D3]], Bytes[H, W]]
+"""image BGR → mask {0, 255}"""
 _Range = Annotated[tuple[int, int], Meta(description="2 whole numbers [least, most]")]
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.errors import HandtrackError
@@ -21,8 +21,7 @@ _TRIM = 3.0  # samples farther than this from the first fit are left out of the 
 
 @dataclass(frozen=True)
 class SkinAdaptive:
-    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample
-    box."""
+    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample box."""
 
     name: ClassVar[str] = "skin_adaptive"
     needs: ClassVar[str] = "images"
@@ -49,7 +48,7 @@ class SkinAdaptive:
 
     def segmenter(
         self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array], Bytes]:
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
         """Return the function from a BGR image to its mask, fitted to the source's reference frame.
 
         Raises HandtrackError when that frame is missing or the sample leaves the image.

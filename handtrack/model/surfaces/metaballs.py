@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D3, D16, Array, E, Floats, Ints, K, L, N, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -29,12 +29,12 @@ SHARPNESS_PER_M = 1000.0
 class NearSurface:
     """What the surface looks like from given points (N)."""
 
-    distance: Floats
-    """(N,) signed [m], negative inside"""
-    ellipsoid: Ints
-    """(N,) the closest ellipsoid"""
-    gradient: Floats
-    """(N, 3) of the distance, world; about unit length near the surface"""
+    distance: Floats[N]
+    """signed [m], negative inside"""
+    ellipsoid: Ints[N]
+    """the closest ellipsoid"""
+    gradient: Floats[N, D3]
+    """of the distance, world; about unit length near the surface"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class MetaballSurface:
     """
 
     ellipsoids: Ellipsoids
-    linked: Array
-    """(E, E) bool, symmetric, True on the diagonal"""
+    linked: Array[E, E]
+    """bool, symmetric, True on the diagonal"""
     sharpness: float = SHARPNESS_PER_M
     """β [1/m]: n equally close linked ellipsoids move the surface outwards by log(n)/β"""
     form: str = "d3"
@@ -86,7 +86,7 @@ class MetaballSurface:
         return FORMS[self.form]
 
     @cached_property
-    def links(self) -> tuple[Ints, Ints]:
+    def links(self) -> tuple[Ints[K], Ints[L]]:
         """Return (start (E + 1,), members): who sums with e, itself first, is members[start[e] : start[e + 1]]."""
         members = [
             [e, *(int(i) for i in np.flatnonzero(row) if i != e)]
@@ -95,8 +95,8 @@ class MetaballSurface:
         start = np.cumsum([0, *map(len, members)])
         return start.astype(np.int64), np.array([i for row in members for i in row], np.int64)
 
-    def posed(self, bones: BonePoses) -> Floats:
-        """Return the table (E, 16) that kernels read, at these poses; layout: metaballs_kernels.py."""
+    def posed(self, bones: BonePoses) -> Floats[E, D16]:
+        """Return the table that kernels read, at these poses; layout: metaballs_kernels.py."""
         flesh = self.ellipsoids.grown(bones)
         table = np.empty((len(flesh), 16))
         pose_table(
@@ -104,8 +104,8 @@ class MetaballSurface:
         )  # fmt: skip
         return table
 
-    def near(self, bones: BonePoses, points: Floats) -> NearSurface:
-        """Return signed distance, closest ellipsoid and gradient at points (N, 3) world [m]; NaN at NaN."""
+    def near(self, bones: BonePoses, points: Floats[N, D3]) -> NearSurface:
+        """Return signed distance, closest ellipsoid and gradient at points world [m]; NaN at NaN."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, gradient = np.empty(len(points)), np.empty(points.shape)
@@ -117,8 +117,8 @@ class MetaballSurface:
         )  # fmt: skip
         return NearSurface(distance, closest, gradient)
 
-    def distance(self, bones: BonePoses, points: Floats) -> Floats:
-        """Return the signed distance (N,) [m] of points (N, 3) world, negative inside."""
+    def distance(self, bones: BonePoses, points: Floats[N, D3]) -> Floats[N]:
+        """Return the signed distance [m] of points world, negative inside."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, closest = np.empty(len(points)), np.empty(len(points), np.int64)
@@ -129,8 +129,8 @@ class MetaballSurface:
         )  # fmt: skip
         return distance
 
-    def projected(self, bones: BonePoses, points: Floats, steps: int = 6) -> Floats:
-        """Return points (N, 3) moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
+    def projected(self, bones: BonePoses, points: Floats[N, D3], steps: int = 6) -> Floats[N, D3]:
+        """Return points moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
         points = np.array(points, dtype=float)
         for _ in range(steps):
             near = self.near(bones, points)
@@ -139,8 +139,8 @@ class MetaballSurface:
         return points
 
 
-def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array:
-    """Return (E, E) True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
+def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array[E, E]:
+    """Return True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
 
     So the palm is linked with the first bone of each finger, and fingers are not linked with each other.
     """
@@ -156,8 +156,8 @@ def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array:
     return (bone[:, None] == bone[None, :]) | over | over.T
 
 
-def true_distance(radii: Floats, points: Floats) -> Floats:
-    """Return the exact signed distance (N,) of points (N, 3) to an ellipsoid around the origin, axes along x, y, z.
+def true_distance(radii: Floats[D3], points: Floats[N, D3]) -> Floats[N]:
+    """Return the exact signed distance of points to an ellipsoid around the origin, axes along x, y, z.
 
     The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
     bisected. Plain and slow: the reference that d1, d2 and d3 approximate.

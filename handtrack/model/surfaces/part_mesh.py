@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, F, Floats, Ints, T, V
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 
@@ -15,22 +15,21 @@ from handtrack.model.kinematics import BonePoses
 class PartMesh:
     """Closed triangle meshes on bones. Parts may lie in each other; what is hidden is for the camera to find."""
 
-    bone: Ints
-    """(V,) the bone of each vertex; the three of a face have the same"""
-    local: Floats
-    """(V, 3) in that bone's frame [m]"""
-    normal: Floats
-    """(V, 3) unit, outwards, in that bone's frame"""
-    faces: Ints
-    """(F, 3)"""
+    bone: Ints[V]
+    """the bone of each vertex; the three of a face have the same"""
+    local: Floats[V, D3]
+    """in that bone's frame [m]"""
+    normal: Floats[V, D3]
+    """unit, outwards, in that bone's frame"""
+    faces: Ints[F, D3]
 
-    def carried(self, bones: BonePoses) -> tuple[Floats, Floats]:
-        """Return vertices (V, 3) [m] and their normals (V, 3) in the world."""
+    def carried(self, bones: BonePoses) -> tuple[Floats[V, D3], Floats[V, D3]]:
+        """Return vertices [m] and their normals in the world."""
         turned = np.einsum("vij,vj->vi", bones.rotation[self.bone], self.normal)
         return bones.to_world(self.bone, self.local), turned
 
-    def subset(self, keep: Array) -> PartMesh:
-        """Return only the faces of which all vertices are kept. keep: (V,) booleans."""
+    def subset(self, keep: Array[V]) -> PartMesh:
+        """Return only the faces of which all vertices are kept. keep: booleans."""
         kept = np.flatnonzero(keep)
         renumbered = np.full(len(self.bone), -1)
         renumbered[kept] = np.arange(len(kept))
@@ -61,8 +60,8 @@ def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:
     )
 
 
-def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
-    """Return (V, 3) unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
+def vertex_normals(vertices: Floats[V, D3], faces: Ints[T, D3]) -> Floats[V, D3]:
+    """Return unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
     corner = vertices[faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal = np.zeros_like(vertices)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D2, D3, D9, E, Floats, Ints, N, T, V
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
@@ -23,31 +23,31 @@ class Superquadrics:
     """Parts (|x/a|^(2/ε₂) + |y/b|^(2/ε₂))^(ε₂/ε₁) + |z/c|^(2/ε₁) = 1, then tapered, then bent; nine numbers each."""
 
     name: tuple[str, ...]
-    bone: Ints
-    """(E,) the bone each one sits on"""
-    centre: Floats
-    """(E, 3) in the bone's frame [m]"""
-    rotation: Floats
-    """(E, 3, 3) part axes → bone frame"""
-    radii: Floats
-    """(E, 3) a, b, c [m]"""
-    exponents: Floats
-    """(E, 2) ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
-    taper: Floats
-    """(E, 2) x and y are scaled by 1 + taper · z/c"""
-    bend: Floats
-    """(E, 2) turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
+    bone: Ints[E]
+    """the bone each one sits on"""
+    centre: Floats[E, D3]
+    """in the bone's frame [m]"""
+    rotation: Floats[E, D3, D3]
+    """part axes → bone frame"""
+    radii: Floats[E, D3]
+    """a, b, c [m]"""
+    exponents: Floats[E, D2]
+    """ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
+    taper: Floats[E, D2]
+    """x and y are scaled by 1 + taper · z/c"""
+    bend: Floats[E, D2]
+    """turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
 
     def __len__(self) -> int:
         return len(self.bone)
 
     @property
-    def shape(self) -> Floats:
-        """Return (E, 9) the shape parameters: radii, exponents, taper, bend."""
+    def shape(self) -> Floats[E, D9]:
+        """Return the shape parameters: radii, exponents, taper, bend."""
         return np.concatenate([self.radii, self.exponents, self.taper, self.bend], axis=1)
 
-    def level(self, part: int, points: Floats) -> Floats:
-        """Return (N,) the left side of the part's equation at points (N, 3) of its own axes, before deformation."""
+    def level(self, part: int, points: Floats[N, D3]) -> Floats[N]:
+        """Return the left side of the part's equation at points of its own axes, before deformation."""
         x, y, z = (np.abs(points) / self.radii[part]).T
         e1, e2 = self.exponents[part]
         return (x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)
@@ -73,7 +73,7 @@ class Superquadrics:
             faces.reshape(-1, 3),
         )
 
-    def undeformed(self, part: int, around: int, along: int) -> Floats:
+    def undeformed(self, part: int, around: int, along: int) -> Floats[V, D3]:
         """Return (2 + (along − 1) · around, 3) points of a part in its own axes: lower end, circles upwards, upper end."""
         latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, along + 1)[1:-1]
         longitude = 2 * np.pi * np.arange(around) / around
@@ -85,8 +85,8 @@ class Superquadrics:
         ends = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
         return np.concatenate([ends[:1], circles, ends[1:]]) * self.radii[part]
 
-    def deformed(self, part: int, points: Floats) -> Floats:
-        """Return points (N, 3) of a part's own axes where taper and bend carry them.
+    def deformed(self, part: int, points: Floats[N, D3]) -> Floats[N, D3]:
+        """Return points of a part's own axes where taper and bend carry them.
 
         A bend lays the z axis on a circle of curvature κ = turn/2c, lengths on the axis kept.
         """
@@ -154,7 +154,7 @@ def _power(base: Floats, exponent: float) -> Floats:
     return np.sign(base) * np.abs(base) ** exponent
 
 
-def grid_faces(around: int, along: int) -> Ints:
+def grid_faces(around: int, along: int) -> Ints[T, D3]:
     """Return the faces of a grid of latitudes and longitudes, counter-clockwise from outside, closed at both ends."""
     if around < 3 or along < 2:
         raise HandtrackError(

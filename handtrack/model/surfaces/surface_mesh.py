@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from skimage.measure import marching_cubes
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, F, Floats, Ints, N, V
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -22,21 +22,21 @@ MOST_NODES = 16_000_000
 class SurfaceMesh:
     """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
 
-    vertices: Floats
-    """(V, 3) world [m]"""
-    faces: Ints
-    """(F, 3) counter-clockwise seen from outside"""
-    normals: Floats
-    """(V, 3) unit, outwards"""
-    ellipsoid: Ints
-    """(V,) the closest ellipsoid"""
-    bone: Ints
-    """(V,) its bone, to which the vertex is fixed"""
-    local: Floats
-    """(V, 3) in that bone's frame [m]"""
+    vertices: Floats[V, D3]
+    """world [m]"""
+    faces: Ints[F, D3]
+    """counter-clockwise seen from outside"""
+    normals: Floats[V, D3]
+    """unit, outwards"""
+    ellipsoid: Ints[V]
+    """the closest ellipsoid"""
+    bone: Ints[V]
+    """its bone, to which the vertex is fixed"""
+    local: Floats[V, D3]
+    """in that bone's frame [m]"""
 
-    def carried(self, bones: BonePoses) -> Floats:
-        """Return the vertices (V, 3) where other bone poses carry them, world [m]."""
+    def carried(self, bones: BonePoses) -> Floats[V, D3]:
+        """Return the vertices where other bone poses carry them, world [m]."""
         return bones.to_world(self.bone, self.local)
 
     def posed(self, bones: BonePoses, frame: BonePoses) -> SurfaceMesh:
@@ -89,7 +89,7 @@ def sample_surface(
     count: int,
     rng: np.random.Generator,
     spacing_m: float = 0.004,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats[N, D3], Floats[N, D3]]:
     """Return points (count, 3) spread evenly over the surface, world [m], and its unit normals there (count, 3)."""
     mesh = surface_mesh(surface, bones, spacing_m)
     corners = mesh.vertices[mesh.faces]

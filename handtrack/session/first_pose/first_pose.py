@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, D3, D21, Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -40,12 +40,12 @@ class FirstPose:
     frame: int
     parameters: Mapping[str, float] = field(default_factory=dict)
     """joint parameters by name [m, rad]; missing ones are 0."""
-    xyz: Floats | None = None
-    """(21, 3) world [m], NaN rows where unknown."""
+    xyz: Floats[D21, D3] | None = None
+    """world [m], NaN rows where unknown."""
     convention: str | None = None
     """order of the keypoints: openpose21."""
-    pixels: Mapping[str, Floats] = field(default_factory=dict)
-    """(21, 2) by camera, in the image as it was taken [px], NaN rows where unknown."""
+    pixels: Mapping[str, Floats[D21, D2]] = field(default_factory=dict)
+    """by camera, in the image as it was taken [px], NaN rows where unknown."""
     scale: HandScale | None = None
     """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -20,8 +20,8 @@ class FirstPoseCandidate:
     """A pose that tracking may start from."""
 
     frame: int
-    params: Floats
-    """(P,) solver parameters of `model`"""
+    params: Floats[P]
+    """solver parameters of `model`"""
     confidence: float
     """0 to 1; those of one frame add up to 1 at most"""
     note: str

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Axes, Floats
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.files.npz_files import read_arrays
@@ -80,7 +80,7 @@ def write_npz(path: Path | str, track: TrackResult) -> None:
     write_arrays(path, arrays)
 
 
-def write_arrays(path: Path | str, arrays: Mapping[str, Array]) -> None:
+def write_arrays(path: Path | str, arrays: Mapping[str, Array[*Axes]]) -> None:
     """Write an .npz without dates and pickles, whole or not at all."""
     with replacing(Path(path)) as part, zipfile.ZipFile(part, "w") as archive:
         for name, array in arrays.items():

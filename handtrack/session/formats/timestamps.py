@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N
 from handtrack.errors import HandtrackError
 
 COLUMNS = ("camera", "frame", "time_s")
@@ -17,15 +17,14 @@ COLUMNS = ("camera", "frame", "time_s")
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Time of every frame: frame / fps, or measured times with straight lines between and beyond
-    them."""
+    """Time of every frame: frame / fps, or measured times with straight lines between and beyond them."""
 
     fps: float
     """frames a second; the median rate when only times were given."""
-    frame: Floats | None = None
-    """(N,) frames with a measured time, ascending."""
-    time_s: Floats | None = None
-    """(N,) [s], ascending."""
+    frame: Floats[N] | None = None
+    """frames with a measured time, ascending."""
+    time_s: Floats[N] | None = None
+    """[s], ascending."""
 
     def time_of(self, frame: int) -> float:
         """Return a frame's time [s]."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 
@@ -16,16 +16,16 @@ from handtrack.files.npz_files import read_arrays
 class Truth:
     """Ground truth of F frames."""
 
-    frame: Ints
-    """(F,) frame numbers, each once."""
-    time_s: Floats | None
-    """(F,) [s], or None when not given."""
-    keypoints21: Floats | None
-    """(F, 21, 3) world [m]."""
+    frame: Ints[F]
+    """frame numbers, each once."""
+    time_s: Floats[F] | None
+    """[s], or None when not given."""
+    keypoints21: Floats[F, D21, D3] | None
+    """world [m]."""
     joint_names: tuple[str, ...]
     """J names; empty without joint positions."""
-    joint_positions: Floats | None
-    """(F, J, 3) world [m]."""
+    joint_positions: Floats[F, J, D3] | None
+    """world [m]."""
 
 
 def read_truth(path: Path) -> Truth:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, F, Floats
 from handtrack.errors import HandtrackError
 from handtrack.simulation.motion_files.clip import MotionClip
 
@@ -163,8 +163,8 @@ def _local(joint: _Joint, frames: Floats, positions: str) -> tuple[Floats, Float
     return turn, kept + moved
 
 
-def turns_about(axis: int, angles: Floats) -> Floats:
-    """Return rotations (F, 3, 3) by angles (F,) [rad] about x, y or z (0, 1, 2)."""
+def turns_about(axis: int, angles: Floats[F]) -> Floats[F, D3, D3]:
+    """Return rotations by angles [rad] about x, y or z (0, 1, 2)."""
     turn = np.zeros((len(angles), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn[:, axis, axis] = 1.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, F, Floats, J
 from handtrack.errors import unknown_name
 
 
@@ -17,8 +17,8 @@ class MotionClip:
 
     names: tuple[str, ...]
     """(J,) of the file's joints; a second end of the same joint is `<name>_end`"""
-    positions: Floats
-    """(F, J, 3) [m], the file's own axes"""
+    positions: Floats[F, J, D3]
+    """[m], the file's own axes"""
     fps: float
     """frames a second"""
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, K, N
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
@@ -55,9 +55,9 @@ _AROUND_PX = 2
 class HandPoints:
     """The hand in one depth image."""
 
-    points: Floats
-    """(N, 3) world [m], all pixels of it"""
-    tips: Floats
+    points: Floats[N, D3]
+    """world [m], all pixels of it"""
+    tips: Floats[K, D3]
     """(T, 3) its fingertips"""
 
 
@@ -71,8 +71,8 @@ def write_depth_session(folder: Path, images: Path) -> Path:
     return folder
 
 
-def hand_points(points: Floats) -> HandPoints:
-    """Return the hand among the points (N, 3), world [m], of the part nearest to the camera; no model is looked at.
+def hand_points(points: Floats[N, D3]) -> HandPoints:
+    """Return the hand among the points, world [m], of the part nearest to the camera; no model is looked at.
 
     In the picture of these points, fingers are what a disc as wide as a finger and a half does not fit into, if it is
     long enough; a fingertip is its end.
@@ -100,6 +100,6 @@ def hand_points(points: Floats) -> HandPoints:
     return HandPoints(points[near], ends_m)
 
 
-def as_image(points: Floats) -> Array:
-    """Return the pixels (N, 2) of points in the camera, rounded."""
+def as_image(points: Floats[N, D3]) -> Array[N, D2]:
+    """Return the pixels of points in the camera, rounded."""
     return np.rint(CAMERA.project(points)).astype(int)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -40,23 +40,22 @@ class JumpScene:
 
     model: ArticulatedModel
     camera: Camera
-    truth: Floats
-    """(P,)"""
+    truth: Floats[P]
     seen: ImageKeypoints
     priors: BodyPriors
-    start: Floats
-    """(P,) the minimum next to the truth"""
+    start: Floats[P]
+    """the minimum next to the truth"""
     start_cost: float
-    covariance: Floats
-    """(P, P) there"""
+    covariance: Floats[P, P]
+    """there"""
 
     @property
     def collision(self) -> CollisionTerm | None:
         """The prior that parts do not pass through each other."""
         return next((term for term in self.priors.bones if isinstance(term, CollisionTerm)), None)
 
-    def polished(self, starts: Floats) -> Polished:
-        """Return the minima that descent reaches from starts (N, P)."""
+    def polished(self, starts: Floats[N, P]) -> Polished:
+        """Return the minima that descent reaches from starts."""
         return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
 
     def tree(self, limbs: Sequence[str]) -> InterpretationTree:
@@ -85,8 +84,8 @@ def front_camera() -> Camera:
     return Camera("front", (1280, 960), matrix, np.zeros(5), turn, -turn @ [0.0, 0.2, 4.0])
 
 
-def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats:
-    """Return parameters (P,) of a body that faces the camera and holds its limbs anyhow within limits.
+def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats[P]:
+    """Return parameters of a body that faces the camera and holds its limbs anyhow within limits.
 
     Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a
     link in that plane has no flip, one along the viewing ray no direction. Trunk, head and shoulders are near rest. No part passes

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, F, Floats, S
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -46,9 +46,9 @@ DIGICLOPS = Sensor((320, 240), 0.6, noise_m=0.004, noise_px=2.0, missing=0.4, wr
 
 
 def depth_views(
-    model: ArticulatedModel, joint_params: Floats, sensor: Sensor, rng: np.random.Generator
+    model: ArticulatedModel, joint_params: Floats[F, S], sensor: Sensor, rng: np.random.Generator
 ) -> Iterator[Observation]:
-    """Yield what one sensor sees of a motion (F, S): the ellipsoids that the merged surface is made of."""
+    """Yield what one sensor sees of a motion: the ellipsoids that the merged surface is made of."""
     camera = simulated_rig(1, sensor.size, sensor.distance_m).cameras[0]
     rays = pixel_rays(camera)
     shape = (len(joint_params), sensor.size[1], sensor.size[0])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, Array, Floats, H, P
 from handtrack.diagnostics.residual_image import field_image, model_mask
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -15,9 +15,12 @@ from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, 
 
 
 def field_views(
-    model: ArticulatedModel, params: Floats, cameras: Sequence[Camera], depth_scaled: bool = False
+    model: ArticulatedModel,
+    params: Floats[P],
+    cameras: Sequence[Camera],
+    depth_scaled: bool = False,
 ) -> list[PreparedSilhouette]:
-    """Return each camera's field image of a pose (P,), ready for ConicFieldTerm.
+    """Return each camera's field image of a pose, ready for ConicFieldTerm.
 
     depth_scaled: the paper's scale 1/C*₃₃ [m⁻²]; otherwise fields are −1 at their centres.
     """
@@ -31,9 +34,9 @@ def field_views(
 
 
 def mask_views(
-    model: ArticulatedModel, params: Floats, cameras: Sequence[Camera], frame: int = 0
+    model: ArticulatedModel, params: Floats[P], cameras: Sequence[Camera], frame: int = 0
 ) -> Observation:
-    """Return the binary masks of a pose (P,), decided at pixel centres."""
+    """Return the binary masks of a pose, decided at pixel centres."""
     flesh = model.flesh["fine"].posed(model.bones(params))
     seen = tuple(
         Silhouette(camera, model_mask(camera, flesh).astype(np.float32), everything(camera))
@@ -42,6 +45,6 @@ def mask_views(
     return Observation(frame, frame / 25.0, seen)
 
 
-def everything(camera: Camera) -> Array:
-    """Return the spans (H, 2) of a camera whose every pixel is observed."""
+def everything(camera: Camera) -> Array[H, D2]:
+    """Return the spans of a camera whose every pixel is observed."""
     return np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.diagnostics.residual_image import model_mask
 from handtrack.geometry.camera import Camera
@@ -39,8 +39,8 @@ class StartFrame:
     gesture: str
     has_arm: bool
     seen: Observation
-    joints: Floats
-    """(21, 3) world [m]"""
+    joints: Floats[D21, D3]
+    """world [m]"""
 
 
 def start_frame(seed: int, number: int) -> StartFrame:

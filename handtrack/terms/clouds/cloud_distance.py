@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, check_shape
+from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -30,11 +30,11 @@ FARTHEST_M = 1e6
 class PreparedCloud:
     """A cloud in an order in which neighbours in memory are neighbours in space. Once a frame."""
 
-    points: Floats
+    points: Floats[D3, M]
     """(3, N') world [m], rows x, y, z, filled up to a multiple of 8 with its last point"""
-    order: Ints
-    """(N,) which of the given points each one is"""
-    spheres: Floats
+    order: Ints[N]
+    """which of the given points each one is"""
+    spheres: Floats[D4, K]
     """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
     given: int
     """points handed in, with those that were dropped"""
@@ -49,8 +49,8 @@ class PreparedCloud:
         return self.given - self.count
 
 
-def prepare_cloud(points: Floats) -> PreparedCloud:
-    """Return points (N, 3) world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
+def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
+    """Return points world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
     points = np.asarray(points, dtype=float)
     check_shape(points, (None, 3), "cloud")
     with np.errstate(invalid="ignore"):
@@ -71,7 +71,7 @@ def prepare_cloud(points: Floats) -> PreparedCloud:
         off = ordered - np.repeat(spheres[:3], BLOCK, axis=1)[:, : ordered.shape[1]]
         furthest = np.maximum.reduceat((off**2).sum(axis=0), first)
         spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
-    rows = aligned(ordered.size).reshape(ordered.shape)
+    rows = aligned(ordered.size).reshape(3, -1)
     rows[:] = ordered
     return PreparedCloud(rows, finite[along], spheres, len(points))
 
@@ -99,7 +99,7 @@ class CloudDistanceTerm(CompiledTerm):
             )
         _ = self._loss
 
-    def residuals(self, bones: BonePoses) -> Floats:
+    def residuals(self, bones: BonePoses) -> Floats[M]:
         """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
         out = np.full(self.cloud.given, np.nan)
         points = np.ascontiguousarray(self.cloud.points[:, : self.cloud.count].T)

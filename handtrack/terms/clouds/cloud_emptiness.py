@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D3, Array, Floats, Ints, K, N, V, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh
@@ -33,10 +33,10 @@ class CloudEmptinessTerm(CompiledTerm):
     """
 
     distances: DistanceMap
-    bone: Ints
-    """(V,) the bone of each model point"""
-    local: Floats
-    """(V, 3) in that bone's frame [m]"""
+    bone: Ints[V]
+    """the bone of each model point"""
+    local: Floats[V, D3]
+    """in that bone's frame [m]"""
     sigma_m: float = 0.004
     slack_m: float = 0.002
     """a cloud point this near is near enough: half a voxel, within which the map says little"""
@@ -55,9 +55,9 @@ class CloudEmptinessTerm(CompiledTerm):
     @classmethod
     def at_start(
         cls,
-        cloud: Floats,
+        cloud: Floats[N, D3],
         mesh: SurfaceMesh,
-        views: Sequence[Floats] = (),
+        views: Sequence[Floats[K, D3]] = (),
         *,
         margin_m: float = 0.04,
         spacing_m: float = SPACING_M,
@@ -67,7 +67,7 @@ class CloudEmptinessTerm(CompiledTerm):
         loss: Loss = Quadratic(),
         weight: float = 1.0,
     ) -> CloudEmptinessTerm:
-        """Return the term of a cloud (N, 3) world [m] and the mesh of the model where the frame starts.
+        """Return the term of a cloud world [m] and the mesh of the model where the frame starts.
 
         views: what can have seen the surface, see `seen_from`; without any, the whole surface is asked for.
         margin_m: how far the map reaches beyond the mesh; beyond it distances are prolonged.
@@ -77,7 +77,9 @@ class CloudEmptinessTerm(CompiledTerm):
         nothing = np.empty(0, np.int64), np.empty((0, 3))
         return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(mesh, views)
 
-    def for_mesh(self, mesh: SurfaceMesh, views: Sequence[Floats] = ()) -> CloudEmptinessTerm:
+    def for_mesh(
+        self, mesh: SurfaceMesh, views: Sequence[Floats[K, D3]] = ()
+    ) -> CloudEmptinessTerm:
         """Return the term of the same cloud for another mesh of the model."""
         kept = seen_from(mesh.vertices, mesh.normals, views)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
@@ -124,10 +126,12 @@ class CloudEmptinessTerm(CompiledTerm):
         return compiled_loss(self.loss, self.name)
 
 
-def seen_from(points: Floats, normals: Floats, views: Sequence[Floats]) -> Array:
-    """Return (V,) True where a view can have measured surface points (V, 3) with outward normals (V, 3), world [m].
+def seen_from(
+    points: Floats[V, D3], normals: Floats[V, D3], views: Sequence[Floats[K, D3]]
+) -> Array[V]:
+    """Return True where a view can have measured surface points with outward normals, world [m].
 
-    A view is the centres (K, 3) of cameras that must all see a point: one for a depth camera, two for a stereo pair.
+    A view is the centres of cameras that must all see a point: one for a depth camera, two for a stereo pair.
     A point that faces away, or lies behind other points, can have no cloud: to ask for one would drag the model's
     back to the measured front. No views: all True.
     """

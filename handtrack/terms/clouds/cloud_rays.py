@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, check_shape
+from handtrack.arrays import D3, Floats, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -29,10 +29,10 @@ class CloudRaysTerm(CompiledTerm):
     is behind it. So a far side never explains a point.
     """
 
-    points: Floats
-    """(N, 3) finite, world [m]"""
-    centre: Floats
-    """(3,) of the camera whose pixels they are, world [m]"""
+    points: Floats[N, D3]
+    """finite, world [m]"""
+    centre: Floats[D3]
+    """of the camera whose pixels they are, world [m]"""
     surface: MetaballSurface
     along_m: float = 0.004
     """how far a point's depth is from the surface, where it is not wrong altogether"""

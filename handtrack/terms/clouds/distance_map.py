@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from handtrack.arrays import Array, Floats, check_shape
+from handtrack.arrays import D3, Array, Floats, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.terms.clouds.distance_map_kernels import distances_to, interpolate
 
@@ -23,19 +23,19 @@ class DistanceMap:
     Beyond the grid: the value at the nearest place on its border plus the way there.
     """
 
-    low: Floats
-    """(3,) the first node, world [m]"""
+    low: Floats[D3]
+    """the first node, world [m]"""
     spacing: float
     """[m]"""
-    values: Array
-    """(X, Y, Z) float32 [m]; size 0 where there is no cloud at all"""
+    values: Array[X, Y, Z]
+    """float32 [m]; size 0 where there is no cloud at all"""
 
     @property
     def is_empty(self) -> bool:
         return self.values.size == 0
 
-    def at(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return distance (N,) [m] and its gradient (N, 3) at points (N, 3) world; zeros without a cloud."""
+    def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
+        """Return distance [m] and its gradient at points world; zeros without a cloud."""
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
@@ -45,13 +45,13 @@ class DistanceMap:
 
 
 def distance_map(
-    points: Floats,
-    low: Floats,
-    high: Floats,
+    points: Floats[N, D3],
+    low: Floats[D3],
+    high: Floats[D3],
     spacing_m: float = SPACING_M,
     most_voxels: int = MOST_VOXELS,
 ) -> DistanceMap:
-    """Return the distance map of points (N, 3) in the box low, high (3,), world [m]. 2004 paper, section 4.
+    """Return the distance map of points in the box low, high, world [m]. 2004 paper, section 4.
 
     The nearest filled voxel comes from an exact distance transform; the distance is that to the mean of the points
     in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, N
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
@@ -28,22 +28,21 @@ class Texture:
     """Colours of points of the model's surface, as one camera saw them."""
 
     camera: Camera
-    bone: Ints
-    """(N,)"""
-    local: Floats
-    """(N, 3) in the bone's frame [m]"""
-    color: Floats
-    """(N, 3) 0 … 255"""
+    bone: Ints[N]
+    local: Floats[N, D3]
+    """in the bone's frame [m]"""
+    color: Floats[N, D3]
+    """0 … 255"""
 
-    def subset(self, keep: Array) -> Texture:
-        """Return only the points for which `keep` (N,) is True."""
+    def subset(self, keep: Array[N]) -> Texture:
+        """Return only the points for which `keep` is True."""
         return replace(self, bone=self.bone[keep], local=self.local[keep], color=self.color[keep])
 
 
 def texture_points(
     mesh: PartMesh, bones: BonePoses, picture: DepthPicture, spacing_px: int
-) -> tuple[Ints, Floats, Floats]:
-    """Return bone (N,), place in its frame (N, 3) and pixel (N, 2) of visible surface points, evenly in the image.
+) -> tuple[Ints[N], Floats[N, D3], Floats[N, D2]]:
+    """Return bone, place in its frame and pixel of visible surface points, evenly in the image.
 
     picture: of the same mesh at the same pose.
     """

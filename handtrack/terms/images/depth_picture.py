@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, Array, Floats, H, Ints, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -20,13 +20,13 @@ class DepthPicture:
     camera: Camera
     corner: tuple[int, int]
     """column and row of the window's first pixel in the camera's image"""
-    depth: Floats
-    """(H, W) z in the camera [m]; infinite where nothing of the model is"""
-    face: Ints
-    """(H, W) the face in front, −1 for none"""
+    depth: Floats[H, W]
+    """z in the camera [m]; infinite where nothing of the model is"""
+    face: Ints[H, W]
+    """the face in front, −1 for none"""
 
-    def at(self, pixels: Floats) -> tuple[Ints, Floats]:
-        """Return face and depth (N,) at the pixels nearest to image points (N, 2); −1 and infinite outside."""
+    def at(self, pixels: Floats[N, D2]) -> tuple[Ints[N], Floats[N]]:
+        """Return face and depth at the pixels nearest to image points; −1 and infinite outside."""
         at = np.rint(np.nan_to_num(pixels, nan=-1e6)).astype(np.int64) - self.corner
         height, width = self.depth.shape
         inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
@@ -35,8 +35,8 @@ class DepthPicture:
         face[inside], depth[inside] = self.face[row, column], self.depth[row, column]
         return face, depth
 
-    def in_image(self) -> tuple[Array, Floats]:
-        """Return face (H, W) and depth (H, W) over the whole image."""
+    def in_image(self) -> tuple[Array[H, W], Floats[H, W]]:
+        """Return face and depth over the whole image."""
         width, height = self.camera.size
         face, depth = np.full((height, width), -1), np.full((height, width), np.inf)
         (x, y), (h, w) = self.corner, self.depth.shape

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, K, N
 from handtrack.terms.images.edge_search_kernels import search_along
 from handtrack.terms.images.model_outline import OutlinePoints
 from handtrack.terms.images.smooth_image import SmoothImage
@@ -21,9 +21,9 @@ class SeenEdges:
     """Up to MOST edges on the normal of each piece of outline."""
 
     outline: OutlinePoints
-    place: Floats
+    place: Floats[N, K]
     """(N, MOST) signed distance along the normal from the piece's own pixel [px]"""
-    strength: Floats
+    strength: Floats[N, K]
     """(N, MOST) 0 … 1; 0 where there is no edge"""
 
     @property

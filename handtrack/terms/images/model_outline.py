@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, Array, Floats, Ints, N
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -20,19 +20,18 @@ class OutlinePoints:
     """Short pieces of outline, each by its middle."""
 
     camera: Camera
-    bone: Ints
-    """(N,)"""
-    local: Floats
-    """(N, 3) in the bone's frame [m]"""
-    pixel: Floats
-    """(N, 2) where the point is seen at the pose the outline was made for [px]"""
-    normal: Floats
-    """(N, 2) unit, out of the model, in the image"""
-    length_px: Floats
-    """(N,) of each piece"""
+    bone: Ints[N]
+    local: Floats[N, D3]
+    """in the bone's frame [m]"""
+    pixel: Floats[N, D2]
+    """where the point is seen at the pose the outline was made for [px]"""
+    normal: Floats[N, D2]
+    """unit, out of the model, in the image"""
+    length_px: Floats[N]
+    """of each piece"""
 
-    def subset(self, keep: Array) -> OutlinePoints:
-        """Return the pieces for which `keep` (N,) is True."""
+    def subset(self, keep: Array[N]) -> OutlinePoints:
+        """Return the pieces for which `keep` is True."""
         return OutlinePoints(
             self.camera,
             self.bone[keep],
@@ -73,7 +72,7 @@ def outline_points(
     return OutlinePoints(camera, bone, local, pixel, side, length).subset(seen)
 
 
-Pair = tuple[Ints, Ints]
+Pair = tuple[Ints[N], Ints[N]]
 
 
 def _crossed(towards: Floats, faces: Ints) -> tuple[Pair, Pair]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D2, D3, Array, Floats, H, N, W
 from handtrack.terms.images.smooth_image_kernels import look_up_all
 
 _REACH = 3.0  # sigmas that a pixel spreads
@@ -19,12 +19,12 @@ class SmoothImage:
 
     corner: tuple[int, int]
     """column and row of the window's first pixel in the image"""
-    values: Array
-    """(H, W, 3) float32, 0 … 255"""
+    values: Array[H, W, D3]
+    """float32, 0 … 255"""
     sigma_px: float
 
-    def look_up(self, pixels: Floats) -> tuple[Floats, Floats]:
-        """Return values (N, 3) and their slopes (N, 3, 2) [1/px] at image points (N, 2), bilinear."""
+    def look_up(self, pixels: Floats[N, D2]) -> tuple[Floats[N, D3], Floats[N, D3, D2]]:
+        """Return values and their slopes [1/px] at image points, bilinear."""
         count, channels = len(pixels), self.values.shape[2]
         values, slopes = np.empty((count, channels)), np.empty((count, channels, 2))
         at = np.ascontiguousarray(pixels - np.array(self.corner, dtype=float))
@@ -33,9 +33,9 @@ class SmoothImage:
 
 
 def smooth_image(
-    pixels: Array, sigma_px: float, around: Floats, margin_px: float = 0.0
+    pixels: Array[H, W, D3], sigma_px: float, around: Floats[N, D2], margin_px: float = 0.0
 ) -> SmoothImage:
-    """Return the smoothed part of an image (H, W, 3) uint8 that holds the points `around` (N, 2), with a margin."""
+    """Return the smoothed part of an image uint8 that holds the points `around`, with a margin."""
     height, width = pixels.shape[:2]
     size = np.array([width, height])
     seen = around[np.isfinite(around).all(axis=1)]

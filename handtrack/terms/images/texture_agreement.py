@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Array
+from handtrack.arrays import Array, N
 from handtrack.terms.images.carried_texture import Texture
 
 _APART_M = 1e3  # between bones, so that a neighbour is always of the same one
 
 
-def contradicts(texture: Texture, known: Texture, reach_m: float, tolerance: float) -> Array:
-    """Return (N,) True where the nearest known point of the same bone, within reach_m, has another colour.
+def contradicts(texture: Texture, known: Texture, reach_m: float, tolerance: float) -> Array[N]:
+    """Return True where the nearest known point of the same bone, within reach_m, has another colour.
 
     tolerance: [grey levels] between two colours, as a distance over all channels. Where nothing is known nothing is
     contradicted.

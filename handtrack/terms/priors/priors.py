@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, K, S
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.loss import Loss, Quadratic, compiled_loss
 from handtrack.terms.priors.prior_kernels import (
@@ -24,14 +24,14 @@ class GaussianPrior:
     Serves as rest pose (mean = the relaxed hand) and as continuity (mean = the predicted pose).
     """
 
-    mean: Floats
-    sigma: Floats
+    mean: Floats[S]
+    sigma: Floats[S]
     name: str = "prior"
 
-    def cost(self, joint_params: Floats) -> float:
+    def cost(self, joint_params: Floats[S]) -> float:
         return 0.5 * float((((joint_params - self.mean) / self.sigma) ** 2).sum())
 
-    def linearize(self, joint_params: Floats) -> JointSystem:
+    def linearize(self, joint_params: Floats[S]) -> JointSystem:
         information = 1.0 / self.sigma**2
         gradient = information * (joint_params - self.mean)
         return JointSystem(self.cost(joint_params), gradient, np.diag(information))
@@ -47,16 +47,16 @@ class LinearPrior:
     Serves for angles that go together without being coupled: neighbouring fingers, a finger's last two joints.
     """
 
-    rows: Floats
+    rows: Floats[K, S]
     loss: Loss = Quadratic()
     weight: float = 1.0
     name: str = "posture"
 
-    def cost(self, joint_params: Floats) -> float:
+    def cost(self, joint_params: Floats[S]) -> float:
         squared = (self.rows @ joint_params) ** 2
         return 0.5 * self.weight * float(self.loss.value(squared).sum())
 
-    def linearize(self, joint_params: Floats) -> JointSystem:
+    def linearize(self, joint_params: Floats[S]) -> JointSystem:
         residual = self.rows @ joint_params
         pull = self.weight * self.rows.T * self.loss.weight(residual**2)
         return JointSystem(self.cost(joint_params), pull @ residual, pull @ self.rows)
@@ -73,16 +73,16 @@ class CorrelatedPrior:
     Serves as continuity where it is known how well, and in which combinations, the last frame was seen.
     """
 
-    mean: Floats
-    information: Floats
-    """(S, S), symmetric, no negative direction"""
+    mean: Floats[S]
+    information: Floats[S, S]
+    """symmetric, no negative direction"""
     name: str = "motion"
 
-    def cost(self, joint_params: Floats) -> float:
+    def cost(self, joint_params: Floats[S]) -> float:
         off = joint_params - self.mean
         return 0.5 * float(off @ self.information @ off)
 
-    def linearize(self, joint_params: Floats) -> JointSystem:
+    def linearize(self, joint_params: Floats[S]) -> JointSystem:
         gradient = self.information @ (joint_params - self.mean)
         return JointSystem(self.cost(joint_params), gradient, self.information)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import E, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -65,7 +65,7 @@ def ramp(
     return FieldShape(levels, 1.0)
 
 
-def ramp_levels(share: Floats, antisymmetric: bool) -> tuple[Floats, Floats]:
+def ramp_levels(share: Floats[E], antisymmetric: bool) -> tuple[Floats[E], Floats[E]]:
     """Return t_o and t_i of a band of ± share · (minor radius)."""
     if antisymmetric:
         both = np.minimum(2.0 * share, 1.0)

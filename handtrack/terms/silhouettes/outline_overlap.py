@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import C, Floats
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
@@ -19,13 +19,13 @@ from handtrack.terms.silhouettes.silhouette_field import field_system, plain_fie
 class OutlineOverlap:
     """Areas (C,) [px] within the observed pixels of each camera."""
 
-    model: Floats
-    mask: Floats
-    both: Floats
+    model: Floats[C]
+    mask: Floats[C]
+    both: Floats[C]
 
     @property
-    def iou(self) -> Floats:
-        """Return (C,) intersection over union; 1 where neither is seen."""
+    def iou(self) -> Floats[C]:
+        """Return intersection over union; 1 where neither is seen."""
         union = self.model + self.mask - self.both
         return np.where(union > 0, self.both / np.maximum(union, 1e-12), 1.0)
 

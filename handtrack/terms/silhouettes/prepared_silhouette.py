@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, check_shape
+from handtrack.arrays import D2, D8, D24, Array, Floats, H, Ints, K, L, M, N, W, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
@@ -20,21 +20,21 @@ class PreparedSilhouette:
     """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
 
     camera: Camera
-    valid: Array
-    """(H, 2) int32: per row the half-open column span that counts."""
-    begins: Ints
+    valid: Array[H, D2]
+    """int32: per row the half-open column span that counts."""
+    begins: Ints[L]
     """(H + 1,): the runs of row v are begins[v] to begins[v + 1]."""
-    runs: Ints
-    """(K, 2): half-open column spans in which Z has one value, other than 0."""
-    values: Floats
-    """(K,): that value."""
-    row_energy: Floats
-    """(H,): Σ Z² over each row's valid pixels."""
+    runs: Ints[K, D2]
+    """half-open column spans in which Z has one value, other than 0."""
+    values: Floats[K]
+    """that value."""
+    row_energy: Floats[H]
+    """Σ Z² over each row's valid pixels."""
     area: float
     """−Σ Z over valid pixels: the mask's area [px]."""
-    powers: Floats
+    powers: Floats[M, D8]
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
-    heights: Floats
+    heights: Floats[N, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
 
     def energy(self, step: int) -> float:
@@ -43,12 +43,14 @@ class PreparedSilhouette:
 
 
 def prepare(
-    silhouette: Silhouette, line: Sequence[float] | None = None, observation: Array | None = None
+    silhouette: Silhouette,
+    line: Sequence[float] | None = None,
+    observation: Array[H, W] | None = None,
 ) -> PreparedSilhouette:
     """Return a silhouette made ready for ConicFieldTerm and CoverageTerm.
 
     line: (a, b, c), pixels with a u + b v + c < 0 are not observed, see `clip_spans`.
-    observation: (H, W) the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
+    observation: the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
     Raises HandtrackError for wrong shapes and for values that are not finite numbers.
     """
     camera = silhouette.camera
@@ -84,8 +86,8 @@ def prepare(
     )
 
 
-def clip_spans(valid: Array, line: Sequence[float]) -> Array:
-    """Return the spans (H, 2) without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
+def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
+    """Return the spans without the pixels where a u + b v + c < 0. line: (a, b, c) [px]."""
     a, b, c = (float(x) for x in line)
     begin, end = valid[:, 0].astype(float), valid[:, 1].astype(float)
     level = b * np.arange(len(valid)) + c
@@ -110,7 +112,7 @@ def clip_spans(valid: Array, line: Sequence[float]) -> Array:
 
 
 @lru_cache(maxsize=16)
-def power_sums(width: int) -> Floats:
+def power_sums(width: int) -> Floats[K, D8]:
     """Return (2W + 1, 8): row i holds Σ x⁰ … Σ x⁴ over whole x from −W to i − W − 1. Exact up to W ≈ 2000."""
     x = np.arange(-width, width, dtype=float)
     table = np.zeros((2 * width + 1, 8))
@@ -120,7 +122,7 @@ def power_sums(width: int) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def height_powers(height: int) -> Floats:
+def height_powers(height: int) -> Floats[K, D24]:
     """Return (2H + 1, 24): row j holds, with y = j − H, the power of y in each sum of MOMENTS."""
     y = np.arange(-height, height + 1, dtype=float)[:, None]
     powers = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4, 0, 0, 0, 0, 1, 1, 2, 0, 0])

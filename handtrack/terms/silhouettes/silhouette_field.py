@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, C, E, Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -24,8 +24,8 @@ MOST_ELLIPSOIDS = 1000
 class FieldShape:
     """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
 
-    levels: Floats
-    """(C, E, 2): t and s of each ellipsoid in each camera."""
+    levels: Floats[C, E, D2]
+    """t and s of each ellipsoid in each camera."""
     limit: float
     """infinite for a field without a floor"""
     depth_scaled: bool = False
@@ -60,8 +60,8 @@ def field_system(
     weight: float | Sequence[float],
     want_system: bool = True,
     growing: bool = False,
-) -> tuple[BoneSystem, Floats]:
-    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas (C, 2) [px].
+) -> tuple[BoneSystem, Floats[C, D2]]:
+    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas [px].
 
     weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
     those of no residual. growing: with the bones' growth, seven numbers a bone. About a camera's centre a bone can grow unseen: growing about the

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, J
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
@@ -92,11 +92,11 @@ def assess(
 
 
 def what_is_open(
-    model: ArticulatedModel, joint_covariance: Floats, most_mm: float
+    model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], most_mm: float
 ) -> Reason | None:
     """Return what of a hand may be further off than that by its own covariance; None where nothing, or it is 0.
 
-    joint_covariance: (J, 3, 3) [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
+    joint_covariance: [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
     fingertip alone is often hidden. Of a body nothing is said, whose joints are not known to millimetres.
     """
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)

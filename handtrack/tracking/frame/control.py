@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 
-Watch = Callable[[int, Floats, float], None]
-"""called after each accepted solver step with its count, parameters (P,) and cost"""
+Watch = Callable[[int, Floats[P], float], None]
+"""called after each accepted solver step with its count, parameters and cost"""
 
 
 def _never() -> bool:
@@ -22,7 +22,7 @@ class Control:
 
     should_stop: Callable[[], bool] = _never
     """asked between solver steps"""
-    on_iteration: Callable[[int, int, Floats, float], None] | None = None
+    on_iteration: Callable[[int, int, Floats[P], float], None] | None = None
     """called as Watch is, with the frame's number before"""
     on_search: Callable[[Any], None] | None = None
     """called with a SearchReport for every search that was made"""

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
-Watch = Callable[[int, Floats, float], None]
-"""called after each accepted solver step with its count, parameters (P,) and cost"""
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 
@@ -24,18 +23,17 @@ _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 class Minima:
     """Where N starts ended."""
 
-    params: Floats
-    """(N, P)"""
-    cost: Floats
-    """(N,) infinite where a start led nowhere"""
-    hessian: Floats
-    """(N, P, P) of the cost, Gauss-Newton"""
+    params: Floats[N, P]
+    cost: Floats[N]
+    """infinite where a start led nowhere"""
+    hessian: Floats[N, P, P]
+    """of the cost, Gauss-Newton"""
 
 
 def stage_problem(
-    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats
+    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
 ) -> Problem:
-    """Return the problem of one stage of the schedule; bands are frozen at params (P,)."""
+    """Return the problem of one stage of the schedule; bands are frozen at params."""
     return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
 
 
@@ -43,7 +41,7 @@ def descend(
     model: ArticulatedModel,
     settings: SolverSettings,
     terms: FrameTerms,
-    params: Floats,
+    params: Floats[P],
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Watch | None = None,
 ) -> tuple[SolveSummary, Problem, int]:
@@ -76,12 +74,12 @@ def minima(
     model: ArticulatedModel,
     settings: SolverSettings,
     terms: FrameTerms,
-    starts: Sequence[Floats] | Floats,
+    starts: Sequence[Floats[N, P]] | Floats[N, P],
     most: int,
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,
 ) -> Minima:
-    """Return the minima that starts (N, P) lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
+    """Return the minima that starts lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
 
     is_far: the starts may need many iterations, as in a first frame.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, J, P, S
 from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -25,24 +25,24 @@ class Solved:
     """A frame's result, and what only the next frame's prediction needs of it."""
 
     result: FrameResult
-    covariance: Floats | None = None
-    """(P, P) of the solver parameters; None where nothing is said of them"""
+    covariance: Floats[P, P] | None = None
+    """of the solver parameters; None where nothing is said of them"""
 
 
 def solved_result(
     observation: Observation,
     terms: FrameTerms,
     problem: Problem,
-    params: Floats,
+    params: Floats[P],
     iterations: int,
     previous: Sequence[FrameResult] = (),
-    belief: Floats | None = None,
+    belief: Floats[P, P] | None = None,
     exact: Problem | None = None,
 ) -> Solved:
-    """Return what is found of a frame at solver parameters (P,), with its uncertainty and status.
+    """Return what is found of a frame at solver parameters, with its uncertainty and status.
 
     problem: the last stage's, whose cost is the energy; exact: the same with what was seen as sharp as it lies, if that is
-    sharper. previous: results that tell what is usual. belief: (P, P) covariance of the last frame's pose.
+    sharper. previous: results that tell what is usual. belief: covariance of the last frame's pose.
     """
     params, model = params.copy(), terms.model
     system, last = problem.linearize(params), exact or problem
@@ -66,31 +66,31 @@ def solved_result(
     return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
 
 
-def unseen_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
-    """Return a frame in which nothing was seen: lost, at the pose that is handed in (P,)."""
+def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
+    """Return a frame in which nothing was seen: lost, at the pose that is handed in."""
     cloud = terms.settings.cloud
     elsewhere = observation.cloud is not None and cloud.weight > 0
     reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
     return posed_result(terms.model, observation, params, Status.LOST, reason)
 
 
-def given_result(terms: FrameTerms, observation: Observation, params: Floats) -> FrameResult:
-    """Return a first frame that is only to be compared with those after it, at the given pose (P,)."""
+def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
+    """Return a first frame that is only to be compared with those after it, at the given pose."""
     return posed_result(terms.model, observation, params, Status.DOUBTFUL, Reason("given"))
 
 
 def posed_result(
     model: ArticulatedModel,
     observation: Observation,
-    params: Floats,
+    params: Floats[P],
     status: Status,
     reason: Reason | None,
     energy: float = float("nan"),
     iterations: int = 0,
-    std: Floats | None = None,
-    joint_covariance: Floats | None = None,
+    std: Floats[S] | None = None,
+    joint_covariance: Floats[J, D3, D3] | None = None,
 ) -> FrameResult:
-    """Return a result at solver parameters (P,). Without std and covariance, nothing is known: a metre."""
+    """Return a result at solver parameters. Without std and covariance, nothing is known: a metre."""
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])
     if std is None:

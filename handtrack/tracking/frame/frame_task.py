@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
@@ -24,14 +24,14 @@ class FrameTask:
     model: ArticulatedModel
     settings: TrackerSettings
     observation: Observation
-    start: Floats
-    """(P,) where to begin, within limits"""
+    start: Floats[P]
+    """where to begin, within limits"""
     previous: tuple[FrameResult, ...] = ()
     """results in the order of tracking; they tell what is usual. Empty: `start` is a first pose"""
-    expected: Floats | None = None
-    """(S,) predicted joint parameters"""
-    belief: Floats | None = None
-    """(P, P) covariance of the pose before"""
+    expected: Floats[S] | None = None
+    """predicted joint parameters"""
+    belief: Floats[P, P] | None = None
+    """covariance of the pose before"""
     texture: Before | None = None
     control: Control = Control()
 
@@ -40,15 +40,15 @@ class FrameTask:
         """How many frames after the last one."""
         return abs(self.observation.frame - self.previous[-1].frame) if self.previous else 1
 
-    def terms(self, params: Floats) -> FrameTerms:
-        """Return what the frame costs, seen from solver parameters (P,)."""
+    def terms(self, params: Floats[P]) -> FrameTerms:
+        """Return what the frame costs, seen from solver parameters."""
         bones = self.model.bones(params)
         return frame_terms(
             self.model, self.settings, self.observation, bones, self.expected, self.ahead, self.texture
         )  # fmt: skip
 
-    def opened(self) -> tuple[Floats, FrameTerms]:
-        """Return where to begin (P,) and the frame's terms there; the forearm of a first pose is aimed first."""
+    def opened(self) -> tuple[Floats[P], FrameTerms]:
+        """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""
         params, terms = self.start, self.terms(self.start)
         if terms.has_seen and not self.previous and self.model.has_forearm:
             params = aimed_forearm(stage_problem(self.model, terms, 0, params), params)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import (
@@ -141,18 +141,18 @@ def frame_terms(
     settings: TrackerSettings,
     observation: Observation,
     start: BonePoses,
-    expected: Floats | None,
+    expected: Floats[S] | None,
     frames_ahead: int = 1,
     before: Before | None = None,
 ) -> FrameTerms:
     """Return the terms of a frame.
 
     start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
-    expected: predicted joint parameters (S,), or None in a first frame. before: where texture is carried from.
+    expected: predicted joint parameters, or None in a first frame. before: where texture is carried from.
     """
     prepared, scales = [], []
-    looked_at = observation.silhouettes if settings.silhouettes.weight > 0 else ()
-    for silhouette in looked_at:
+    weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
+    for silhouette in weighted:
         cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
         prepared.append(prepare(silhouette, cut))
         scales.append(_pixels_per_m(silhouette, start))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, N
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -14,8 +14,10 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 _FAR_M = 0.25
 
 
-def hand_distance(model: ArticulatedModel, bones: BonePoses) -> Callable[[Floats], Floats]:
-    """Return a function: points (N, 3) world [m] → distance (N,) [m] to the hand posed by `bones`, negative inside.
+def hand_distance(
+    model: ArticulatedModel, bones: BonePoses
+) -> Callable[[Floats[N, D3]], Floats[N]]:
+    """Return a function: points world [m] → distance [m] to the hand posed by `bones`, negative inside.
 
     Of points more than 0.25 m from a box around the hand, the distance to that box: most of a room is there, and
     it need not be known well.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import inherited_information
@@ -17,8 +17,10 @@ from handtrack.tracking.frame.result import FrameResult, Status
 _SPAN = 4  # frames; an older motion says nothing about the next one
 
 
-def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int) -> Floats | None:
-    """Return joint parameters (S,) at `frame` if the last two frames' motion goes on, or None.
+def predict(
+    model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
+) -> Floats[S] | None:
+    """Return joint parameters at `frame` if the last two frames' motion goes on, or None.
 
     The wrist's place and all angles go on linearly, the hand's turn as a constant rotation. Needs two
     frames with a pose, not more than a few frames apart (either direction of time).
@@ -40,11 +42,11 @@ def predict(model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
 
 
 def inheriting_doubt(
-    problem: Problem, params: Floats, hessian: Floats, belief: Floats | None
-) -> Floats:
-    """Return a frame's matrix (P, P) in which the prediction is no surer than the pose that it came from.
+    problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
+) -> Floats[P, P]:
+    """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
 
-    hessian: (P, P) the one that poses are found with, which takes that pose for the truth; belief: its covariance (P, P),
+    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
     None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
     well known as after one frame. A mixture's prediction inherits by itself.
     """

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, S
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.reason import Reason
 
@@ -52,8 +52,8 @@ class Status(IntEnum):
 class Alternative:
     """One of several poses that may be a frame's, where `tracker.hypotheses` is above 1."""
 
-    parameters: Floats
-    """(S,) joint parameters [m, rad]"""
+    parameters: Floats[S]
+    """joint parameters [m, rad]"""
     energy: float
     weight: float
     """share of the posterior among the frame's hypotheses"""
@@ -69,22 +69,22 @@ class FrameResult:
 
     frame: int
     time_s: float
-    parameters: Floats
-    """(S,) joint parameters [m, rad], all of the model's, whatever the coupling."""
+    parameters: Floats[S]
+    """joint parameters [m, rad], all of the model's, whatever the coupling."""
     status: Status
     energy: float
     """final cost; NaN where nothing was seen."""
     iterations: int
-    parameter_std: Floats
-    """(S,) [m, rad]; infinite where unobservable."""
-    joint_covariance: Floats
-    """(J, 3, 3) [m²]."""
-    T_world_bone: Floats
-    """(B, 4, 4) bone → world."""
-    joint_positions: Floats
-    """(J, 3) world [m]."""
-    keypoints21: Floats | None
-    """(21, 3) world [m]; hands only."""
+    parameter_std: Floats[S]
+    """[m, rad]; infinite where unobservable."""
+    joint_covariance: Floats[J, D3, D3]
+    """[m²]."""
+    T_world_bone: Floats[B, D4, D4]
+    """bone → world."""
+    joint_positions: Floats[J, D3]
+    """world [m]."""
+    keypoints21: Floats[D21, D3] | None
+    """world [m]; hands only."""
     energies: Mapping[str, float] = field(default_factory=dict)
     """each term's part of the energy, by the term's name."""
     reason: Reason | None = None
@@ -122,31 +122,28 @@ class FrameResult:
 class TrackResult:
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
-    frame: Ints
-    """(F,)"""
-    time_s: Floats
-    """(F,) [s]"""
+    frame: Ints[F]
+    time_s: Floats[F]
+    """[s]"""
     parameter_names: tuple[str, ...]
-    parameters: Floats
-    """(F, S) [m, rad]"""
+    parameters: Floats[F, S]
+    """[m, rad]"""
     bone_names: tuple[str, ...]
-    T_world_bone: Floats
-    """(F, B, 4, 4) bone → world"""
+    T_world_bone: Floats[F, B, D4, D4]
+    """bone → world"""
     joint_names: tuple[str, ...]
-    joint_positions: Floats
-    """(F, J, 3) world [m]"""
-    keypoints21: Floats | None
-    """(F, 21, 3) world [m]; hands only"""
-    status: Ints
-    """(F,) values of Status"""
-    energy: Floats
-    """(F,)"""
-    iterations: Ints
-    """(F,)"""
-    parameter_std: Floats
-    """(F, S) [m, rad]"""
-    joint_covariance: Floats
-    """(F, J, 3, 3) [m²]"""
+    joint_positions: Floats[F, J, D3]
+    """world [m]"""
+    keypoints21: Floats[F, D21, D3] | None
+    """world [m]; hands only"""
+    status: Ints[F]
+    """values of Status"""
+    energy: Floats[F]
+    iterations: Ints[F]
+    parameter_std: Floats[F, S]
+    """[m, rad]"""
+    joint_covariance: Floats[F, J, D3, D3]
+    """[m²]"""
     model: str
     side: str
     scale: str
@@ -157,25 +154,25 @@ class TrackResult:
     version: str
     energy_names: tuple[str, ...] | None = None
     """(T,) terms of the energy; None where they were not kept"""
-    energies: Floats | None = None
+    energies: Floats[F, L] | None = None
     """(F, T) each term's part of the energy, NaN where a frame has no such term"""
-    reason: Array | None = None
-    """(F,) why a frame is doubtful or lost, in words"""
-    reason_kind: Array | None = None
-    """(F,) the same as a key of reason.KINDS, with what follows"""
-    reason_where: Array | None = None
-    """(F, 2) part and camera, where the reason names them"""
-    reason_numbers: Floats | None = None
-    """(F, 2) numbers of the reason, NaN where it has none"""
-    hypothesis_parameters: Floats | None = None
+    reason: Array[F] | None = None
+    """why a frame is doubtful or lost, in words"""
+    reason_kind: Array[F] | None = None
+    """the same as a key of reason.KINDS, with what follows"""
+    reason_where: Array[F, D2] | None = None
+    """part and camera, where the reason names them"""
+    reason_numbers: Floats[F, D2] | None = None
+    """numbers of the reason, NaN where it has none"""
+    hypothesis_parameters: Floats[F, K, S] | None = None
     """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
-    hypothesis_energy: Floats | None = None
+    hypothesis_energy: Floats[F, K] | None = None
     """(F, H)"""
-    hypothesis_weight: Floats | None = None
+    hypothesis_weight: Floats[F, K] | None = None
     """(F, H) share of the posterior"""
-    hypothesis_parent: Ints | None = None
+    hypothesis_parent: Ints[F, K] | None = None
     """(F, H) which of the frame before's each continues; −1 in a first frame and beyond the last"""
-    hypothesis_origin: Array | None = None
+    hypothesis_origin: Array[F, K] | None = None
     """(F, H) how each was found"""
 
     @classmethod

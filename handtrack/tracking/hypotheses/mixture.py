@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Floats, Ints, P
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
@@ -26,7 +26,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.posture import agility
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, unwound
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, with_wrapped_turn
 
 _TREE = TreeSettings(failing="nearest", stretched="sample")
 _FIRST_TREES, _FIRST_LEAVES = 6, 96  # of a first frame, and of each of its trees
@@ -79,10 +79,10 @@ class MixtureStep:
     chains: Sequence[PreparedChain]
 
     def first(
-        self, observation: Observation, terms: FrameTerms, start: Floats,
+        self, observation: Observation, terms: FrameTerms, start: Floats[P],
         should_stop: Callable[[], bool] | None = None,
     ) -> Mixture:  # fmt: skip
-        """Return the hypotheses of a first frame: minima near start (P,) in any heading, and what their trees hold.
+        """Return the hypotheses of a first frame: minima near start in any heading, and what their trees hold.
 
         From a start that is far off, first as if joints were seen coarsely. Then the best minimum's interpretation tree, and a
         better one's again, until none is better.
@@ -173,8 +173,8 @@ class MixtureStep:
         rows[1:, 3:6] = rotation_vector(facing[1:])
         return np.array([self.model.transform.solver_params(row) for row in rows])
 
-    def speed_of_change(self) -> Floats:
-        """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
+    def speed_of_change(self) -> Floats[P]:
+        """Return the unknown acceleration a frame, a standard deviation [m, rad]."""
         prior, strength = self.settings.prior, self.settings.tracker.smoothing
         push = np.full(self._size, np.deg2rad(prior.motion_sigma_deg))
         push[:3] = 1e-3 * prior.motion_sigma_mm
@@ -284,7 +284,7 @@ class MixtureStep:
                 params[row], float(cost[row]), spread, float(weight), via.origin, belief,
                 seen.linearize(params[row]),
             )  # fmt: skip
-            hypotheses.append(unwound(found))
+            hypotheses.append(with_wrapped_turn(found))
         return Mixture(tuple(hypotheses), tuple(proposals[source[row]].parent for row in kept))
 
     def _apart(self, params: Floats, carried: int) -> Ints:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
@@ -20,7 +20,7 @@ _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each c
 
 
 def pulled(
-    model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints
+    model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints[K]
 ) -> FrameTerms:
     """Return the terms with the pull to where a belief expects the pose, but for the columns that are free."""
     others = np.setdiff1d(np.arange(len(belief.mean)), np.asarray(free, dtype=int))
@@ -58,6 +58,6 @@ def _shared_out(prior: ParameterTerm) -> ParameterTerm:
     return prior
 
 
-def log_normal(spread: Floats) -> float:
+def log_normal(spread: Floats[P, P]) -> float:
     """Return the log of a bell's height at its middle, −½ log det(2π C)."""
     return -0.5 * float(np.linalg.slogdet(spread)[1] + len(spread) * np.log(2.0 * np.pi))

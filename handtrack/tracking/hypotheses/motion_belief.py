@@ -6,37 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import P2, Floats, Ints, K, P
 
 
 @dataclass(frozen=True, eq=False)
 class MotionBelief:
     """A normal distribution of place and velocity."""
 
-    mean: Floats
-    """(P,) [m, rad]"""
-    velocity: Floats
-    """(P,) a frame"""
-    covariance: Floats
-    """(2P, 2P) of place, then velocity"""
+    mean: Floats[P]
+    """[m, rad]"""
+    velocity: Floats[P]
+    """a frame"""
+    covariance: Floats[P2, P2]
+    """of place, then velocity"""
 
     @property
-    def place_covariance(self) -> Floats:
-        """Return (P, P) of the place alone."""
+    def place_covariance(self) -> Floats[P, P]:
+        """Return the covariance of the place alone."""
         count = len(self.mean)
         return self.covariance[:count, :count]
 
     @classmethod
-    def at_rest(cls, mean: Floats, covariance: Floats, speed: Floats) -> MotionBelief:
-        """Return the belief of a first frame: place as found, velocity around 0 by speed (P,), a standard deviation."""
+    def at_rest(cls, mean: Floats[P], covariance: Floats[P, P], speed: Floats[P]) -> MotionBelief:
+        """Return the belief of a first frame: place as found, velocity around 0 by speed, a standard deviation."""
         count = len(mean)
         whole = np.zeros((2 * count, 2 * count))
         whole[:count, :count] = covariance
         whole[count:, count:] = np.diag(speed**2)
         return cls(mean, np.zeros(count), whole)
 
-    def ahead(self, push: Floats, frames: int, moving: bool = True) -> MotionBelief:
-        """Return the belief some frames later; each frame an unknown acceleration pushes (P,), a standard deviation.
+    def ahead(self, push: Floats[P], frames: int, moving: bool = True) -> MotionBelief:
+        """Return the belief some frames later; each frame an unknown acceleration pushes, a standard deviation.
 
         moving: whether motion goes on; otherwise places alone drift by `push`.
         """
@@ -57,8 +57,8 @@ class MotionBelief:
             covariance = step @ covariance @ step.T + noise
         return MotionBelief(mean, velocity, 0.5 * (covariance + covariance.T))
 
-    def updated(self, mean: Floats, covariance: Floats) -> MotionBelief:
-        """Return the belief once the place is known to be mean (P,) with covariance (P, P), this belief included."""
+    def updated(self, mean: Floats[P], covariance: Floats[P, P]) -> MotionBelief:
+        """Return the belief once the place is known to be mean with covariance, this belief included."""
         count = len(self.mean)
         across, moving = self.covariance[count:, :count], self.covariance[count:, count:]
         gain = np.linalg.solve(self.place_covariance, across.T).T
@@ -70,15 +70,15 @@ class MotionBelief:
         velocity = self.velocity + gain @ (mean - self.mean)
         return MotionBelief(mean, velocity, 0.5 * (whole + whole.T))
 
-    def recharted(self, mean: Floats, change: Floats) -> MotionBelief:
-        """Return the same belief in other coordinates, in which the place is mean (P,) and d new = change (P, P) d old."""
+    def recharted(self, mean: Floats[P], change: Floats[P, P]) -> MotionBelief:
+        """Return the same belief in other coordinates, in which the place is mean and d new = change d old."""
         count = len(mean)
         both = np.zeros_like(self.covariance)
         both[:count, :count] = both[count:, count:] = change
         return MotionBelief(mean, change @ self.velocity, both @ self.covariance @ both.T)
 
-    def released(self, columns: Ints, spread: Floats, speed: Floats) -> MotionBelief:
-        """Return the belief in which some parameters may be anywhere: spread and speed (P,), standard deviations."""
+    def released(self, columns: Ints[K], spread: Floats[P], speed: Floats[P]) -> MotionBelief:
+        """Return the belief in which some parameters may be anywhere: spread and speed, standard deviations."""
         count = len(self.mean)
         both = np.concatenate([columns, columns + count])
         whole = self.covariance.copy()

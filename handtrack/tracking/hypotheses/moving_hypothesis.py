@@ -21,7 +21,7 @@ class MovingHypothesis(Hypothesis):
     """what the frame alone costs here, to second order: observations, and its share of the static priors"""
 
 
-def unwound(hypothesis: MovingHypothesis) -> MovingHypothesis:
+def with_wrapped_turn(hypothesis: MovingHypothesis) -> MovingHypothesis:
     """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
     turn = hypothesis.params[3:6]
     if float(np.linalg.norm(turn)) <= np.pi:

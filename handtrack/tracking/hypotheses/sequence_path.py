@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import F, Floats, Ints, P
 from handtrack.geometry.rotation import (
     left_jacobian,
     rotation_matrix,
@@ -60,12 +60,12 @@ def lineage(carried: Sequence[Carried]) -> list[MovingHypothesis]:
 def smoothed(
     model: ArticulatedModel,
     path: Sequence[MovingHypothesis],
-    frames: Ints,
-    push: Floats,
-) -> Floats:
-    """Return poses (F, P) that weigh what was seen against steady motion: one Gauss-Newton step on the whole path.
+    frames: Ints[F],
+    push: Floats[P],
+) -> Floats[F, P]:
+    """Return poses that weigh what was seen against steady motion: one Gauss-Newton step on the whole path.
 
-    Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push (P,) the unknown
+    Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push the unknown
     acceleration a frame. Across jumps and missing frames nothing is smoothed. 2003 paper, §5.2, left it out.
     """
     x = np.array([hypothesis.params for hypothesis in path])

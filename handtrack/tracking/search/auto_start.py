@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
@@ -52,8 +52,8 @@ class StartCandidate:
     """0 to 1, that they are if this is the right one of the poses that were found"""
 
     @property
-    def params(self) -> Floats:
-        """Solver parameters (P,) of its model."""
+    def params(self) -> Floats[P]:
+        """Solver parameters of its model."""
         return self.model.transform.solver_params(self.result.parameters)
 
 

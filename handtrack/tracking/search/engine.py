@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
@@ -23,8 +23,8 @@ class Candidate:
     """A pose that may be the frame's."""
 
     model: ArticulatedModel
-    params: Floats
-    """(P,) solver parameters"""
+    params: Floats[P]
+    """solver parameters"""
     cost: float = np.inf
     """how badly it explains what was seen; comparable within a round"""
     origin: str = "given"
@@ -33,12 +33,12 @@ class Candidate:
     """the rigid shape that it started from, in a search by evidence"""
     solved: Solved | None = None
     """the frame's result there, once it was fitted as the tracker fits"""
-    normal: Floats | None = None
-    """(P, P) Gauss-Newton matrix of its cost, where the fit gives one"""
+    normal: Floats[P, P] | None = None
+    """Gauss-Newton matrix of its cost, where the fit gives one"""
 
     @property
-    def joints(self) -> Floats:
-        """(21, 3) its joints, world [m]"""
+    def joints(self) -> Floats[D21, D3]:
+        """Its joints, world [m]"""
         return self.model.keypoints21(self.model.bones(self.params))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel
@@ -50,13 +50,13 @@ class EvidenceLandscape:
     seen: Observation
     shapes: Sequence[HandShape] = ()
     """rigid hands that the grid proposes"""
-    solve: Callable[[ArticulatedModel, Floats, bool], Solved] | None = None
-    """fits the frame from solver parameters (P,) as the tracker does; the flag: also looks for lost fingers"""
+    solve: Callable[[ArticulatedModel, Floats[P], bool], Solved] | None = None
+    """fits the frame from solver parameters as the tracker does; the flag: also looks for lost fingers"""
     looks_for_fingers: bool = False
     resize: Resize | None = None
     """makes the hand in another size, where its size is not known"""
-    within: tuple[Floats, float] | None = None
-    """a point (3,) and a distance from it [m] beyond which no palm is looked for"""
+    within: tuple[Floats[D3], float] | None = None
+    """a point and a distance from it [m] beyond which no palm is looked for"""
     control: Control = Control()
 
     @classmethod

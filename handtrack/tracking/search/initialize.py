@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
@@ -20,8 +20,8 @@ from handtrack.tracking.size.sized_problem import fit_size
 _FEWEST = 4
 
 
-def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
-    """Return solver parameters (P,) of the hand fitted to points in space, within limits.
+def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
+    """Return solver parameters of the hand fitted to points in space, within limits.
 
     Starts from the relaxed hand, laid rigidly on the points; a weak pull to that pose settles what the
     points leave open. Raises HandtrackError when too few points are known.
@@ -38,8 +38,8 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats:
     return min((solve(problem, s, settings) for s in starts), key=lambda s: s.cost).params
 
 
-def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) -> Floats:
-    """Return solver parameters (P,) of a posture (S,) moved rigidly onto the points (Kabsch)."""
+def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S]) -> Floats[P]:
+    """Return solver parameters of a posture moved rigidly onto the points (Kabsch)."""
     joint = posture.copy()
     joint[:6] = 0.0
     joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
@@ -56,8 +56,8 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats) 
     return model.transform.solver_params(joint)
 
 
-def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedModel) -> Floats:
-    """Return solver parameters (P,) of `model` with all joint parameters that it shares with `source` by name.
+def carried_over(source: ArticulatedModel, params: Floats[P], model: ArticulatedModel) -> Floats[P]:
+    """Return solver parameters of `model` with all joint parameters that it shares with `source` by name.
 
     The others are at rest. Models of hands have the same root frame, so the palm stays where it is.
     """
@@ -70,8 +70,8 @@ def carried_over(source: ArticulatedModel, params: Floats, model: ArticulatedMod
 
 def fit_scale(
     build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
-) -> tuple[HandScale, Floats]:
-    """Return a person's hand and solver parameters (P,) fitted together to points in space.
+) -> tuple[HandScale, Floats[P]]:
+    """Return a person's hand and solver parameters fitted together to points in space.
 
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
     adults differ, so that noisy points do not make odd hands.

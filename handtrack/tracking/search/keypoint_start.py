@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
@@ -35,8 +35,8 @@ _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in spa
 _OFF_PX, _OFF_SHARE = (25.0, 0.04)
 
 
-def triangulated(seen: Sequence[ImageKeypoints]) -> Floats:
-    """Return the 21 points in space (21, 3), world [m], that at least two cameras agree on; NaN for the others.
+def triangulated(seen: Sequence[ImageKeypoints]) -> Floats[D21, D3]:
+    """Return the 21 points in space, world [m], that at least two cameras agree on; NaN for the others.
 
     Least squares over the lines of sight; the worst line is dropped while more than two are left and it misses the
     point by far.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.parallel import in_parallel
 from handtrack.solver.problem import Problem
@@ -30,8 +30,8 @@ class FingerLandscape:
     """where the bands are frozen while poses are compared"""
 
     @classmethod
-    def at(cls, terms: FrameTerms, params: Floats) -> FingerLandscape:
-        """Return the landscape around a pose (P,) that was found with these terms."""
+    def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerLandscape:
+        """Return the landscape around a pose that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
         return cls(free, stage_problem(model, free, 0, params), model.bones(params))
@@ -73,9 +73,9 @@ class FingerLandscape:
 
 
 def with_fingers_found(
-    terms: FrameTerms, params: Floats, control: Control, frame: int, why: str
-) -> Floats:
-    """Return solver parameters (P,) with lost fingers found; the very same where none was lost."""
+    terms: FrameTerms, params: Floats[P], control: Control, frame: int, why: str
+) -> Floats[P]:
+    """Return solver parameters with lost fingers found; the very same where none was lost."""
     landscape = FingerLandscape.at(terms, params)
     standing = landscape.measured(Candidate(terms.model, params, origin="standing pose"))
     return improved(LOST_FINGER, landscape, standing, control, frame, why).params

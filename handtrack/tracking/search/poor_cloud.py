@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -58,8 +58,8 @@ def may_doubt(terms: FrameTerms) -> bool:
     return allowed and terms.cloud is not None and terms.views == 1 and not terms.keypoints
 
 
-def poor_agreement(terms: FrameTerms, params: Floats, below: float) -> Agreement | None:
-    """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose (P,);
+def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreement | None:
+    """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose;
     None where all is well.
     """
     if terms.cloud is None or not may_doubt(terms):
@@ -92,14 +92,14 @@ class Simplified:
     """A simpler hand in the place of a whole one."""
 
     model: ArticulatedModel
-    start: Floats
+    start: Floats[P]
     """its solver parameters (P',) where the whole hand stands"""
-    whole: Callable[[Floats], Floats]
+    whole: Callable[[Floats[P]], Floats[P]]
     """its solver parameters → the whole hand's joint parameters (S,), fingers kept as they are"""
 
 
-def simplified(model: ArticulatedModel, joint: Floats, kind: str) -> Simplified:
-    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters (S,)."""
+def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplified:
+    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters."""
     few = load_model(kind, model.side, model.scale)
 
     def whole(params: Floats) -> Floats:
@@ -128,8 +128,10 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
-def solve_doubted(task: FrameTask, params: Floats, solve: Callable[[FrameTask], Solved]) -> Solved:
-    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params (P,).
+def solve_doubted(
+    task: FrameTask, params: Floats[P], solve: Callable[[FrameTask], Solved]
+) -> Solved:
+    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params.
 
     solve: solves a frame as it is described.
     """

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import joint_position_jacobian
@@ -46,8 +46,8 @@ def independent_errors(sources: Sequence[EvidenceSource], candidate: Candidate) 
     return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
 
-def shares(costs: Floats, count: float) -> Floats:
-    """Return (N,) the share of each pose among all found, from their costs (N,) and how many errors are independent.
+def shares(costs: Floats[N], count: float) -> Floats[N]:
+    """Return the share of each pose among all found, from their costs and how many errors are independent.
 
     How large errors usually are is not known for a first frame, so it is integrated out: with n independent
     measurements of unknown spread, a pose of cost E has the likelihood E^(−n/2).
@@ -58,9 +58,9 @@ def shares(costs: Floats, count: float) -> Floats:
 
 
 def nearness(
-    problem: Problem, params: Floats, count: float, size_sigma: float, seed: int = 0
+    problem: Problem, params: Floats[P], count: float, size_sigma: float, seed: int = 0
 ) -> float:
-    """Return how surely a pose (P,) has its joints within 12 mm of the true ones on average, if it is the right one.
+    """Return how surely a pose has its joints within 12 mm of the true ones on average, if it is the right one.
 
     Gaussian, about the problem's minimum, with the errors as large as what is left over there says; the hand's size, known
     to the share size_sigma, is one parameter more: seen by one camera, a larger hand stands further away.
@@ -93,9 +93,9 @@ def nearness(
 
 
 def fit_quality(
-    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats
+    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats[P]
 ) -> float:
-    """Return 0 to 1: 0 where tracking would call the pose (P,) lost, ½ where doubtful, 1 as far above that again."""
+    """Return 0 to 1: 0 where tracking would call the pose lost, ½ where doubtful, 1 as far above that again."""
     bones = model.bones(params)
     terms = frame_terms(model, settings, seen, bones, None)
     qualities = []

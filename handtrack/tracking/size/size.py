@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
@@ -28,13 +28,13 @@ def refine_scale(
     settings: TrackerSettings,
     scale: HandScale,
     observations: Sequence[Observation],
-    poses: Sequence[Floats],
+    poses: Sequence[Floats[P]],
     should_stop: Callable[[], bool] | None = None,
     parts: bool = True,
 ) -> HandScale:
     """Return the hand that explains the frames best, from `scale` on, with the poses moving along.
 
-    poses: solver parameters (P,) of each observation, already tracked. Adults' spread is the prior. parts: fingers and
+    poses: solver parameters of each observation, already tracked. Adults' spread is the prior. parts: fingers and
     forearm have sizes of their own; otherwise they keep those they have, and all grow together.
     """
     solver = replace(settings.solver, iterations=_POSE_ITERATIONS)

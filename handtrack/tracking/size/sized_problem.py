@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Floats, K, N, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.size import SizeParameters
@@ -32,15 +32,15 @@ _RIDGE = 1e-6  # for joints that nothing holds
 
 def fit_size(
     problems: Sequence[Problem],
-    poses: Sequence[Floats],
-    free: Array | None = None,
+    poses: Sequence[Floats[P]],
+    free: Array[N] | None = None,
     solver: SolverSettings = _POSES,
     should_stop: Callable[[], bool] | None = None,
     least_gain: float = 0.0,
-) -> tuple[HandScale, list[Floats]]:
-    """Return the person who explains all frames best, and the poses (P,) of each frame.
+) -> tuple[HandScale, list[Floats[P]]]:
+    """Return the person who explains all frames best, and the poses of each frame.
 
-    problems: of each frame, all of one model; its size and `poses` are where the search starts. free: (N,) which of the
+    problems: of each frame, all of one model; its size and `poses` are where the search starts. free: which of the
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
     least_gain: [log-likelihood] a step that brings less is the last.
     """
@@ -82,9 +82,9 @@ class SizedProblem:
     def __init__(
         self,
         problems: Sequence[Problem],
-        poses: Sequence[Floats],
+        poses: Sequence[Floats[P]],
         size: SizeParameters,
-        free: Array,
+        free: Array[N],
         solver: SolverSettings = _POSES,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -100,12 +100,12 @@ class SizedProblem:
         """Adults', and children's."""
         return MovingLimits.fixed(np.tile([-_FARTHEST, _FARTHEST], (int(self.free.sum()), 1)))
 
-    def cost(self, params: Floats) -> float:
+    def cost(self, params: Floats[K]) -> float:
         """Return the least cost of all frames for a size, with the prior's."""
         return self._solved(params).cost
 
-    def linearize(self, params: Floats) -> JointSystem:
-        """Return cost, gradient (K,) and Gauss-Newton Hessian (K, K) where the poses follow (Schur complement)."""
+    def linearize(self, params: Floats[K]) -> JointSystem:
+        """Return cost, gradient and Gauss-Newton Hessian (K, K) where the poses follow (Schur complement)."""
         solved = self._solved(params)
         model = self.size.grown(solved.deviations)
         gradient, hessian = solved.deviations[self.free], np.eye(len(params))
@@ -149,10 +149,10 @@ def linearize_sized(
     problem: Problem,
     model: ArticulatedModel,
     size: SizeParameters,
-    free: Array,
-    pose: Floats,
+    free: Array[N],
+    pose: Floats[P],
 ) -> JointSystem:
-    """Return a frame's system in its pose (P,) and the free ones of the deviations (K,), P + K numbers, without a size's prior.
+    """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior.
 
     model: `size.grown`, of the size around which the system holds.
     """

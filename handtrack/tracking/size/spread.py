@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import F, Floats, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import FINGERS
 from handtrack.tracking.frame.result import Status, TrackResult
@@ -36,8 +36,8 @@ class Spread:
         return {f"model.spread_{finger}": round(c, 4) for finger, c in self.ratio.items()}
 
 
-def measured_spread(names: Sequence[str], poses: Floats) -> Spread:
-    """Return the constants that explain poses (F, S) best, joint parameters by `names`; one flat, spread hand will do.
+def measured_spread(names: Sequence[str], poses: Floats[F, S]) -> Spread:
+    """Return the constants that explain poses best, joint parameters by `names`; one flat, spread hand will do.
 
     The line through zero with the least squared distance to the abductions: the paper's linkage has no offset.
     Raises HandtrackError where fingers are missing or never spread.

@@ -42,17 +42,17 @@ def store(tmp_path: Path) -> Persistence:
 def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
     panel, path = bench.layout.settings, bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
-    knob = panel.knobs["cloud.weight"][1]
+    control = panel.controls["cloud.weight"][1]
     with WireClient(bench.port) as client:
-        client.set_value(knob, 2.0)
+        client.set_value(control, 2.0)
         eventually(lambda: bool(panel.save.visible), "it can be saved")
         client.set_value(panel.save, True)
-        eventually(lambda: knob.label == "Cloud", "no longer marked")
+        eventually(lambda: control.label == "Cloud", "no longer marked")
         eventually(lambda: not panel.save.visible and not panel.back.visible, "nothing to save")
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
-    assert knob.value == 2.0
+    assert control.value == 2.0
     bench.send(commands.SetSetting("cloud.weight", 1.0))
-    eventually(lambda: knob.label == "Cloud •", "now the usual value is a change")
+    eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
 
 
 def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:

@@ -228,16 +228,16 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     assert "1 with the fingers held" in summary([*document.results.values()], 2, 0, 1.0)
 
 
-@pytest.mark.parametrize("knob", [*CROP, *THIN, *STEREO], ids=lambda knob: knob.name)
-def test_a_slider_says_what_the_file_says(knob: Any) -> None:
-    low, high, step = knob.span
+@pytest.mark.parametrize("slider", [*CROP, *THIN, *STEREO], ids=lambda slider: slider.name)
+def test_a_slider_says_what_the_file_says(slider: Any) -> None:
+    low, high, step = slider.span
     for share in (0.2, 0.5, 0.9):
         shown = low + step * round(share * (high - low) / step)
-        assert knob.on_page(knob.in_file(shown)) == pytest.approx(shown, abs=1e-6)
+        assert slider.on_page(slider.in_file(shown)) == pytest.approx(shown, abs=1e-6)
     if low == 0:
-        assert knob.in_file(0.0) is False
-    changed = CloudSettings(files="c/*").with_values({knob.name: knob.in_file(high)})
-    assert math.isfinite(changed.given[knob.name])
+        assert slider.in_file(0.0) is False
+    changed = CloudSettings(files="c/*").with_values({slider.name: slider.in_file(high)})
+    assert math.isfinite(changed.given[slider.name])
 
 
 def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> None:

@@ -65,23 +65,23 @@ def test_while_tracking_runs_settings_wait() -> None:
 
 def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Workbench) -> None:
     panel, undo = bench.layout.settings, bench.layout.pose.edit_buttons
-    knob = panel.knobs["cloud.weight"][1]
-    iterations = panel.knobs["solver.iterations"][1]
+    control = panel.controls["cloud.weight"][1]
+    iterations = panel.controls["solver.iterations"][1]
     usual = iterations.value
     with WireClient(bench.port) as client:
-        client.set_value(knob, 2.0)
+        client.set_value(control, 2.0)
         eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
-        eventually(lambda: knob.label == "Cloud •" and bool(panel.back.visible), "marked")
+        eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
         client.set_value(iterations, 7)
         eventually(lambda: iterations.label == "Iterations •", "marked")
         client.set_value(undo, "Undo")
         eventually(lambda: iterations.value == usual, "the last change is taken back")
-        assert knob.value == 2.0
+        assert control.value == 2.0
         client.set_value(panel.back, True)
-        eventually(lambda: knob.value == 1.0 and not panel.back.visible, "as session.toml")
-        eventually(lambda: knob.label == "Cloud", "no longer marked")
+        eventually(lambda: control.value == 1.0 and not panel.back.visible, "as session.toml")
+        eventually(lambda: control.label == "Cloud", "no longer marked")
         client.set_value(undo, "Undo")
-        eventually(lambda: knob.value == 2.0, "that can be undone, too")
+        eventually(lambda: control.value == 2.0, "that can be undone, too")
 
 
 def test_limits_are_marked_and_undone(bench: Workbench) -> None:

@@ -32,7 +32,7 @@ def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:
 
 
 def test_cameras_look_at_the_hand(session: SessionSnapshot) -> None:
-    np.testing.assert_allclose(session.looked_at, (0.0, 0.09, 0.0), atol=0.002)
+    np.testing.assert_allclose(session.scene_centre, (0.0, 0.09, 0.0), atol=0.002)
 
 
 def test_the_hand_is_large_in_a_view_of_it_alone(session: SessionSnapshot) -> None:

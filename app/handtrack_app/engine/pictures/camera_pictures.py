@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes
+from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.diagnostics.residual_image import field_picture, outline_picture, residual_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
@@ -31,7 +31,9 @@ def smaller(camera: Camera, width: int, height: int) -> Camera:
     return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
 
 
-def contact_sheet(pictures: dict[str, Bytes], width: int = _SHEET, columns: int = 2) -> Bytes:
+def contact_sheet(
+    pictures: dict[str, Bytes[H, W, D3]], width: int = _SHEET, columns: int = 2
+) -> Bytes[H, W, D3]:
     """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
     columns = min(columns, max(len(pictures), 1))
     cell = (width - _GAP * (columns - 1)) // columns
@@ -82,8 +84,8 @@ class CameraPictures:
     def camera(self, name: str) -> Camera:
         return self._session.rig[name]
 
-    def plain(self, name: str, frame: int) -> Bytes:
-        """Return a camera's undistorted picture (H, W, 3) RGB; its silhouette where it has no images."""
+    def plain(self, name: str, frame: int) -> Bytes[H, W, D3]:
+        """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
         key = (name, frame)
         if key in self._kept:
             self._kept.move_to_end(key)
@@ -96,7 +98,7 @@ class CameraPictures:
 
     def thumbnail(
         self, name: str, frame: int, paint: str = "plain", flesh: PosedEllipsoids | None = None
-    ) -> Bytes:
+    ) -> Bytes[H, W, D3]:
         """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
         image = self.plain(name, frame)
         height, width = image.shape[:2]
@@ -111,11 +113,11 @@ class CameraPictures:
         )
 
     def screen(
-        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array | None
-    ) -> Bytes:
+        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array[H, W] | None
+    ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
-        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette (H, W) where there is one.
+        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette where there is one.
         """
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()

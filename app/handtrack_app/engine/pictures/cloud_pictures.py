@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats
+from handtrack.arrays import D3, Array, Bytes, Floats, H, N, W
 from handtrack.capture.clouds.disparity import REJECTED
 from handtrack.capture.clouds.rectification import RectifiedPair
 from handtrack.capture.clouds.stereo import StereoView
@@ -20,17 +20,17 @@ _LINE, _BOX = (86, 180, 233), (255, 255, 255)
 
 
 def points_picture(
-    image: Bytes,
+    image: Bytes[H, W, D3],
     camera: Camera,
-    points: Floats,
-    fate: Array,
+    points: Floats[N, D3],
+    fate: Array[N],
     names: tuple[str, ...],
     width: int,
     box: tuple[int, int, int, int] | None = None,
-) -> Bytes:
-    """Return an image (H, W, 3) RGB at a width [px], each point painted in the colour of the filter that dropped it.
+) -> Bytes[H, W, D3]:
+    """Return an image RGB at a width [px], each point painted in the colour of the filter that dropped it.
 
-    points: (N, 3) world [m]. fate: (N,) place of the filter in `names`, or their number for points that stay.
+    points: world [m]. fate: place of the filter in `names`, or their number for points that stay.
     box: x, y, w, h [px] of the image, drawn as a frame.
     """
     factor = width / image.shape[1]
@@ -59,13 +59,13 @@ def _paint(picture: Bytes, pixels: Floats, colour: tuple[int, int, int], side: i
             picture[rows, np.minimum(x + right, picture.shape[1] - 1)] = colour
 
 
-def depth_picture(depth_m: Floats) -> Bytes:
-    """Return a depth image (H, W) [m] in colours (H, W, 3) RGB, near is bright; black where nothing was measured."""
+def depth_picture(depth_m: Floats[H, W]) -> Bytes[H, W, D3]:
+    """Return a depth image [m] in colours RGB, near is bright; black where nothing was measured."""
     known = np.isfinite(depth_m) & (depth_m > 0)
     return _coloured(np.where(known, -depth_m, np.nan))
 
 
-def stereo_pictures(view: StereoView) -> dict[str, Bytes]:
+def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
     """Return what to show of a matched pair, RGB: both rectified images with lines along which they are compared,
     the disparity, and what was thrown away; cut to what was matched, and around it.
     """
@@ -86,8 +86,8 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes]:
     }
 
 
-def not_tall(picture: Bytes) -> Bytes:
-    """Return a picture (H, W, 3) of the same width, smaller and with margins where it would cover all the page."""
+def not_tall(picture: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
+    """Return a picture of the same width, smaller and with margins where it would cover all the page."""
     height, width = picture.shape[:2]
     most = round(_TALLEST * width)
     if height <= most:

@@ -185,7 +185,7 @@ class CloudRenderer:
             near = near_hand(measured.points, crop, moment.filters.crop_m).tobytes()
         key = (id(measured), moment.filters, near)
         if self._known is None or self._known[0] != key:
-            fate, reports = moment.filters.dropped_by(measured, crop, session.cloud_eyes)
+            fate, reports = moment.filters.dropped_by(measured, crop, session.cloud_camera_centres)
             self._known = (key, measured, fate, reports)
         return self._known[1:]
 

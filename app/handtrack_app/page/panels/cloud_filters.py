@@ -53,13 +53,15 @@ class FilterSlider:
         return 2 * int(shown // 2) + 1 if odd else round(shown)
 
 
-def _knobs(*names: str) -> tuple[FilterSlider, ...]:
+def _sliders(*names: str) -> tuple[FilterSlider, ...]:
     return tuple(FilterSlider(CLOUD_SETTINGS[name]) for name in names)
 
 
-CROP = _knobs("near_m", "far_m", "crop_m", "front_m")
-THIN = _knobs("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
-STEREO = _knobs("stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px")
+CROP = _sliders("near_m", "far_m", "crop_m", "front_m")
+THIN = _sliders("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
+STEREO = _sliders(
+    "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px"
+)
 _PARTS = {word: value for value, word in CLOUD_SETTINGS["component"].words.items()}
 _METHODS = {word: value for value, word in CLOUD_SETTINGS["stereo_method"].words.items()}
 
@@ -74,23 +76,25 @@ class Sliders:
         default_factory=dict
     )
 
-    def add(self, knob: FilterSlider) -> None:
+    def add(self, slider: FilterSlider) -> None:
         """Add a slider where the page builds now."""
-        low, high, step = knob.span
-        widget = self.page.gui.add_slider(knob.known.label, low, high, step, low, hint=knob.hint)
-        self.page.on(widget, lambda event: self._changed(knob, event.target))
-        self.known[knob.name] = (knob, widget)
+        low, high, step = slider.span
+        widget = self.page.gui.add_slider(
+            slider.known.label, low, high, step, low, hint=slider.hint
+        )
+        self.page.on(widget, lambda event: self._changed(slider, event.target))
+        self.known[slider.name] = (slider, widget)
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
-        for name, (knob, widget) in self.known.items():
-            shown = knob.on_page(card.values.get(name))
+        for name, (slider, widget) in self.known.items():
+            shown = slider.on_page(card.values.get(name))
             put(widget, value=shown)
 
-    def _changed(self, knob: FilterSlider, widget: viser.GuiSliderHandle[float]) -> None:
-        shown = number(widget.value, *knob.span[:2])
+    def _changed(self, slider: FilterSlider, widget: viser.GuiSliderHandle[float]) -> None:
+        shown = number(widget.value, *slider.span[:2])
         if shown is not None:
-            self.set(**{knob.name: knob.in_file(shown)})
+            self.set(**{slider.name: slider.in_file(shown)})
 
 
 class FilterControls:
@@ -103,8 +107,8 @@ class FilterControls:
         thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
         self.folders = (crop, thin)
         with crop:
-            for knob in CROP[:3]:
-                self.sliders.add(knob)
+            for slider in CROP[:3]:
+                self.sliders.add(slider)
             self.part = gui.add_dropdown(
                 "Part",
                 tuple(_PARTS),
@@ -112,8 +116,8 @@ class FilterControls:
             )
             self.sliders.add(CROP[3])
         with thin:
-            for knob in THIN:
-                self.sliders.add(knob)
+            for slider in THIN:
+                self.sliders.add(slider)
         page.on(self.part, lambda e: set_(component=_PARTS.get(e.target.value, "all")))
 
     def fit(self, card: CloudCard) -> None:
@@ -141,8 +145,8 @@ class StereoControls:
             first = " – ".join(card.pair or card.pairs[0])
             self.pair = gui.add_dropdown("Pair", pairs, initial_value=first)
             self.method = gui.add_dropdown("Method", tuple(_METHODS))
-            for knob in STEREO:
-                self.sliders.add(knob)
+            for slider in STEREO:
+                self.sliders.add(slider)
             self.take = gui.add_button(
                 "Clouds from this pair", icon=viser.Icon.ARROW_MERGE, color="gray", visible=False,
                 hint="The session's clouds come from this pair from now on.",

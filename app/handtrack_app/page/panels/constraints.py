@@ -12,7 +12,7 @@ import viser
 
 from handtrack.setting import Setting
 from handtrack_app.page.page import Page, UserEvent, number, put
-from handtrack_app.page.panels.knobs import KNOBS, OPEN
+from handtrack_app.page.panels.controls import CONTROLS, OPEN
 from handtrack_app.page.panels.pose import GROUPS, group_of, label_of, unit_of
 from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
 from handtrack_app.protocol.snapshots import SessionSnapshot
@@ -24,21 +24,21 @@ class SettingsPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    knobs: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
+    controls: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
     session: SessionSnapshot | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the widgets once, then show the values in force, and which of them session.toml does not have."""
         self.session = session
-        if not self.knobs:
+        if not self.controls:
             with self.tab:
                 self._build(session)
-        for knob, widget in self.knobs.values():
-            value: Any = session.settings.get(knob.name)
-            shown = shown_value(knob, value)
+        for setting, widget in self.controls.values():
+            value: Any = session.settings.get(setting.name)
+            shown = shown_value(setting, value)
             if shown is not None and widget.value != shown:
                 widget.value = shown
-            label = f"{knob.label} •" if knob.name in self.changed else knob.label
+            label = f"{setting.label} •" if setting.name in self.changed else setting.label
             put(widget, label=label)
         self.words.content = _changed_words(self.changed)
         self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
@@ -56,15 +56,15 @@ class SettingsPanel:
             hint="Undo brings the changes back.",
         )  # fmt: skip
         page.on(self.back, lambda _: self._restore())
-        for title, knobs in KNOBS.items():
-            known = [k for k in knobs if k.name in session.settings]
-            known = [k for k in known if k.about in ("", session.kind)]
+        for title, settings in CONTROLS.items():
+            known = [s for s in settings if s.name in session.settings]
+            known = [s for s in known if s.about in ("", session.kind)]
             if known:
                 with gui.add_folder(title, expand_by_default=title in OPEN):
-                    for knob in known:
-                        value = session.settings[knob.name]
-                        if knob.words or shown_value(knob, value) is not None:
-                            self._add(knob, value)
+                    for setting in known:
+                        value = session.settings[setting.name]
+                        if setting.words or shown_value(setting, value) is not None:
+                            self._add(setting, value)
         if session.kind == "hand":
             size = gui.add_button(
                 "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
@@ -89,41 +89,43 @@ class SettingsPanel:
                 tuple(SetSetting(name, own[name]) for name in changed),
             )
 
-    def _add(self, knob: Setting, value: Any) -> None:
-        gui, shown = self.page.gui, shown_value(knob, value)
-        if knob.words:
-            words = tuple(knob.words.values())
+    def _add(self, setting: Setting, value: Any) -> None:
+        gui, shown = self.page.gui, shown_value(setting, value)
+        if setting.words:
+            words = tuple(setting.words.values())
             widget: Any = gui.add_dropdown(
-                knob.label, words, initial_value=shown or words[0], hint=knob.help
+                setting.label, words, initial_value=shown or words[0], hint=setting.help
             )
         elif isinstance(value, bool):
-            widget = gui.add_checkbox(knob.label, value, hint=knob.help)
+            widget = gui.add_checkbox(setting.label, value, hint=setting.help)
         else:
-            assert knob.slider is not None, f"{knob.name} has no widget"
-            low, high, step = knob.slider
+            assert setting.slider is not None, f"{setting.name} has no widget"
+            low, high, step = setting.slider
             widget = gui.add_slider(
-                knob.label,
+                setting.label,
                 min(low, shown),
                 max(high, shown),
                 step,
                 initial_value=shown,
-                hint=knob.help,
+                hint=setting.help,
             )
-        self.page.on(widget, lambda event: self._changed(knob, event))
-        self.knobs[knob.name] = (knob, widget)
+        self.page.on(widget, lambda event: self._changed(setting, event))
+        self.controls[setting.name] = (setting, widget)
 
-    def _changed(self, knob: Setting, event: UserEvent) -> None:
+    def _changed(self, setting: Setting, event: UserEvent) -> None:
         value: Any = event.target.value
-        if knob.words:
-            value = next((own for own, word in knob.words.items() if word == value), None)
+        if setting.words:
+            value = next((own for own, word in setting.words.items() if word == value), None)
         elif not isinstance(value, bool):
             value = number(value, event.target.min, event.target.max)
-            if value is not None and knob.kind is int:
+            if value is not None and setting.kind is int:
                 value = round(value)
         if value is not None and self.session is not None:
-            before = self.session.settings[knob.name]
+            before = self.session.settings[setting.name]
             self.page.change(
-                knob.label, (SetSetting(knob.name, before),), (SetSetting(knob.name, value),)
+                setting.label,
+                (SetSetting(setting.name, before),),
+                (SetSetting(setting.name, value),),
             )
 
 
@@ -144,14 +146,14 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def shown_value(knob: Setting, value: Any) -> Any:
+def shown_value(setting: Setting, value: Any) -> Any:
     """Return how a setting's value stands on the page; None if it cannot be shown."""
-    if knob.words:
-        return knob.words.get(str(value))
+    if setting.words:
+        return setting.words.get(str(value))
     if isinstance(value, bool):
         return value
     if isinstance(value, (int, float)):
-        return int(value) if knob.kind is int else float(value)
+        return int(value) if setting.kind is int else float(value)
     return None
 
 

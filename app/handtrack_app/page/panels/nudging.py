@@ -10,7 +10,7 @@ import numpy as np
 import viser
 import viser.transforms as vtf
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Keys, Page
 
@@ -44,12 +44,17 @@ NUDGES: dict[str, Nudge] = {
 
 
 def nudged(
-    root: Floats, nudge: Nudge, view: Floats, pivot: Floats, step_m: float, step_rad: float
+    root: Floats[D6],
+    nudge: Nudge,
+    view: Floats[D3, D3],
+    pivot: Floats[D3],
+    step_m: float,
+    step_rad: float,
 ) -> dict[str, float]:
     """Return root parameters by name after a nudge.
 
-    root: (6,) [m, rad]. view: (3, 3) rotation from the view's axes (x right, y down, z away) to the world.
-    pivot: (3,) world [m], the point that stays when the hand turns.
+    root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
+    pivot: world [m], the point that stays when the hand turns.
     """
     rotation = rotation_matrix(view @ np.array(nudge.turn, dtype=float) * step_rad)
     moved = view @ np.array(nudge.move, dtype=float) * step_m
@@ -85,10 +90,10 @@ class NudgePanel:
     """Handles of the nudges."""
 
     page: Page
-    pivot: Callable[[], Floats | None]
-    """the hand's middle (3,) world [m]"""
-    axes: Callable[[], Floats | None]
-    """the axes (3, 3) of the camera looked through, camera → world, if any"""
+    pivot: Callable[[], Floats[D3] | None]
+    """the hand's middle world [m]"""
+    axes: Callable[[], Floats[D3, D3] | None]
+    """the axes of the camera looked through, camera → world, if any"""
     keys: Keys
 
     def build(self) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
+from handtrack.arrays import Floats, S
 from handtrack_app.page.page import Page, UserEvent, number
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
@@ -230,7 +231,7 @@ def _ink(colour: str) -> str:
     return "#111" if 0.3 * red + 0.59 * green + 0.11 * blue > 130 else "#fff"
 
 
-def certainty_table(names: tuple[str, ...], std: np.ndarray | None) -> str:
+def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     """Return how well each parameter is seen, as a table of fingers by joints."""
     if std is None or len(std) != len(names):
         return (

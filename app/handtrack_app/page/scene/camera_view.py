@@ -8,7 +8,7 @@ import numpy as np
 import viser
 import viser.transforms as vtf
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D3, Bytes, Floats, H, W
 from handtrack_app.page.scene.viewpoint import frustum_depth
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
@@ -31,9 +31,9 @@ class CameraRigView:
 
 
 def add_cameras(
-    server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats
+    server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats[D3]
 ) -> CameraRigView:
-    """Add a frustum for each camera, and the screen, hidden. hand: (3,) where the hand is at first [m]."""
+    """Add a frustum for each camera, and the screen, hidden. hand: where the hand is at first [m]."""
     frusta, labels = {}, {}
     for card in session.cameras:
         width, height = card.size
@@ -53,8 +53,8 @@ def add_cameras(
     return view
 
 
-def size_cameras(view: CameraRigView, hand: Floats) -> None:
-    """Draw the cameras as large as they may be before a hand at `hand` (3,) [m]."""
+def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
+    """Draw the cameras as large as they may be before a hand at `hand` [m]."""
     for name, frustum in view.frusta.items():
         card = view.cards[name]
         (width, height), focal = card.size, card.matrix[1, 1]
@@ -75,7 +75,7 @@ def show_cameras(view: CameraRigView, display: Display) -> None:
             frustum.image = None
 
 
-def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:
+def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -> None:
     """Put small images onto the frusta."""
     for name, image in images.items():
         if name in view.frusta:
@@ -83,9 +83,9 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes]) -> None:
 
 
 def place_screen(
-    view: CameraRigView, camera: str | None, hand: Floats, larger: float = 1.0
+    view: CameraRigView, camera: str | None, hand: Floats[D3], larger: float = 1.0
 ) -> None:
-    """Stand the screen behind the hand at `hand` (3,) as the camera sees it; None hides it. larger: than a hand."""
+    """Stand the screen behind the hand at `hand` as the camera sees it; None hides it. larger: than a hand."""
     view.screen_camera = camera
     if camera is None or camera not in view.cards:
         view.screen.visible = False
@@ -108,7 +108,7 @@ def place_screen(
     view.screen.position = card.centre + card.rotation @ middle
 
 
-def update_screen(view: CameraRigView, image: Bytes) -> None:
+def update_screen(view: CameraRigView, image: Bytes[H, W, D3]) -> None:
     """Show an image on the screen."""
     view.screen.image = image
     view.screen.visible = True

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from handtrack.arrays import Bytes
+from handtrack.arrays import D3, Bytes, N
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import CloudSnapshot
@@ -62,8 +62,8 @@ def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = F
         view.points.colors = cloud_colours(cloud, display.cloud_colour)
 
 
-def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes:
-    """Return the points' colours (N, 3)."""
+def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
+    """Return the points' colours."""
     if how == "own" and cloud.colors is not None:
         return cloud.colors
     if how == "residual" and np.isfinite(cloud.residual_mm).any():

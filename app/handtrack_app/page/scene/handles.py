@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D6, Floats, K
 from handtrack.geometry.rotation import (
     matrix_from_quaternion,
     quaternion_wxyz,
@@ -27,8 +27,8 @@ class RootHandle:
     control: viser.TransformControlsHandle
     dragging: bool = False
 
-    def show_at(self, root: Floats) -> None:
-        """Move the control to the root parameters (6,) [m, rad], unless the user holds it."""
+    def show_at(self, root: Floats[D6]) -> None:
+        """Move the control to the root parameters [m, rad], unless the user holds it."""
         if not self.dragging:
             self.control.position = root[:3]
             self.control.wxyz = quaternion_wxyz(rotation_matrix(root[3:6]))
@@ -69,7 +69,7 @@ class TipHandles:
     controls: dict[str, viser.TransformControlsHandle]
     held: str | None = None
 
-    def show_at(self, tips: Floats) -> None:
+    def show_at(self, tips: Floats[K, D3]) -> None:
         """Move the controls to the fingertips (T, 3) [m], except the one that the user holds."""
         for (name, control), place in zip(self.controls.items(), tips, strict=True):
             if name != self.held:

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 import viser
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import B, Bytes, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import put
 from handtrack_app.page.state import Display
@@ -38,7 +38,7 @@ class HandView:
     joints: viser.BatchedMeshHandle
     truth_lines: viser.LineSegmentsHandle
     truth_points: viser.BatchedMeshHandle
-    bone_length: Floats
+    bone_length: Floats[B]
     parts: tuple[viser.MeshHandle, ...] = ()
     """of a body, drawn instead of ellipsoids"""
     part_bone: tuple[int, ...] = ()

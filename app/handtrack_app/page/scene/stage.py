@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
@@ -92,7 +92,7 @@ class Stage:
         before = self.session
         self.session = session
         if self.cameras is None:
-            self.cameras = add_cameras(self.page.server, "/cameras", session, session.looked_at)
+            self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
@@ -192,12 +192,12 @@ class Stage:
             ),
         )  # fmt: skip
 
-    def hand_middle(self) -> Floats | None:
-        """Return the middle of the hand shown (3,) [m]."""
+    def hand_middle(self) -> Floats[D3] | None:
+        """Return the middle of the hand shown [m]."""
         return None if self.pose is None else middle_of(self.pose)
 
-    def axes_looked_along(self) -> Floats | None:
-        """Return the axes (3, 3), camera → world, of the camera looked through."""
+    def view_axes(self) -> Floats[D3, D3] | None:
+        """Return the axes, camera → world, of the camera looked through."""
         through = self.page.state.display.through
         if through is None or self.cameras is None or through not in self.cameras.cards:
             return None
@@ -351,6 +351,6 @@ class Stage:
                 marked(box)
 
 
-def middle_of(pose: PoseSnapshot) -> Floats:
-    """Return the middle of the hand (3,) [m]: of its ellipsoids near the palm and fingers."""
+def middle_of(pose: PoseSnapshot) -> Floats[D3]:
+    """Return the middle of the hand [m]: of its ellipsoids near the palm and fingers."""
     return np.median(pose.centre, axis=0)

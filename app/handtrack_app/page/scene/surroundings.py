@@ -8,7 +8,7 @@ import numpy as np
 import viser
 import viser.transforms as vtf
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats
 from handtrack_app.protocol.snapshots import HAND_REACH_M
 
 _BELOW = 0.16  # [m] the ground lies this far below the hand's middle
@@ -23,9 +23,9 @@ class Surroundings:
 
 
 def add_surroundings(
-    server: viser.ViserServer, hand: Floats, up: Floats, reach_m: float = HAND_REACH_M
+    server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float = HAND_REACH_M
 ) -> Surroundings:
-    """Add lights and the ground for a hand at (3,) [m] in a world whose upward axis is `up` (3,).
+    """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
 
     reach_m: how far it extends around its middle; a body stands on the ground.
     """

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import viser
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D5, Floats
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
 _LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
@@ -20,9 +20,9 @@ _WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.42
 class Viewpoint:
     """Where a free view stands."""
 
-    position: Floats
-    look_at: Floats
-    up: Floats
+    position: Floats[D3]
+    look_at: Floats[D3]
+    up: Floats[D3]
     fov: float = 0.65
 
 
@@ -34,14 +34,14 @@ class _Axes(NamedTuple):
     away: Floats
 
 
-def first_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
     """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
     wide = overview(session, hand)
     return wide if _size(wide, hand, session.reach_m) >= _LEAST else hand_view(session, hand)
 
 
-def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
-    """Return a close view of the hand. hand: (3,) its middle [m]."""
+def hand_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
+    """Return a close view of the hand. hand: its middle [m]."""
     up = upward(session)
     points = hand + session.reach_m * _corners()
     frusta = [frustum_corners(card, hand) for card in session.cameras]
@@ -59,7 +59,7 @@ def hand_view(session: SessionSnapshot, hand: Floats) -> Viewpoint:
     return found
 
 
-def overview(session: SessionSnapshot, hand: Floats) -> Viewpoint:
+def overview(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
     """Return a view of hand and cameras that shows the hand as large as can be, with no camera before it.
 
     From the cameras' side and above, so that their pictures are seen upright, not from their backs.
@@ -99,8 +99,8 @@ def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats, reach_m:
     return bool(near.any())
 
 
-def upward(session: SessionSnapshot) -> Floats:
-    """Return the mean of the cameras' upward axes (3,): worlds differ."""
+def upward(session: SessionSnapshot) -> Floats[D3]:
+    """Return the mean of the cameras' upward axes: worlds differ."""
     if not session.cameras:
         return np.array([0.0, 0.0, 1.0])
     up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
@@ -109,13 +109,13 @@ def upward(session: SessionSnapshot) -> Floats:
     return up / np.linalg.norm(up)
 
 
-def frustum_depth(card: CameraCard, hand: Floats) -> float:
+def frustum_depth(card: CameraCard, hand: Floats[D3]) -> float:
     """Return how deep a camera's frustum is drawn [m]: large enough to see its image, clear of the hand."""
     return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
 
 
-def frustum_corners(card: CameraCard, hand: Floats) -> Floats:
-    """Return the apex and the image's corners (5, 3) of a camera as it is drawn, world [m]."""
+def frustum_corners(card: CameraCard, hand: Floats[D3]) -> Floats[D5, D3]:
+    """Return the apex and the image's corners of a camera as it is drawn, world [m]."""
     (width, height), matrix = card.size, card.matrix
     deep = frustum_depth(card, hand)
     across, down = 0.5 * width / matrix[0, 0], 0.5 * height / matrix[1, 1]

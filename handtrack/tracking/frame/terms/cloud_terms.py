@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, K
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -44,7 +44,7 @@ class SeenCloud:
     emptiness: CloudEmptinessTerm | None
     """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
     only the cloud's side is asked for"""
-    views: tuple[Floats, ...] = ()
+    views: tuple[Floats[K, D3], ...] = ()
     """what can have seen the surface, as in `seen_from`"""
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import PosedEllipsoids
@@ -25,10 +25,10 @@ _BEND_COSTS_M = 0.005  # that much less of an arm a straight wrist may explain
 _LEAST_PX = 1.0
 
 
-def forearm_in_view(model: ArticulatedModel, params: Floats, seen: Observation) -> bool:
+def forearm_in_view(model: ArticulatedModel, params: Floats[P], seen: Observation) -> bool:
     """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
 
-    params: solver parameters (P,) of the hand in that frame.
+    params: solver parameters of the hand in that frame.
     """
     bones = model.bones(params)
     long = forearm_length(model, bones, seen.silhouettes) >= _LEAST_M
@@ -93,8 +93,8 @@ def _directions() -> tuple[Floats, Floats, Floats]:
     return bend, tilt, np.stack(along, axis=1)
 
 
-def aimed_forearm(problem: Problem, params: Floats) -> Floats:
-    """Return params (P,) with the wrist's bend and tilt that cost least, the hand left as it is."""
+def aimed_forearm(problem: Problem, params: Floats[P]) -> Floats[P]:
+    """Return params with the wrist's bend and tilt that cost least, the hand left as it is."""
     names = problem.model.transform.names
     if "wrist_flex" not in names:
         return params

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.priors.priors import LinearPrior
 
@@ -50,8 +50,8 @@ _HEAVY = ("root_r", "spine_", "neck_", "clavicle_", "hip_abd", "hip_twist")
 _HEAVY_SHARE = 0.4
 
 
-def agility(model: ArticulatedModel) -> Floats:
-    """Return (S,) how abruptly each joint parameter moves, as a share of `prior.motion_sigma_*`; 1 for a hand."""
+def agility(model: ArticulatedModel) -> Floats[S]:
+    """Return how abruptly each joint parameter moves, as a share of `prior.motion_sigma_*`; 1 for a hand."""
     if model.kind != "body":
         return np.ones(len(model.parameter_names))
     heavy = [any(part in name for part in _HEAVY) for name in model.parameter_names]

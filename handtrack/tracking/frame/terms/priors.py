@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.loss import Loss
 from handtrack.terms.priors.priors import GaussianPrior
@@ -45,9 +45,9 @@ def pose_priors(
 
 
 def motion_prior(
-    expected: Floats, prior: PriorSettings, smoothing: float, frames_ahead: int
+    expected: Floats[S], prior: PriorSettings, smoothing: float, frames_ahead: int
 ) -> GaussianPrior:
-    """Return the pull to the pose that is expected (S,), so many frames after the last one."""
+    """Return the pull to the pose that is expected, so many frames after the last one."""
     sigma = np.full(len(expected), np.deg2rad(prior.motion_sigma_deg))
     sigma[:3] = prior.motion_sigma_mm * 1e-3
     sigma *= np.sqrt(max(frames_ahead, 1)) / np.sqrt(smoothing)

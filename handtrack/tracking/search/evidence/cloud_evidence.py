@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, P, R
 from handtrack.capture.clouds.cloud_filters import thinned
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -35,13 +35,13 @@ _FEWEST = 60
 class CloudEvidence:
     """One frame's cloud, thinned; made by `cloud_evidence`."""
 
-    points: Floats
-    """(N, 3) world [m]"""
+    points: Floats[N, D3]
+    """world [m]"""
     area: float
     """of the surface around each point [m²]"""
     distances: DistanceMap
-    views: tuple[Floats, ...]
-    """camera centres (K, 3), world [m], that must all see a point to measure it"""
+    views: tuple[Floats[K, D3], ...]
+    """camera centres, world [m], that must all see a point to measure it"""
 
     @cached_property
     def _sights(self) -> tuple[Floats, Ints]:
@@ -52,7 +52,7 @@ class CloudEvidence:
         return np.concatenate([*ways, np.zeros((0, 3))]), start
 
     @property
-    def places(self) -> Floats:
+    def places(self) -> Floats[M, D3]:
         return self._places
 
     @cached_property
@@ -70,9 +70,13 @@ class CloudEvidence:
         return np.array(chosen) + _PALM_DEEP_M * away
 
     def scores(
-        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
-    ) -> Floats:
-        """Return (R, M) the share of area on which shape and cloud disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        self,
+        shape: HandShape,
+        rotations: Floats[R, D3, D3],
+        places: Floats[M, D3],
+        enough: float = 1.0,
+    ) -> Floats[R, M]:
+        """Return the share of area on which shape and cloud disagree, by rotation and place."""
         sights, start = self._sights
         hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
         out = np.empty((len(rotations), len(places)))
@@ -83,8 +87,8 @@ class CloudEvidence:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
-        """Return E1 and E2 around a pose (P,) of the shape's model, with arms as long as band_m: coarse, but quick."""
+    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
+        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick."""
         model = shape.model
         middle = palm_middle(model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
@@ -109,8 +113,8 @@ class CloudEvidence:
         )
         return terms
 
-    def pieces(self, shape: HandShape, params: Floats) -> float:
-        """Return how many pieces of a hand are seen about a pose (P,)."""
+    def pieces(self, shape: HandShape, params: Floats[P]) -> float:
+        """Return how many pieces of a hand are seen about a pose."""
         middle = palm_middle(shape.model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
         return float(near.sum() * self.area / (0.5 * PIECE_M**2))
@@ -128,9 +132,9 @@ class CloudEvidence:
 
 
 def cloud_evidence(
-    points: Floats, views: tuple[Floats, ...], seed: int = 0
+    points: Floats[N, D3], views: tuple[Floats[K, D3], ...], seed: int = 0
 ) -> CloudEvidence | None:
-    """Return a cloud (N, 3), world [m], made ready for the search; None where it is too small for a hand.
+    """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
 
     seed: decides which of a cell's points stands for it.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, D4, Array, Floats, K, P, S, V, X, Y, Z
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -30,28 +30,28 @@ class HandShape:
 
     model: ArticulatedModel
     posture: str
-    joint: Floats
-    """(S,) joint parameters"""
-    middle: Floats
-    """(3,) the palm's middle [m]"""
+    joint: Floats[S]
+    """joint parameters"""
+    middle: Floats[D3]
+    """the palm's middle [m]"""
     reach: float
     """[m] around the middle: points further away say nothing about this hand"""
-    points: Floats
-    """(V, 3) evenly on the surface, within reach [m]"""
-    normals: Floats
-    """(V, 3) unit, outwards"""
-    is_arm: Array
-    """(V,) whether a point is on the forearm, which a sleeve may hide anywhere"""
+    points: Floats[V, D3]
+    """evenly on the surface, within reach [m]"""
+    normals: Floats[V, D3]
+    """unit, outwards"""
+    is_arm: Array[V]
+    """whether a point is on the forearm, which a sleeve may hide anywhere"""
     area: float
     """of the surface around each point [m²]"""
-    spheres: Floats
-    """(K, 4) centres and radii of balls that fill the inside [m]"""
+    spheres: Floats[K, D4]
+    """centres and radii of balls that fill the inside [m]"""
     mesh: SurfaceMesh
     """the same surface, with all of its points, each on its bone"""
-    low: Floats
-    """(3,) the first node of `field` [m]"""
-    field: Array
-    """(X, Y, Z) float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+    low: Floats[D3]
+    """the first node of `field` [m]"""
+    field: Array[X, Y, Z]
+    """float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
 
     @property
     def is_typical(self) -> bool:
@@ -63,8 +63,8 @@ class HandShape:
     def spacing(self) -> float:
         return _NODE_M
 
-    def params_at(self, rotation: Floats, place: Floats) -> Floats:
-        """Return solver parameters (P,) with this posture, turned by rotation (3, 3), its palm's middle at place (3,)."""
+    def params_at(self, rotation: Floats[D3, D3], place: Floats[D3]) -> Floats[P]:
+        """Return solver parameters with this posture, turned by rotation, its palm's middle at place."""
         joint = self.joint.copy()
         joint[3:6] = rotation_vector(rotation)
         joint[:3] = place - rotation @ self.middle
@@ -84,15 +84,15 @@ def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> 
     return shapes
 
 
-def palm_middle(model: ArticulatedModel, params: Floats) -> Floats:
-    """Return (3,) the palm's middle at solver parameters (P,), world [m]."""
+def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:
+    """Return the palm's middle at solver parameters, world [m]."""
     places = model.joint_positions(model.bones(params))
     wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
     return wrist + _MIDDLE * (knuckle - wrist)
 
 
-def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> HandShape:
-    """Return the shape of joint parameters (S,), whatever their root; posture: what it is called."""
+def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandShape:
+    """Return the shape of joint parameters, whatever their root; posture: what it is called."""
     joint = joint.copy()
     joint[:6] = 0.0
     params = model.clipped(model.transform.solver_params(joint))
@@ -106,7 +106,7 @@ def shape_of(model: ArticulatedModel, joint: Floats, posture: str) -> HandShape:
     axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     signed = surface.distance(bones, nodes.reshape(-1, 3))
-    field = np.abs(signed).reshape(nodes.shape[:3])
+    field = np.abs(signed).reshape(nodes.shape[0], nodes.shape[1], -1)
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)

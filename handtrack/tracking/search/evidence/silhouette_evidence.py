@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import D3, Array, Floats, Ints, M, P, R
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
@@ -41,7 +41,7 @@ class SilhouetteEvidence:
     hull: VisualHull
 
     @property
-    def places(self) -> Floats:
+    def places(self) -> Floats[M, D3]:
         return self._places
 
     @cached_property
@@ -97,9 +97,13 @@ class SilhouetteEvidence:
         return np.concatenate(chosen), start, np.array(areas)
 
     def scores(
-        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
-    ) -> Floats:
-        """Return (R, M) the share of area on which shape and masks disagree, by rotation (R, 3, 3) and place (M, 3)."""
+        self,
+        shape: HandShape,
+        rotations: Floats[R, D3, D3],
+        places: Floats[M, D3],
+        enough: float = 1.0,
+    ) -> Floats[R, M]:
+        """Return the share of area on which shape and masks disagree, by rotation and place."""
         outside, sizes = self._pictures
         samples, start, area = self._samples
         cameras = [s.camera for s in self._scored]
@@ -111,8 +115,8 @@ class SilhouetteEvidence:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
-        """Return coverage with a band around a pose (P,) of the shape's model: on small pictures where it is wide."""
+    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
+        """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide."""
         model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
         near, bands, weights = [], [], []
@@ -133,8 +137,8 @@ class SilhouetteEvidence:
             return []
         return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
 
-    def pieces(self, shape: HandShape, params: Floats) -> float:
-        """Return how many pieces of a hand's outline are seen about a pose (P,)."""
+    def pieces(self, shape: HandShape, params: Floats[P]) -> float:
+        """Return how many pieces of a hand's outline are seen about a pose."""
         middle, count = palm_middle(shape.model, params), 0.0
         for silhouette in self.whole:
             boxed = _boxed(silhouette, middle, shape.reach)

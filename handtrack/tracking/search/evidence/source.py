@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats, M, P, R
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 
@@ -16,20 +16,24 @@ class EvidenceSource(Protocol):
     """A frame's silhouettes, or its cloud, made ready for a search."""
 
     @property
-    def places(self) -> Floats:
-        """(M, 3) where a palm's middle may be, world [m], the likelier first"""
+    def places(self) -> Floats[M, D3]:
+        """Where a palm's middle may be, world [m], the likelier first"""
         ...
 
     def scores(
-        self, shape: HandShape, rotations: Floats, places: Floats, enough: float = 1.0
-    ) -> Floats:
-        """Return (R, M) the share of area on which shape and observation disagree; exact only up to `enough`."""
+        self,
+        shape: HandShape,
+        rotations: Floats[R, D3, D3],
+        places: Floats[M, D3],
+        enough: float = 1.0,
+    ) -> Floats[R, M]:
+        """Return the share of area on which shape and observation disagree; exact only up to `enough`."""
         ...
 
-    def terms(self, shape: HandShape, params: Floats, band_m: float) -> list[ObservationTerm]:
-        """Return what pulls a pose (P,) from about band_m around it [m]."""
+    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
+        """Return what pulls a pose from about band_m around it [m]."""
         ...
 
-    def pieces(self, shape: HandShape, params: Floats) -> float:
-        """Return how many pieces of a hand are seen about a pose (P,): a phalanx's side in a view, or half its skin."""
+    def pieces(self, shape: HandShape, params: Floats[P]) -> float:
+        """Return how many pieces of a hand are seen about a pose: a phalanx's side in a view, or half its skin."""
         ...

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Floats, N
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 
@@ -22,10 +22,10 @@ _DEPTHS = (0.6, 1.6)
 class VisualHull:
     """Cells that project into every silhouette that could see them."""
 
-    centres: Floats
-    """(N, 3) world [m]"""
-    depth: Floats
-    """(N,) how far inside the hull each lies, about [m]"""
+    centres: Floats[N, D3]
+    """world [m]"""
+    depth: Floats[N]
+    """how far inside the hull each lies, about [m]"""
     side: float
     """of a cell [m]"""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import chains_of
@@ -14,8 +14,8 @@ _MOST_CAMERAS = 2
 _DIFFERENT_RAD = 0.2
 
 
-def depth_flips(model: ArticulatedModel, seen: Observation, params: Floats) -> list[Floats]:
-    """Return solver parameters (P,) with one finger's links flipped along the lines of sight of a camera.
+def depth_flips(model: ArticulatedModel, seen: Observation, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters with one finger's links flipped along the lines of sight of a camera.
 
     Only flips that limits allow, and that move the finger at all.
     """

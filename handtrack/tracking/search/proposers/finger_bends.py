@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise, product
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.pose_library import named_pose
 
@@ -12,8 +12,8 @@ _STRETCHED, _BENT = "open", "fist"
 _FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 
 
-def finger_bends(model: ArticulatedModel, params: Floats) -> list[Floats]:
-    """Return solver parameters (P,) of a pose with each finger but the thumb stretched or bent: 16 poses."""
+def finger_bends(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters of a pose with each finger but the thumb stretched or bent: 16 poses."""
     ends = [named_pose(model, name) for name in (_STRETCHED, _BENT)]
     bends = [
         [model.skeleton.parameter(f"{finger}_{joint}_flex") for joint in ("mcp", "pip", "dip")]
@@ -28,8 +28,8 @@ def finger_bends(model: ArticulatedModel, params: Floats) -> list[Floats]:
     return poses
 
 
-def finger_swaps(model: ArticulatedModel, params: Floats) -> list[Floats]:
-    """Return solver parameters (P,) of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+def finger_swaps(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
     poses = []
     for pair in pairwise(FINGERS[1:]):
         joint = model.joint_params(params)

@@ -7,7 +7,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.solver.problem import Problem
 
@@ -17,8 +17,8 @@ _PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are
 _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
-def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
-    """Return the most promising starts (P,), the best first: each with one finger, named, well away from where it is.
+def finger_grid(far: Problem, params: Floats[P]) -> list[tuple[str, Floats[P]]]:
+    """Return the most promising starts, the best first: each with one finger, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
 
@@ -45,8 +45,8 @@ def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
     return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:_TRIED]]
 
 
-def finger_shifts(model: ArticulatedModel, params: Floats) -> list[Floats]:
-    """Return solver parameters (P,) with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
+def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
 
     The palm moves sideways by the distance of two knuckles, so that every finger stands where its neighbour was; once with
     the fingers bent as they are, once each as that neighbour is: what was seen there then still has its finger.
@@ -66,8 +66,8 @@ def finger_shifts(model: ArticulatedModel, params: Floats) -> list[Floats]:
     return starts
 
 
-def handed_on(model: ArticulatedModel, joint: Floats, side: float) -> Floats:
-    """Return joint parameters (S,) in which each finger is bent as its neighbour was; side 1: on the little's side."""
+def handed_on(model: ArticulatedModel, joint: Floats[S], side: float) -> Floats[S]:
+    """Return joint parameters in which each finger is bent as its neighbour was; side 1: on the little's side."""
     four = FINGERS[1:] if side > 0 else FINGERS[:0:-1]
     moved = joint.copy()
     for finger, other in pairwise(four):

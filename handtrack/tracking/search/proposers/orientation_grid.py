@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Axes, Floats, N
 from handtrack.geometry.rotation import matrix_from_quaternion
 
 _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041
 
 
-def spread_rotations(count: int) -> Floats:
+def spread_rotations(count: int) -> Floats[N, D3, D3]:
     """Return rotation matrices (count, 3, 3), the same each time, about as far from each other as they can be.
 
     Super-Fibonacci spirals: Alexa (2022), "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR;
@@ -27,7 +27,7 @@ def spread_rotations(count: int) -> Floats:
     return matrix_from_quaternion(quaternion)
 
 
-def turned_by(a: Floats, b: Floats) -> Floats:
-    """Return the angles [rad] between rotations (..., 3, 3) and (..., 3, 3), broadcast."""
+def turned_by(a: Floats[*Axes, D3, D3], b: Floats[*Axes, D3, D3]) -> Floats[*Axes]:
+    """Return the angles [rad] between rotations, broadcast."""
     trace = np.einsum("...ij,...ij->...", a, b)
     return np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))

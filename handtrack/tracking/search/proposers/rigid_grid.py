@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, Floats
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 from handtrack.tracking.search.evidence.source import EvidenceSource
@@ -29,13 +29,13 @@ def rigid_grid(
     shapes: Sequence[HandShape],
     most: int,
     should_stop: Callable[[], bool],
-    within: tuple[Floats, float] | None = None,
+    within: tuple[Floats[D3], float] | None = None,
 ) -> list[Candidate]:
     """Return the shapes at all turns and places, the best first, at most `most`, none like a better one; at most half
     of them at one place, if nothing is known of where the hand is.
 
     A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
-    of the sources is asked here: a cloud says more than silhouettes. within: a point (3,) and a distance [m] from it beyond
+    of the sources is asked here: a cloud says more than silhouettes. within: a point and a distance [m] from it beyond
     which no palm is looked for.
     """
     source = sources[0]

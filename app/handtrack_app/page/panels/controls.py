@@ -30,6 +30,6 @@ _FOLDERS = {
     "Other poses": ("tracker.recovery", "tracker.hypotheses"),
     "Solver": ("solver.iterations",),
 }
-KNOBS: dict[str, tuple[Setting, ...]] = {
+CONTROLS: dict[str, tuple[Setting, ...]] = {
     folder: tuple(SETTINGS[name] for name in names) for folder, names in _FOLDERS.items()
 }
