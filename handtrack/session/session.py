@@ -207,12 +207,14 @@ class Session:
         measured = self.measured_cloud(frame)
         if measured is None or self._clouds is None:
             return None, ()
-        return (filters or self.cloud_filters).apply(measured, hand_distance, self._clouds.eyes)
+        return (filters or self.cloud_filters).apply(
+            measured, hand_distance, self._clouds.camera_centres
+        )
 
     @property
     def cloud_eyes(self) -> Floats | None:
         """Centres (C, 3) world [m] of the cameras that measured the clouds; None without clouds."""
-        return None if self._clouds is None else self._clouds.eyes
+        return None if self._clouds is None else self._clouds.camera_centres
 
     def with_clouds(self, clouds: CloudSettings | None) -> Session:
         """Return this session with other settings of [clouds]; session.toml stays as it is, and what was read is shared.
@@ -290,7 +292,7 @@ class Session:
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None
         points = self.cloud(seen.frame, hand_distance)[0]
-        return replace(seen, cloud=points, cloud_views=self._clouds.sight)
+        return replace(seen, cloud=points, cloud_views=self._clouds.cameras_needed)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files

@@ -12,17 +12,9 @@ from tests.conftest import REPOSITORY
 GLOSSARY = REPOSITORY / "docs" / "glossary.md"
 PACKAGES = (REPOSITORY / "handtrack", REPOSITORY / "app" / "handtrack_app")
 STILL_TO_BE_RENAMED: set[str] = {
-    "CloudSource.eyes",
-    "CloudSource.sight",
-    "DepthClouds.eyes",
-    "DepthClouds.sight",
-    "FileClouds.eyes",
-    "FileClouds.sight",
     "RunSession.cloud_eyes",
     "Session.cloud_eyes",
     "Stage.axes_looked_along",
-    "StereoClouds.eyes",
-    "StereoClouds.sight",
     "knobs",
     "looked_at",
     "unwound",
