@@ -112,7 +112,8 @@ def _typed(packages: tuple[str, ...]) -> Iterator[tuple[CodeType, tuple[str, dic
                         of: ast.parse(str(kind), mode="eval").body
                         for of, kind in thing.__annotations__.items()
                     }
-                    types = {of: kind for of, kind in types.items() if _has_arrays(kind)}
+                    many = inspect.getfullargspec(thing).varargs  # of which each has that type
+                    types = {of: k for of, k in types.items() if of != many and _has_arrays(k)}
                     if types:
                         yield thing.__code__, (name, types)
 

@@ -28,7 +28,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield part
         _sync(part)
-        part.chmod(_usual_mode())
+        part.chmod(0o666 & ~umask())
         part.replace(path)
     except OSError as error:
         if error.filename is None:  # of a full disk, Python does not say where
@@ -61,8 +61,8 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _usual_mode() -> int:
-    """Return what a file made the ordinary way would get; temporary files are private."""
+def umask() -> int:
+    """Return which rights a file made the ordinary way lacks; temporary ones are private."""
     mask = os.umask(0)
     os.umask(mask)
-    return 0o666 & ~mask
+    return mask

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -25,53 +25,38 @@ from handtrack.session.views import View
 _TRIED = 5  # files, until one can be read
 
 
-class CloudSource(Protocol):
+class CloudSource(ABC):
     """Measured clouds by frame, before any filter. Safe to read from several threads."""
+
+    def __init__(self, cameras_needed: tuple[Floats[K, D3], ...]) -> None:
+        self.cameras_needed = cameras_needed
+        """centres (K, 3), world [m], of cameras that must all see a point for it to be measured, a set each"""
+        self.camera_centres: Floats[C, D3] = np.concatenate(cameras_needed)
+        """(C, 3) world [m], of the cameras that measured"""
 
     @property
     def warnings(self) -> list[str]:
-        """What was odd so far, in plain sentences."""
-        ...
+        """What was odd so far, in plain sentences; what was odd about images is said by their views."""
+        return []
 
-    @property
-    def camera_centres(self) -> Floats[C, D3]:
-        """World [m], the centres of the cameras that measured."""
-        ...
-
-    @property
-    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
-        """Camera centres that must all see a point for it to be measured, a set each."""
-        ...
-
+    @abstractmethod
     def read(self, frame: int) -> PointCloud | None:
         """Return the frame's cloud in the world frame; None where none was taken."""
-        ...
 
 
-class DepthClouds:
+class DepthClouds(CloudSource):
     """Clouds from depth cameras, merged; where a camera has masks, only their pixels."""
 
     def __init__(self, views: tuple[View, ...]) -> None:
+        super().__init__(tuple(view.camera.centre[None] for view in views))
         self._views = views
-
-    @property
-    def warnings(self) -> list[str]:
-        return []  # those of the images are the view's
-
-    @property
-    def camera_centres(self) -> Floats[C, D3]:
-        return np.stack([view.camera.centre for view in self._views])
-
-    @property
-    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
-        return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [cloud for view in self._views if (cloud := _depth_cloud(view, frame)) is not None]
         return merged(clouds) if clouds else None
 
 
-class StereoClouds:
+class StereoClouds(CloudSource):
     """Clouds of calibrated pairs, merged; where a camera has masks, only their pixels.
 
     The first frame matched of a pair is also looked at for why it might not fit.
@@ -79,6 +64,7 @@ class StereoClouds:
 
     def __init__(self, pairs: tuple[tuple[View, View], ...], settings: StereoSettings) -> None:
         """Raises HandtrackError for cameras that cannot make a pair."""
+        super().__init__(tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs))
         self._pairs = tuple((a, b, StereoMatcher(a.camera, b.camera, settings)) for a, b in pairs)
         self._warnings: dict[tuple[int, int], str] = {}
         self._checked: set[int] = set()
@@ -89,14 +75,6 @@ class StereoClouds:
         with self._lock:
             met = [self._warnings[key] for key in sorted(self._warnings)]
         return [*filter(None, (_length_warning(a, b) for a, b, _ in self._pairs)), *met]
-
-    @property
-    def camera_centres(self) -> Floats[C, D3]:
-        return np.stack([view.camera.centre for a, b, _ in self._pairs for view in (a, b)])
-
-    @property
-    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
-        return tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b, _ in self._pairs)
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [
@@ -135,14 +113,14 @@ class StereoClouds:
                 self._warnings[index, frame] = f"[clouds] stereo, frame {frame}, {problem}"
 
 
-class FileClouds:
+class FileClouds(CloudSource):
     """Clouds from files, one a frame. A damaged file among others is a missing cloud, and said."""
 
     def __init__(self, files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> None:
         """Raises HandtrackError when none of the first files can be read."""
+        super().__init__(tuple(camera.centre[None] for camera in rig))
         self._files = files
         self._unit = world_unit_m
-        self._camera_centres = np.stack([camera.centre for camera in rig])
         self._notes = FrameNotes()
         self._first: tuple[int, PointCloud | None] = (-1, None)
         self._try_first()
@@ -150,14 +128,6 @@ class FileClouds:
     @property
     def warnings(self) -> list[str]:
         return list(self._notes.texts)
-
-    @property
-    def camera_centres(self) -> Floats[C, D3]:
-        return self._camera_centres
-
-    @property
-    def cloud_views(self) -> tuple[Floats[K, D3], ...]:
-        return tuple(self.camera_centres[:, None])
 
     def read(self, frame: int) -> PointCloud | None:
         path = self._files.get(frame)

@@ -22,6 +22,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
+from handtrack.session.idle_settings import idle_settings
 from handtrack.session.look_ahead import LookAhead
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
@@ -140,7 +141,8 @@ class TrackingRun:
     @property
     def notes(self) -> list[str]:
         """What is to be known of the settings, in plain sentences: old names, and those without effect."""
-        return [*self.settings.notes, *self.settings.without_effect(self.model.kind)]
+        idle = idle_settings(self.settings, self.session, self.model.kind)
+        return [*self.settings.notes, *idle]
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""

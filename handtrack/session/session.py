@@ -297,7 +297,7 @@ class Session:
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None
         points = self.cloud(seen.frame, hand_distance)[0]
-        return replace(seen, cloud=points, cloud_views=self._clouds.cloud_views)
+        return replace(seen, cloud=points, cloud_views=self._clouds.cameras_needed)
 
     def _find_clouds(self) -> dict[int, Path]:
         pattern = None if self.file.clouds is None else self.file.clouds.files

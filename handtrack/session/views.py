@@ -14,7 +14,6 @@ from handtrack.capture.images.frames import (
     DEPTH,
     IMAGE_SUFFIXES,
     MASK,
-    RAW,
     FrameSource,
     ImageFiles,
 )
@@ -193,4 +192,4 @@ class View:
             return ImageFiles(files, kind, self.camera.size, where)
         method = self.settings.demosaic or MosaicSettings.method
         settings = MosaicSettings(pattern.upper(), self.settings.white_level, method)
-        return MosaicFiles(ImageFiles(files, RAW, self.camera.size, where), settings)
+        return MosaicFiles(files, settings, self.camera.size, where)

@@ -22,6 +22,7 @@ from handtrack.observation.observation import Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
+from handtrack.session.idle_settings import idle_settings
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import (
     CameraSettings,
@@ -127,6 +128,10 @@ class FakeRun:
     step_s: float = 0.02
     broken: bool = False
     sizing_s: float = 0.0
+
+    @property
+    def notes(self) -> list[str]:
+        return idle_settings(self.settings, self.session, self.model.kind)
 
     def with_values(self, overrides: Mapping[str, object]) -> FakeRun:
         settings = self.settings.with_values(overrides)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from docs.pictures.dance_picture import fig7
 from handtrack.bench.jumps.dance_appearance import WAYS, dance, first_guess, overlap_with, track
-from handtrack.bench.pictures.dance_picture import fig7
 from handtrack.bench.registry import BENCHMARKS
 from handtrack.tracking.frame.settings import TrackerSettings
 

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack.bench.pictures import figures, jump_figures
-from handtrack.bench.pictures.model_pictures import model_pictures, segments
-from handtrack.bench.pictures.plotting import saved
+from docs.pictures import figures, jump_figures
+from docs.pictures.model_pictures import model_pictures, segments
+from docs.pictures.plotting import saved
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.jump_scene import KJS1, jump_scene

@@ -13,12 +13,11 @@ from handtrack.capture.images.bayer import (
     PATTERNS,
     demosaic,
     level_line_green,
-    level_line_value,
     mosaic_doubts,
-    sample_green,
 )
 from handtrack.errors import HandtrackError
 from tests.capture.demosaicing_quality import mosaic_of, psnr_db, psnr_table
+from tests.capture.level_line_reference import level_line_value
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +55,20 @@ def test_a_slope_is_reproduced(pattern):
     v, u = np.mgrid[:20, :24].astype(float)
     slope = 3 * u - 2 * v + 100
     assert np.allclose(level_line_green(slope, pattern)[1:-1, 1:-1], slope[1:-1, 1:-1])
-    pixels = np.random.default_rng(7).uniform(2, 17, (300, 2))
-    sampled = sample_green(slope.round().astype(np.uint16), pattern, pixels)
-    assert np.allclose(sampled, 3 * pixels[:, 0] - 2 * pixels[:, 1] + 100)
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_sampling_at_pixels_is_the_image(pattern, rng):
-    mosaic = rng.integers(0, 4095, (20, 26)).astype(np.uint16)
-    green = level_line_green(mosaic.astype(float), pattern)
-    u, v = np.meshgrid(np.arange(2, 24), np.arange(2, 18))
-    assert np.allclose(sample_green(mosaic, pattern, np.stack([u, v], -1)), green[2:18, 2:24])
-    assert np.isnan(sample_green(mosaic, pattern, np.array([[-1.0, 3.0], [3.0, 25.0]]))).all()
+def test_the_closed_form_is_the_paper_s_rule(rng):
+    """At a pixel without green, from its four neighbours: left, above, below, right."""
+    mosaic = rng.integers(0, 4095, (20, 26)).astype(float)
+    green = level_line_green(mosaic, "RGGB")
+    for row, column in ((2, 2), (3, 5), (10, 12), (17, 23)):  # red or blue
+        around = (
+            mosaic[row, column - 1],
+            mosaic[row - 1, column],
+            mosaic[row + 1, column],
+            mosaic[row, column + 1],
+        )
+        assert green[row, column] == pytest.approx(float(level_line_value(*around, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)

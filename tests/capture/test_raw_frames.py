@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from handtrack.capture.images.bayer import PATTERNS
-from handtrack.capture.images.frames import RAW, ImageFiles
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.errors import HandtrackError
 from tests.capture.demosaicing_quality import mosaic_of
@@ -22,10 +21,10 @@ def picture(level: float = 1.0) -> np.ndarray:
     return (level * np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def written(folder: Path, images: list[np.ndarray]) -> ImageFiles:
+def written(folder: Path, images: list[np.ndarray]) -> list[Path]:
     for frame, image in enumerate(images):
         cv2.imwrite(str(folder / f"{frame:03d}.png"), image)
-    return ImageFiles(sorted(folder.glob("*.png")), RAW, (64, 48), "raw/*.png")
+    return sorted(folder.glob("*.png"))
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from docs.pictures.ellipsoid_distances import true_distance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.flesh import Ellipsoids
@@ -14,7 +15,6 @@ from handtrack.model.surfaces.metaballs import (
     FORMS,
     MetaballSurface,
     linked_ellipsoids,
-    true_distance,
 )
 from tests.derivatives import check_jacobian
 from tests.model.metaballs_reference import distances, merged

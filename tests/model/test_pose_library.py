@@ -7,7 +7,7 @@ import string
 import numpy as np
 import pytest
 
-from handtrack.bench.pictures.pose_sheet import pose_sheet
+from docs.pictures.pose_sheet import pose_sheet
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model

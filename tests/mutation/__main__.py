@@ -1,7 +1,7 @@
-"""Mutation run: python -m tests.mutation [--module PART] [--max N] [--seed S]. Survivors go to docs/mutations.md.
+"""Mutation run: python -m tests.mutation [--module PART] [--max N] [--seed S]. Survivors go to docs/reports/mutations.md.
 
 Every mutant is tried in a process of its own, forked from one that has imported the libraries already; the changed source is
-handed to the import, so that no file is ever touched. docs/mutations.md says why this is no mutmut and no cosmic-ray.
+handed to the import, so that no file is ever touched. docs/reports/mutations.md says why this is no mutmut and no cosmic-ray.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def main() -> None:
     for module in TARGETS:
         if chosen.module in module:
             outcome = survivors(module, chosen.max, chosen.seed)
-            written(ROOT / "docs" / "mutations.md", outcome, chosen.seed)
+            written(ROOT / "docs" / "reports" / "mutations.md", outcome, chosen.seed)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""docs/mutations.md: what survived, module by module, with a judgement each that stays when the table is made anew."""
+"""docs/reports/mutations.md: what survived, module by module, with a judgement each that stays when the table is made anew."""
 
 from __future__ import annotations
 

@@ -96,6 +96,7 @@ class OpenSession:
             say("info", "No first pose yet", _NO_POSE[document.model.kind])
         for warning in filter(None, (self.store.warning, *document.run.session.warnings)):
             say("warning", "About this session", warning)
+        self._say_notes(document.run.session.warnings)
         self.jobs.show_progress()
 
     # ---- commands, and reports of the jobs
@@ -204,11 +205,19 @@ class OpenSession:
                 document.set_limits(change.name, change.interval)
                 self.store.note("limits", {"name": change.name, "interval": change.interval})
             else:
+                known = document.run.notes
                 document.replace_run(document.run.with_values({change.name: change.value}))
                 self.store.note_setting(change.name, change.value)
+                self._say_notes(known)
         finally:
             self._show_session()  # the page shows what holds
         self._show_all()
+
+    def _say_notes(self, known: Sequence[str]) -> None:
+        """Say what is new to be known of the settings: above all that one has no effect here."""
+        for note in self.document.run.notes:
+            if note not in known:
+                self._say("warning", "About the settings", note)
 
     def _see_arm(self) -> None:
         if self.document.see_arm():

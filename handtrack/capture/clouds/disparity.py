@@ -165,12 +165,12 @@ def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> A
     # SGBM answers nothing in its first `count` columns, so they are added in front; moving the
     # right image makes the range start at 0
     wide = cv2.copyMakeBorder(left, 0, 0, count, 0, cv2.BORDER_REPLICATE)
-    moved = _moved(right, least, count)
+    moved = moved_right(right, least, count)
     raw = np.asarray(matcher.compute(wide, moved))[:, count:]
     return np.where(raw >= 0, raw / np.float32(_UNIT) + least, np.nan).astype(np.float32)
 
 
-def _moved(image: Bytes, by: int, extra: int) -> Bytes:
+def moved_right(image: Bytes, by: int, extra: int = 0) -> Bytes:
     """Return columns −extra … W − 1 of the image moved right by `by`, its edge repeated."""
     width = image.shape[1]
     source = np.clip(np.arange(-extra, width) - by, 0, width - 1)

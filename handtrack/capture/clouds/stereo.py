@@ -9,7 +9,13 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.clouds.depth import DepthSettings, surface_pixels
-from handtrack.capture.clouds.disparity import REJECTED, StereoSettings, disparity, matches
+from handtrack.capture.clouds.disparity import (
+    REJECTED,
+    StereoSettings,
+    disparity,
+    matches,
+    moved_right,
+)
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.rectification import RectifiedPair, rectified
 from handtrack.geometry.camera import Camera
@@ -91,7 +97,7 @@ class StereoMatcher:
         least, most = self._narrowed(left, right, wanted, partner, box)
         # the same columns of the right image hold every partner once it is moved by `least`
         window = slice(max(columns.start - (most - least), 0), columns.stop)
-        moved = _moved(right[rows], least)
+        moved = moved_right(right[rows], least)
         part = matches(left[rows, window], moved[:, window], 0, most - least, self.settings)
         found[rows, window] = part.disparity + least
         rejected[rows, window] = part.rejected
@@ -189,12 +195,6 @@ def _smaller(image: Bytes) -> Bytes:
     """Return the image at a quarter of its size."""
     share = 1 / _COARSE
     return cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)  # type: ignore
-
-
-def _moved(image: Bytes, by: int) -> Bytes:
-    """Return the image moved right by `by` columns, its edge repeated."""
-    source = np.clip(np.arange(image.shape[1]) - by, 0, image.shape[1] - 1)
-    return np.ascontiguousarray(image[:, source])
 
 
 def _leads_into(partner: Array, found: Array) -> Array:

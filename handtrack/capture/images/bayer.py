@@ -13,7 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, Floats, H, W
+from handtrack.arrays import D3, Array, Axes, Floats, H, W
 from handtrack.errors import HandtrackError, unknown_name
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
@@ -59,84 +59,15 @@ def level_line_green(mosaic: Floats[H, W], pattern: str) -> Floats[H, W]:
 
 
 def _level_line_middle(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> Floats:
-    """Return the value in the middle of squares: `level_line_value` at (0, 0), in closed form.
+    """Return the value in the middle of squares, in closed form; for any place: tests/capture/level_line_reference.py.
 
-    There P' and P'' lie opposite each other, and both cases give mean + s C / 4 with the saddle
+    In the middle P' and P'' lie opposite each other, and both cases give mean + s C / 4 with the saddle
     C = P1 + P4 − P2 − P3 and the line's slope s = −Δx Δy / max(Δx², Δy²).
     """
-    dx, dy = _gradient(p1, p2, p3, p4)
+    dx, dy = ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
     larger = np.maximum(dx * dx, dy * dy)
     slope = -dx * dy / np.where(larger > 0, larger, 1.0)
     return (p1 + p2 + p3 + p4) / 4 + slope * (p1 + p4 - p2 - p3) / 4
-
-
-def _gradient(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> tuple[Floats, Floats]:
-    return ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
-
-
-def level_line_value(
-    p1: Floats[*Axes],
-    p2: Floats[*Axes],
-    p3: Floats[*Axes],
-    p4: Floats[*Axes],
-    x: Floats[*Axes],
-    y: Floats[*Axes],
-) -> Floats[*Axes]:
-    """Return the values at points (x, y) of squares [−1, 1]² with corners P1 P2 / P3 P4 (y down).
-
-    The paper's rule for any place in the square: the level line through the point is cut with the
-    square's sides, both ends are interpolated along their sides, and the point between the ends.
-    """
-    p1, p2, p3, p4, x, y = np.broadcast_arrays(p1, p2, p3, p4, x, y)
-    dx, dy = _gradient(p1, p2, p3, p4)
-    line_x, line_y = -dy, dx
-    flat = (line_x == 0) & (line_y == 0)
-    line_x = np.where(flat, 1.0, line_x)  # no gradient: any line will do
-
-    def to_side(sign: float) -> Floats:
-        """Return how far along the line, in units of its direction, the square ends."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = np.where(line_x != 0, (np.sign(sign * line_x) - x) / (sign * line_x), np.inf)
-            down = np.where(line_y != 0, (np.sign(sign * line_y) - y) / (sign * line_y), np.inf)
-        return np.minimum(across, down)
-
-    def on_side(t: Floats) -> Floats:
-        """Return the value where the line ends: between two corners, as one coordinate is ±1."""
-        u, v = np.clip(x + t * line_x, -1, 1), np.clip(y + t * line_y, -1, 1)
-        above, below = p1 + (p2 - p1) * (u + 1) / 2, p3 + (p4 - p3) * (u + 1) / 2
-        return above + (below - above) * (v + 1) / 2
-
-    ahead, behind = to_side(1.0), to_side(-1.0)
-    share = ahead / np.maximum(ahead + behind, 1e-300)
-    return on_side(ahead) * (1 - share) + on_side(-behind) * share
-
-
-def sample_green(mosaic: Array[H, W], pattern: str, pixels: Floats[*Axes, D2]) -> Floats[*Axes]:
-    """Return green (...) at real coordinates x, y of a raw mosaic, NaN outside of it.
-
-    As the paper does for rectification: no intermediate image, the level line through the very point.
-    """
-    check_mosaic(mosaic, pattern)
-    height, width = mosaic.shape
-    pixels = np.asarray(pixels, dtype=float)
-    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=-1, keepdims=True)
-    u, v = np.moveaxis(np.where(inside, pixels, 1.0), -1, 0)
-    # squares in the turned grid a = u + v, b = u − v; their middles are pixels without green
-    shift = 0 if pattern[0] != "G" else 1
-    a = 2 * np.round((u + v - shift) / 2) + shift
-    b = 2 * np.round((u - v - shift) / 2) + shift
-    column, row = ((a + b) / 2).astype(int), ((a - b) / 2).astype(int)
-    padded = np.pad(mosaic.astype(float), 2, mode="reflect")
-    row, column = row + 2, column + 2
-    corners = (
-        padded[row, column - 1],
-        padded[row - 1, column],
-        padded[row + 1, column],
-        padded[row, column + 1],
-    )
-    # of the turned square: x runs from left to above (−b … ), y from left to below
-    x, y = (u - v) - b, (u + v) - a
-    return np.where(inside[..., 0], level_line_value(*corners, x, y), np.nan)
 
 
 def check_mosaic(mosaic: Array[*Axes], pattern: str) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.bayer import METHODS, demosaic, mosaic_doubts
-from handtrack.capture.images.frames import ImageFiles
+from handtrack.capture.images.frames import RAW, ImageFiles
 from handtrack.errors import HandtrackError
 
 _WHITE_PERCENTILE = 99.5  # 10 or 12 bits in 16, dark or bright; single hot pixels do not count
@@ -29,12 +31,17 @@ class MosaicSettings:
     """how the missing colours are found, see `demosaic`."""
 
 
-class MosaicFiles:
-    """Numbered raw files (H, W), 8 or 16 bits, as images (H, W, 3) uint8 BGR; see FrameSource."""
+class MosaicFiles(ImageFiles):
+    """Numbered raw files (H, W), 8 or 16 bits, as images (H, W, 3) uint8 BGR."""
 
-    def __init__(self, files: ImageFiles, settings: MosaicSettings) -> None:
-        """files: of the kind RAW."""
-        self._files = files
+    def __init__(
+        self,
+        paths: Iterable[Path],
+        settings: MosaicSettings,
+        expected_size: tuple[int, int] | None = None,
+        where: str = "",
+    ) -> None:
+        super().__init__(paths, RAW, expected_size, where)
         self._settings = settings
         self._white = settings.white_level
         self._doubts: tuple[str, ...] = ()
@@ -42,30 +49,19 @@ class MosaicFiles:
         self._lock = threading.Lock()
 
     @property
-    def where(self) -> str:
-        return self._files.where
-
-    @property
     def size(self) -> tuple[int, int] | None:
         """width, height [px] of the first readable file, which is also looked at for a wrong pattern."""
         self._look()
-        return self._files.size
-
-    @property
-    def frames(self) -> range:
-        return self._files.frames
+        return super().size
 
     @property
     def warnings(self) -> tuple[str, ...]:
         with self._lock:
-            return (*self._files.warnings, *self._doubts)
-
-    def has(self, frame: int) -> bool:
-        return self._files.has(frame)
+            return (*super().warnings, *self._doubts)
 
     def read(self, frame: int) -> Bytes[H, W, D3] | None:
         """Return the image of a frame, None where there is none. Raises HandtrackError for what is no mosaic."""
-        mosaic = self._files.read(frame)
+        mosaic = super().read(frame)
         if mosaic is None:
             return None
         self._look()
@@ -73,7 +69,7 @@ class MosaicFiles:
         try:
             colour = demosaic(mosaic, settings.pattern, settings.method)
         except HandtrackError as error:
-            raise HandtrackError(f"{self._files.path(frame)}: {error}") from None
+            raise HandtrackError(f"{self.path(frame)}: {error}") from None
         if colour.dtype == np.uint8 and settings.white_level is None:
             return colour
         return np.clip(colour * (_EIGHT_BIT / (self._white or 1.0)), 0, 255).astype(np.uint8)
@@ -84,14 +80,14 @@ class MosaicFiles:
             if self._looked:
                 return
             self._looked = True
-            for frame in self._files.frames:
-                mosaic = self._files.read(frame) if self._files.has(frame) else None
+            for frame in self.frames:
+                mosaic = super().read(frame)
                 if mosaic is not None:
                     self._learn(mosaic, frame)
                     return
 
     def _learn(self, mosaic: Array, frame: int) -> None:
-        path = self._files.path(frame)
+        path = self.path(frame)
         try:
             doubts = mosaic_doubts(mosaic, self._settings.pattern)
         except HandtrackError as error:

@@ -154,24 +154,3 @@ def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array[E, E]
     bone = ellipsoids.bone
     over = above[bone][:, None] == bone[None, :]
     return (bone[:, None] == bone[None, :]) | over | over.T
-
-
-def true_distance(radii: Floats[D3], points: Floats[N, D3]) -> Floats[N]:
-    """Return the exact signed distance of points to an ellipsoid around the origin, axes along x, y, z.
-
-    The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
-    bisected. Plain and slow: the reference that d1, d2 and d3 approximate.
-    """
-    x, square = np.abs(np.asarray(points, dtype=float)), np.asarray(radii, dtype=float) ** 2
-    x = np.maximum(x, 1e-12)  # on a symmetry plane the root is a limit
-    least = square.min()
-    low = np.full(len(x), -least)
-    high = np.sqrt((square * x**2).sum(axis=1)) - least
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        with np.errstate(divide="ignore"):
-            outside = (square * x**2 / (middle[:, None] + square) ** 2).sum(axis=1) > 1.0
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-    closest = square * x / (high[:, None] + square)
-    distance = np.linalg.norm(closest - x, axis=1)
-    return np.where((x**2 / square).sum(axis=1) < 1.0, -distance, distance)

@@ -55,6 +55,20 @@ def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
     eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
 
 
+def test_a_setting_without_effect_is_told_at_once(bench: Workbench) -> None:
+    """The fake session has masks and no clouds."""
+    bench.send(commands.SetSetting("silhouettes.outline_sigma_mm", 2.0))
+    bench.send(commands.SetSetting("cloud.balance", 0.2))
+    bench.send(commands.SetSetting("solver.iterations", 20))
+
+    def told() -> list[str]:
+        return [n.text for n in bench._unread if n.title == "About the settings"]
+
+    eventually(lambda: bool(told()), "it has no effect here")
+    eventually(lambda: bench.worker.document.run.settings.solver.iterations == 20, "all are in")
+    assert told() == ["cloud.balance has no effect: there are no [clouds]."]
+
+
 def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
     path = bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")

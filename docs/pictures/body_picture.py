@@ -1,6 +1,6 @@
 """Draw docs/figures/body34.png: the body's superquadrics from four sides, dancing, and its ellipsoids.
 
-Run: python -m handtrack.bench.pictures.body_picture [FILE]
+Run: python -m docs.pictures.body_picture [FILE]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draws docs/figures. Run: python -m handtrack.bench.pictures.figures [FOLDER]; needs the extra `docs` (matplotlib)."""
+"""Draws docs/figures. Run: python -m docs.pictures.figures [FOLDER]; needs the extra `docs` (matplotlib)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from docs.pictures.model_pictures import SKIN, model_pictures, rendered
+from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import Bytes, F, Floats, S
-from handtrack.bench.pictures.model_pictures import SKIN, model_pictures, rendered
-from handtrack.bench.pictures.plotting import pyplot, saved, tight
 from handtrack.bench.silhouettes.binary_fist import FIST, MODES, RIGS, FistTrack, scene, track
 from handtrack.bench.silhouettes.field_recovery import Recovery, follow, recover
 from handtrack.diagnostics.residual_image import field_picture

@@ -1,6 +1,6 @@
 """Benchmark: errors of the 2004 paper's distances d1, d2, d3 to an ellipsoid, as a table and a map.
 
-`python -m handtrack.bench.clouds.ellipsoid_distances map.png`
+`python -m docs.pictures.ellipsoid_distances map.png`
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, H, N, W
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface, true_distance
+from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 
 SHAPES = {"finger": (0.010, 0.026, 0.010), "palm": (0.038, 0.053, 0.015)}
 LEVELS_MM = (-8, -4, -1, 1, 5, 20)
@@ -26,6 +26,27 @@ def distance(radii: tuple[float, float, float], form: str, points: Floats[N, D3]
     )
     bones = BonePoses(np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
     return MetaballSurface(flesh, np.ones((1, 1), bool), form=form).distance(bones, points)
+
+
+def true_distance(radii: Floats, points: Floats) -> Floats:
+    """Return the exact signed distance (N,) of points (N, 3) to an ellipsoid around the origin, axes along x, y, z.
+
+    The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
+    bisected. Plain and slow: the reference that d1, d2 and d3 approximate.
+    """
+    x, square = np.abs(np.asarray(points, dtype=float)), np.asarray(radii, dtype=float) ** 2
+    x = np.maximum(x, 1e-12)  # on a symmetry plane the root is a limit
+    least = square.min()
+    low = np.full(len(x), -least)
+    high = np.sqrt((square * x**2).sum(axis=1)) - least
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        with np.errstate(divide="ignore"):
+            outside = (square * x**2 / (middle[:, None] + square) ** 2).sum(axis=1) > 1.0
+        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+    closest = square * x / (high[:, None] + square)
+    distance = np.linalg.norm(closest - x, axis=1)
+    return np.where((x**2 / square).sum(axis=1) < 1.0, -distance, distance)
 
 
 def error_table(count: int = 40_000) -> list[tuple[str, str, int, float, float]]:

@@ -1,6 +1,6 @@
 """Draw the dance as the 2003 paper's Fig. 7: images, the model over them, and the pose from above.
 
-Run: python -m handtrack.bench.pictures.dance_picture FILE.png; it tracks first, which takes minutes.
+Run: python -m docs.pictures.dance_picture FILE.png; it tracks first, which takes minutes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draws the figures of docs/jumps.md. Run: python -m handtrack.bench.pictures.jump_figures [FOLDER]; needs the extra `docs`."""
+"""Draws the figures of docs/jumps.md. Run: python -m docs.pictures.jump_figures [FOLDER]; needs the extra `docs`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import Floats
 from handtrack.bench.jumps.minima import POSES, SAMPLES, parameter_distance, sampled, std_distance
-from handtrack.bench.pictures.plotting import pyplot, saved, tight
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import distinct
 from handtrack.simulation.scenes.jump_scene import KJS1, JumpScene, full_scene, jump_scene
