@@ -82,27 +82,32 @@ POOR, GOOD = 0.80, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again; `bench poor_clouds`"""
 POOR_CLOUD = Search(
     situation="a cloud that alone holds the hand is poor",
-    when=f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`)",
-    rounds=(),
-    tries="the cloud's depths doubted, its viewing rays kept; or a simpler hand: glove9, ball6",
-    measure="harmonic mean of the share of points on the surface and of the surface in view that was measured",
+    when=(
+        f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`): harmonic mean of the "
+        "share of points on the surface and of the surface in view that was measured"
+    ),
+    rounds=(Round(("depths doubted", "glove9", "ball6"), keep=0, fits=(Fit("frame"),)),),
+    measure="energy; only the one that `model.fallback` names is proposed",
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
 )
 FIRST_HYPOTHESES = Search(
     situation="several hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
-    rounds=(),
-    tries="the start in four headings; then the interpretation trees of the best minima, up to three times",
+    rounds=(
+        Round(("four headings, seen coarsely",), fits=(Fit("minimum"),)),
+        Round(("the start and what was found",), keep=0, fits=(Fit("minimum"),)),
+        Round(("interpretation trees of the best",), adds=True, fits=(Fit("minimum"),), times=3),
+    ),
     measure="energy",
+    margin=1.0,
     taken="distinct minima, the heaviest by exp(−cost)",
 )
 NEXT_HYPOTHESES = Search(
     situation="several hypotheses, every other frame",
     when="`tracker.hypotheses` above 1",
-    rounds=(),
-    tries="each hypothesis moved on; samples around it, flipped along the chain that a vote names (`mixture.draws`)",
-    measure="posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
+    rounds=(Round(("each followed", "each jumped along chains"), fits=(Fit("minimum"),)),),
+    measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
     taken="distinct minima, the heaviest",
 )
 SEARCHES = (
@@ -122,20 +127,19 @@ def table() -> str:
 
 
 def _rounds(search: Search) -> str:
-    if not search.rounds:
-        return search.tries
     repeats = f"; up to {search.repeats} times from the better pose" if search.repeats > 1 else ""
-    return "; ".join(map(_round, search.rounds)) + repeats
+    return "; ".join(_round(step, search.margin) for step in search.rounds) + repeats
 
 
-def _round(step: Round) -> str:
+def _round(step: Round, margin: float) -> str:
     words = [" and ".join(step.propose)] if step.propose else []
     if step.keep:
         words[0] += f", beside the best {step.keep} so far"
     if step.enter is not None:
         words.append(f"best {step.enter}")
     words += [f"{f.kind} {f.iterations}" if f.iterations else f.kind for f in step.fits]
-    return " → ".join(words)
+    again = f", up to {step.times} times while the best gets better by {margin:g}"
+    return " → ".join(words) + (again if step.times > 1 else "")
 
 
 def _taken(search: Search) -> str:

@@ -19,10 +19,11 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses import mixture
-from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
+from handtrack.tracking.hypotheses import mixture, next_hypotheses
+from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+from handtrack.tracking.hypotheses.next_hypotheses import Component
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -118,7 +119,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
-    monkeypatch.setattr(mixture, "JUMP_SHARE", share)
+    monkeypatch.setattr(next_hypotheses, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
     step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
     found = step.next(look, [Component(last, terms, 1.0)])
