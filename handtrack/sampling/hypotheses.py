@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,21 +47,16 @@ def angle_distance(params: Floats, others: Floats) -> Floats:
     return np.sqrt((hinges + turn**2) / (len(params) - 3))
 
 
-def apart(
-    rows: Iterable[int], is_far: Callable[[int, Ints], Array], most: int | None = None
-) -> list[int]:
-    """Return the rows that stand for all, at most `most`: each, the best first, that is far from every better one kept.
+def apart(rows: Iterable[int], is_far: Callable[[int, Ints], Array]) -> Iterator[int]:
+    """Yield the rows that stand for all: each, the best first, that is far from every better one yielded.
 
     is_far: tells for a row and others (N,) which of them (N,) are far from it.
     """
-    kept: list[int] = []
     left = np.fromiter(rows, dtype=int)
-    while len(left) and len(kept) != most:
+    while len(left):
         best, left = int(left[0]), left[1:]
-        kept.append(best)
-        if len(left):
-            left = left[is_far(best, left)]
-    return kept
+        yield best
+        left = left[is_far(best, left)] if len(left) else left
 
 
 def distinct(params: Floats, costs: Floats, threshold_rad: float = MERGED_RAD) -> Ints:
@@ -70,4 +65,4 @@ def distinct(params: Floats, costs: Floats, threshold_rad: float = MERGED_RAD) -
     def is_far(row: int, others: Ints) -> Array:
         return angle_distance(params[row], params[others]) > threshold_rad
 
-    return np.array(apart(np.argsort(costs, kind="stable"), is_far), dtype=int)
+    return np.fromiter(apart(np.argsort(costs, kind="stable"), is_far), dtype=int)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -109,13 +110,12 @@ class MixtureStep:
         """
         bones = [self.model.bones(c.params) for c in found]
         shapes = np.array([self.model.joint_positions(b) - b.reference for b in bones])
-        shown = apart(
+        limit = 1e-3 * APART_MM
+        differing = apart(
             range(len(found)),
-            lambda a, rest: (
-                np.linalg.norm(shapes[rest] - shapes[a], axis=2).mean(axis=1) >= 1e-3 * APART_MM
-            ),
-            self.settings.tracker.hypotheses,
+            lambda a, rest: np.linalg.norm(shapes[rest] - shapes[a], axis=2).mean(axis=1) >= limit,
         )
+        shown = list(islice(differing, self.settings.tracker.hypotheses))
         others = [n for n in range(len(found)) if n not in shown]
         quick = by_keypoints_alone(found[0].source.terms)
         more = max(self.settings.mixture.carried - len(shown), 0) if quick else 0

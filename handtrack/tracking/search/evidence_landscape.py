@@ -14,6 +14,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
+from handtrack.sampling.hypotheses import apart
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
@@ -27,7 +28,7 @@ from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_ev
 from handtrack.tracking.search.evidence.source import EvidenceSource
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
-from handtrack.tracking.search.proposers.rigid_grid import PLACE_M, rigid_grid
+from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
 from handtrack.tracking.search.sized_start import Resize, sized
 
 WIDE_M, NARROW_M = 0.012, 0.004
@@ -157,23 +158,13 @@ class EvidenceLandscape:
         No place takes more than half of them while another is promising: the end of an arm fits a fist in many variants,
         each a little better than the hand, whose fingers are not in place yet.
         """
-        chosen: list[tuple[Candidate, Floats]] = []
-        spare: list[tuple[Candidate, Floats]] = []
-        palms: list[Floats] = []  # of those chosen
         ordered = sorted(candidates, key=lambda c: c.cost)
-        for candidate in ordered:
-            if len(chosen) == most:
-                break
-            joints = candidate.joints
-            known = (j for _, j in [*chosen, *spare])
-            if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for j in known):
-                continue
-            palm = palm_middle(candidate.model, candidate.params)
-            here = sum(np.linalg.norm(palm - other) < PLACE_M for other in palms)
-            if 2 * here < most and candidate.cost <= _PROMISING * ordered[0].cost:
-                chosen.append((candidate, joints))
-                palms.append(palm)
-            else:
-                spare.append((candidate, joints))
-        kept = [candidate for candidate, _ in [*chosen, *spare]][:most]
-        return sorted(kept, key=lambda c: c.cost)
+        joints = np.array([c.joints for c in ordered])
+        rows = list(apart(
+            range(len(ordered)),
+            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > _SAME_M,
+        ))  # fmt: skip
+        palms = np.array([palm_middle(c.model, c.params) for c in ordered])
+        promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]
+        kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
+        return sorted((ordered[n] for n in kept[:most]), key=lambda c: c.cost)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 
 import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.sampling.hypotheses import apart
 from handtrack.solver.problem import Problem
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
@@ -27,21 +28,18 @@ def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
     """
     model = far.model
     best: list[tuple[float, str, Floats]] = []
-
-    def tip(start: Floats, finger: str) -> Floats:
-        return model.joint_positions(model.bones(start))[model.joint_names.index(f"{finger}_tip")]
-
     for finger in FINGERS:
-        starts = list(_placements(model, params, finger))
-        left = sorted(((far.cost(start), start) for start in starts), key=lambda pair: pair[0])
-        taken = [params] if left else []
-        for cost, start in left:
-            there = tip(start, finger)
-            if all(np.linalg.norm(there - tip(t, finger)) > _ELSEWHERE_M for t in taken):
-                taken.append(start)
-                best.append((cost, finger, start))
-            if len(taken) > _PLACES:
-                break
+        placed = [(far.cost(start), start) for start in _placements(model, params, finger)]
+        if not placed:
+            continue
+        places = [(0.0, params), *sorted(placed, key=lambda pair: pair[0])]
+        tip = model.joint_names.index(f"{finger}_tip")
+        tips = np.array([model.joint_positions(model.bones(start))[tip] for _, start in places])
+        elsewhere = apart(
+            range(len(places)),
+            lambda a, rest, tips=tips: np.linalg.norm(tips[rest] - tips[a], axis=1) > _ELSEWHERE_M,
+        )
+        best += [(places[n][0], finger, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
     return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:_TRIED]]
 
 
