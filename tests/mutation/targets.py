@@ -4,6 +4,15 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
     "handtrack.sampling.hypotheses": ("tests/sampling/test_hypotheses.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
+    "handtrack.tracking.hypotheses.mixture_landscape": (
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
+    "handtrack.tracking.hypotheses.first_hypotheses": (
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
+    "handtrack.tracking.hypotheses.next_hypotheses": (
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
     "handtrack.tracking.hypotheses.mixture_terms": (
         "tests/tracking/decisions/test_mixture_weights.py",
     ),
