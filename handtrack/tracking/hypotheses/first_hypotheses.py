@@ -24,8 +24,7 @@ from handtrack.tracking.hypotheses.mixture_landscape import (
 )
 from handtrack.tracking.hypotheses.mixture_terms import coarse
 
-_HEADINGS = 4
-_TREES, _LEAVES = 6, 96  # in a round; of each of its trees
+_LEAVES = 96  # of a tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,34 +36,34 @@ class FirstHypotheses(MixtureLandscape):
     start: Floats
     """(P,)"""
 
-    def propose(self, proposer: str, found: Sequence[Start]) -> list[Start]:
-        if proposer == "four headings, seen coarsely":
-            far = Source("start", self.terms, coarse(self.terms), _HEADINGS)
-            return self.starts(far, self._turned())
+    def propose(self, proposer: str, found: Sequence[Start], most: int) -> list[Start]:
+        if proposer == "headings, seen coarsely":
+            far = Source("start", self.terms, coarse(self.terms), most)
+            return self.starts(far, self._turned(most))
         if proposer == "the start and what was found":
-            near = Source("start", self.terms, self.terms, _HEADINGS)
+            near = Source("start", self.terms, self.terms, len(found))
             return self.starts(near, np.array([self.start, *(c.params for c in found)]))
         assert proposer == "interpretation trees of the best"
         if self.eye is None or not self.chains:
             return []
         source = Source("first tree", self.terms, self.terms, MIXTURE_DESCENTS)
         latest = [c for c in found if c.source is found[-1].source]
-        return self.starts(source, self._trees_of_best(latest, self.eye))
+        return self.starts(source, self._trees_of_best(latest, self.eye, most))
 
-    def _turned(self) -> Floats:
-        """Return (4, P) the start, and turned by quarters about the root's own y axis: who stands may face anywhere."""
+    def _turned(self, ways: int) -> Floats:
+        """Return starts (N, P): the start turned all about the root's own y axis: who stands may face anywhere."""
         joint = self.model.joint_params(self.start)
-        turns = np.arange(float(_HEADINGS))[:, None] * np.array([0.0, 2.0 * np.pi / _HEADINGS, 0.0])
+        turns = np.arange(float(ways))[:, None] * np.array([0.0, 2.0 * np.pi / ways, 0.0])
         facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
-        rows = np.tile(joint, (_HEADINGS, 1))
+        rows = np.tile(joint, (ways, 1))
         rows[1:, 3:6] = rotation_vector(facing[1:])
         return np.array([self.model.transform.solver_params(row) for row in rows])
 
-    def _trees_of_best(self, found: Sequence[Start], eye: Eye) -> Floats:
+    def _trees_of_best(self, found: Sequence[Start], eye: Eye, most: int) -> Floats:
         """Return starts (N, P): leaves of the whole body's tree at a few of the best minima, and samples around them."""
         mixture, starts = self.settings.mixture, []
         params, costs = np.array([c.params for c in found]), np.array([c.cost for c in found])
-        for row in distinct(params, costs)[:_TREES]:
+        for row in distinct(params, costs)[:most]:
             here, normal = params[row], found[row].normal
             assert normal is not None
             tree = interpretation_tree(

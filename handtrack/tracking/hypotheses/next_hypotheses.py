@@ -19,7 +19,7 @@ from handtrack.tracking.hypotheses.mixture_landscape import TREE, MixtureLandsca
 from handtrack.tracking.hypotheses.mixture_terms import log_normal, pulled
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
 
-_WEIGHTLESS = 1e-300
+_WEIGHTLESS = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class NextHypotheses(MixtureLandscape):
 
     components: Sequence[Component]
 
-    def propose(self, proposer: str, found: Sequence[Start]) -> list[Start]:
+    def propose(self, proposer: str, found: Sequence[Start], most: int) -> list[Start]:
         if proposer == "each followed":
             return [start for i in range(len(self.components)) for start in self._followed(i)]
         assert proposer == "each jumped along chains"

@@ -46,6 +46,16 @@ C = TypeVar("C", bound=Candidate)
 
 
 @dataclass(frozen=True)
+class Propose:
+    """One way to come by candidates."""
+
+    name: str
+    """a proposer that the landscape knows"""
+    most: int = 0
+    """how many it proposes at most; 0: as many as there are"""
+
+
+@dataclass(frozen=True)
 class Fit:
     """One way to improve a candidate."""
 
@@ -59,8 +69,7 @@ class Fit:
 class Round:
     """One round of a search: who joins, how many are fitted, and how."""
 
-    propose: tuple[str, ...] = ()
-    """proposers, by the names that the landscape knows"""
+    propose: tuple[Propose, ...] = ()
     keep: int | None = None
     """how many of those found so far stay beside the proposed; None: all"""
     enter: int | None = None
@@ -86,6 +95,8 @@ class Search:
     """a pose is taken that costs less than factor · (the standing one's) − margin"""
     repeats: int = 1
     """how often it is searched on from a better pose"""
+    most: int = 1
+    """how many distinct poses are taken, the best first"""
     again: str = ""
     """how soon the search is made again if it found nothing, in words"""
     taken: str = ""
@@ -99,8 +110,8 @@ class Search:
 class Landscape(Protocol[C]):
     """One frame, as a search sees it."""
 
-    def propose(self, proposer: str, found: Sequence[C]) -> list[C]:
-        """Return a proposer's candidates, given those found so far."""
+    def propose(self, proposer: str, found: Sequence[C], most: int) -> list[C]:
+        """Return a proposer's candidates, given those found so far; `most` as in the round."""
         ...
 
     def fit(self, fit: Fit, candidates: Sequence[C], control: Control) -> list[C]:
@@ -174,7 +185,7 @@ def run_rounds(
     found = list(found)
     for number, step in enumerate(search.rounds):
         for _ in range(step.times):
-            proposed = [c for name in step.propose for c in landscape.propose(name, found)]
+            proposed = [c for p in step.propose for c in landscape.propose(p.name, found, p.most)]
             kept = found if step.keep is None else landscape.distinct(found, step.keep)
             entering = proposed if step.adds else [*kept, *proposed]
             if step.enter is not None:

@@ -30,16 +30,11 @@ from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
 from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
 from handtrack.tracking.search.sized_start import Resize, sized
+from handtrack.tracking.search.start_confidence import BASIN_M
 
 WIDE_M, NARROW_M = 0.012, 0.004
-_SAME_M = 0.012  # mean distance between joints of poses that count as one
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
-_GRID, _GRID_NEARBY = 48, 28
-"""rigid hands proposed where nothing is known, and around a known place"""
-_BENT, _BENT_TRIED = 12, 48
-"""poses with fingers bent otherwise that are proposed, and of how many"""
-_WAYS = 2  # of each of them
-_SIZED = 5  # poses that find a size of their own
+_WAYS = 2  # of bending a pose's fingers otherwise that are proposed
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +68,17 @@ class EvidenceLandscape:
                 sources.append(outlines)
         return cls(tuple(sources), seen) if sources else None
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
         stop = self.control.should_stop
         if proposer == "rigid grid":
-            return rigid_grid(self.sources, self.shapes, _GRID, stop)
+            return rigid_grid(self.sources, self.shapes, most, stop)
         if proposer == "rigid grid nearby":
-            nearby = rigid_grid(self.sources, self.shapes, _GRID_NEARBY, stop, self.within)
+            nearby = rigid_grid(self.sources, self.shapes, most, stop, self.within)
             return [replace(c, cost=0.0) for c in nearby]  # all of them descend
         if proposer == "best of unknown size":
-            return self.distinct(found, _SIZED) if self.resize else []
+            return self.distinct(found, most) if self.resize else []
         if proposer == "finger bends":
-            return self._bent(self.distinct(found, _BENT_TRIED))
+            return self._bent(self.distinct(found, len(found)), most)
         if not found:
             return []
         best = min(found, key=lambda c: c.cost)
@@ -101,7 +96,7 @@ class EvidenceLandscape:
     def _swapped(self, best: Candidate) -> list[Floats]:
         return finger_swaps(best.model, best.params)
 
-    def _bent(self, found: Sequence[Candidate]) -> list[Candidate]:
+    def _bent(self, found: Sequence[Candidate], most: int) -> list[Candidate]:
         """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
         ways = []
         for candidate in found:
@@ -111,7 +106,7 @@ class EvidenceLandscape:
                 for x in finger_bends(candidate.model, candidate.params)
             ]  # fmt: skip
             ways += sorted(tried, key=lambda c: c.cost)[:_WAYS]
-        return self.distinct(ways, _BENT)
+        return self.distinct(ways, most)
 
     def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
         return [self._fitted(fit, c) for c in candidates if not control.should_stop()]
@@ -162,7 +157,7 @@ class EvidenceLandscape:
         joints = np.array([c.joints for c in ordered])
         rows = list(apart(
             range(len(ordered)),
-            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > _SAME_M,
+            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M,
         ))  # fmt: skip
         palms = np.array([palm_middle(c.model, c.params) for c in ordered])
         promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]

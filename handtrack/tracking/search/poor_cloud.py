@@ -155,7 +155,7 @@ class PoorCloudLandscape:
             calm = replace(calm, belief=None)
         return cls(task, calm, params, solve)
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
         model, last, kind = self.task.model, self.calm.previous, self.task.settings.model.fallback
         if proposer == "depths doubted" and kind == "auto":
             place = model.transform.solver_params(last[0].parameters) if last else self.params

@@ -14,7 +14,8 @@ from handtrack.observation.observation import Silhouette
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
 _COARSE_M, _FINE_M = 0.02, 0.01
-_HAND_AREA_M2 = 0.012  # of an open hand's outline, for the depth of what one camera alone sees
+HAND_AREA_M2 = 0.012
+"""of an open hand's outline: tells how deep it is where one camera alone sees it"""
 _DEPTHS = (0.6, 1.6)
 
 
@@ -85,7 +86,7 @@ def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
     if len(lines) == 1:
         (centre, way, area), camera = lines[0], seen[0].camera
         return centre + way * np.sqrt(
-            _HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
+            HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
         )
     across = [np.eye(3) - np.outer(way, way) for _, way, _ in lines]
     right = sum(a @ centre for a, (centre, _, _) in zip(across, lines, strict=True))

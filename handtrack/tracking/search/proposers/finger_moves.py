@@ -14,12 +14,12 @@ from handtrack.solver.problem import Problem
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
-_PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are
+_PLACES = 2  # of a finger that may be tried
 _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
-def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
-    """Return the most promising starts (P,), the best first: each with one finger, named, well away from where it is.
+def finger_grid(far: Problem, params: Floats, most: int) -> list[tuple[str, Floats]]:
+    """Return the `most` promising starts (P,), the best first: each with one finger, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
 
@@ -40,7 +40,7 @@ def finger_grid(far: Problem, params: Floats) -> list[tuple[str, Floats]]:
             lambda a, rest, tips=tips: np.linalg.norm(tips[rest] - tips[a], axis=1) > _ELSEWHERE_M,
         )
         best += [(places[n][0], finger, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
-    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:_TRIED]]
+    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:most]]
 
 
 def finger_shifts(model: ArticulatedModel, params: Floats) -> list[Floats]:
