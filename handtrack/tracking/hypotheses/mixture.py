@@ -67,7 +67,7 @@ class MixtureStep:
     ) -> Mixture:
         """Return the hypotheses of a frame from those of the last one."""
         landscape = NextHypotheses(*self._seen(observation), components)
-        why = f"{len(components)} hypotheses were carried on"
+        why = f"carried on: {len(components)}"
         return self._searched(NEXT_HYPOTHESES, landscape, observation, why, control)
 
     def _seen(

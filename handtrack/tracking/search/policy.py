@@ -77,15 +77,12 @@ IMAGE_JOINTS = Search(
     situation="joints in images alone must give a first pose",
     when="as before; without silhouettes and cloud this is all",
     rounds=(
-        Round(
-            (Propose("attitudes in four postures", 300),),
-            fits=(Fit("cheapest", 48), Fit("polish", 40)),
-        ),
+        Round((Propose("attitudes in four postures", 300),), fits=(Fit("cheapest", 48), Fit("polish", 40))),
         Round((Propose("flips in depth of the best", 6),), keep=6, fits=(Fit("polish", 40),)),
     ),
     measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
     most=8,
-)
+)  # fmt: skip
 POOR, GOOD = 0.80, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again; `bench poor_clouds`"""
 POOR_CLOUD = Search(
@@ -94,34 +91,23 @@ POOR_CLOUD = Search(
         f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`): harmonic mean of the "
         "share of points on the surface and of the surface in view that was measured"
     ),
-    rounds=(
-        Round(
-            (Propose("depths doubted"), Propose("glove9"), Propose("ball6")),
-            keep=0,
-            fits=(Fit("frame"),),
-        ),
-    ),
+    rounds=(Round((Propose("depths doubted"), Propose("glove9"), Propose("ball6")), fits=(Fit("frame"),)),),
     measure="energy; only the one that `model.fallback` names is proposed",
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
-)
+)  # fmt: skip
 FIRST_HYPOTHESES = Search(
     situation="several hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round((Propose("headings, seen coarsely", 4),), fits=(Fit("minimum"),)),
         Round((Propose("the start and what was found"),), keep=0, fits=(Fit("minimum"),)),
-        Round(
-            (Propose("interpretation trees of the best", 6),),
-            adds=True,
-            fits=(Fit("minimum"),),
-            times=3,
-        ),
+        Round((Propose("interpretation trees of the best", 6),), adds=True, fits=(Fit("minimum"),), times=3),
     ),
     measure="energy",
     margin=1.0,
     taken="distinct minima, the heaviest by exp(−cost)",
-)
+)  # fmt: skip
 NEXT_HYPOTHESES = Search(
     situation="several hypotheses, every other frame",
     when="`tracker.hypotheses` above 1",
