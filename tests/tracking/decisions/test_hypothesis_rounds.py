@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -109,6 +110,25 @@ def test_draws_go_to_all_hypotheses_in_turn_and_by_weight(monkeypatch):
         assert len(own) == 1 + counts[i], "the expected pose, and flips that may be near enough"
     assert {c.origin for c in followed} == {"followed"}
     assert {c.origin for c in jumped} == {"index jumped"}
+
+
+def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
+    """The prior of its jumps is in proportion to its vote; without chains nothing jumps."""
+    monkeypatch.setattr(next_hypotheses, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))
+    belief = MotionBelief.at_rest(HAND.rest_params(), 1e-4 * np.eye(26), np.ones(26))
+    two = [prepare(HAND, chain) for chain in chains_of(HAND) if chain.name in ("index", "ring")]
+
+    def log_priors(votes):
+        monkeypatch.setattr(next_hypotheses, "chain_votes", lambda *_: np.array(votes))
+        following = landscape(NextHypotheses, [Component(belief, frame(), 1.0)])
+        jumped = replace(following, chains=two).propose("each jumped along chains", [], 0)
+        return {c.origin: c.source.log_prior for c in jumped}
+
+    even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
+    assert uneven["index jumped"] - even["index jumped"] == pytest.approx(np.log(0.4))
+    assert uneven["ring jumped"] - even["ring jumped"] == pytest.approx(np.log(1.6))
+    stiff = replace(landscape(NextHypotheses, [Component(belief, frame(), 1.0)]), chains=())
+    assert not stiff.propose("each jumped along chains", [], 0)
 
 
 @pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
