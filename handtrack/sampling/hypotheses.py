@@ -1,13 +1,13 @@
-"""Hypotheses of one frame: near-equal ones merged and ranked."""
+"""Hypotheses of one frame, and which of many poses stand for all: near-equal ones count once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, M, N, P
+from handtrack.arrays import Array, Floats, Ints, N, P
 from handtrack.geometry.rotation import rotation_matrix
 
 MERGED_RAD = 0.1
@@ -47,38 +47,22 @@ def angle_distance(params: Floats[P], others: Floats[N, P]) -> Floats[N]:
     return np.sqrt((hinges + turn**2) / (len(params) - 3))
 
 
-def distinct(params: Floats[N, P], costs: Floats[N], threshold_rad: float = MERGED_RAD) -> Ints[M]:
-    """Return the indices of rows of params that stand for all: best first, none within the threshold of a better."""
-    kept: list[int] = []
-    open_rows = np.argsort(costs, kind="stable")
-    while len(open_rows):
-        best = int(open_rows[0])
-        kept.append(best)
-        far = angle_distance(params[best], params[open_rows]) > threshold_rad
-        far[0] = False
-        open_rows = open_rows[far]
-    return np.array(kept, dtype=int)
+def apart(rows: Iterable[int], is_far: Callable[[int, Ints], Array]) -> Iterator[int]:
+    """Yield the rows that stand for all: each, the best first, that is far from every better one yielded.
 
-
-def merged(
-    hypotheses: Sequence[Hypothesis], threshold_rad: float = MERGED_RAD
-) -> tuple[Hypothesis, ...]:
-    """Return one hypothesis for each group of near-equal ones: the one of least cost, with the group's largest weight.
-
-    The group's weights are not summed: samples that fell into one basin more often do not make it more probable.
+    is_far: tells for a row and others (N,) which of them (N,) are far from it.
     """
-    if not hypotheses:
-        return ()
-    params = np.stack([h.params for h in hypotheses])
-    weights = np.array([h.weight for h in hypotheses])
-    kept = distinct(params, np.array([h.cost for h in hypotheses]), threshold_rad)
-    group = np.argmin([angle_distance(params[k], params) for k in kept], axis=0)
-    return tuple(
-        replace(hypotheses[k], weight=float(weights[group == n].max()))
-        for n, k in enumerate(kept.tolist())
-    )
+    left = np.fromiter(rows, dtype=int)
+    while len(left):
+        best, left = int(left[0]), left[1:]
+        yield best
+        left = left[is_far(best, left)] if len(left) else left
 
 
-def ranked(hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Return the hypotheses by falling weight, equal ones by rising cost."""
-    return tuple(sorted(hypotheses, key=lambda h: (-h.weight, h.cost)))
+def distinct(params: Floats, costs: Floats, threshold_rad: float = MERGED_RAD) -> Ints:
+    """Return the indices of rows of params (N, P) that stand for all: best first, none within the threshold of a better."""
+
+    def is_far(row: int, others: Ints) -> Array:
+        return angle_distance(params[row], params[others]) > threshold_rad
+
+    return np.fromiter(apart(np.argsort(costs, kind="stable"), is_far), dtype=int)

@@ -31,6 +31,7 @@ ARROWS: dict[str, set[str]] = {
     "tracking.size": {"observation", "model", "terms", "solver", "tracking.frame"},
     "tracking.hypotheses": {
         "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
+        "tracking.search",
     },
     "tracking.search": {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "tracking.frame",

@@ -4,6 +4,18 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
     "handtrack.sampling.hypotheses": ("tests/sampling/test_hypotheses.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
+    "handtrack.tracking.hypotheses.mixture_landscape": (
+        "tests/tracking/decisions/test_hypothesis_rounds.py",
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
+    "handtrack.tracking.hypotheses.first_hypotheses": (
+        "tests/tracking/decisions/test_hypothesis_rounds.py",
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
+    "handtrack.tracking.hypotheses.next_hypotheses": (
+        "tests/tracking/decisions/test_hypothesis_rounds.py",
+        "tests/tracking/decisions/test_mixture_weights.py",
+    ),
     "handtrack.tracking.hypotheses.mixture_terms": (
         "tests/tracking/decisions/test_mixture_weights.py",
     ),
@@ -28,8 +40,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/decisions/test_status.py",
     ),
     "handtrack.tracking.search.engine": (
-        "tests/tracking/decisions/test_restart_choice.py",
         "tests/tracking/test_search_policy.py",
+        "tests/tracking/decisions/test_hypothesis_rounds.py",
     ),
     "handtrack.tracking.search.poor_cloud": (
         "tests/tracking/decisions/test_poor_cloud.py",

@@ -1,21 +1,10 @@
-"""Hypotheses: what counts as the same minimum, ranking."""
+"""Hypotheses: what counts as the same minimum."""
 
 import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.sampling.hypotheses import (
-    Hypothesis,
-    angle_distance,
-    distinct,
-    merged,
-    ranked,
-)
-
-
-def hypothesis(params, cost=0.0, weight=1.0, origin="test"):
-    params = np.asarray(params, dtype=float)
-    return Hypothesis(params, cost, np.eye(len(params)), weight, origin)
+from handtrack.sampling.hypotheses import angle_distance, distinct
 
 
 def test_distance_is_the_root_mean_square_of_angles(rng):
@@ -59,27 +48,3 @@ def test_distinct_ones_are_apart_and_stand_for_all(rng, threshold):
     for n in set(range(80)) - set(kept.tolist()):
         near = kept[angle_distance(params[n], params[kept]) <= threshold]
         assert len(near) and costs[near].min() <= costs[n]
-
-
-def test_merged_ones_keep_cost_and_largest_weight():
-    near = np.zeros(8)
-    far = near.copy()
-    far[7] = 2.0
-    given = [
-        hypothesis(near, cost=2.0, weight=0.5, origin="diffusion"),
-        hypothesis(near + 0.01, cost=1.0, weight=0.2, origin="left_arm"),
-        hypothesis(far, cost=3.0, weight=0.3),
-    ]
-    kept = merged(given, 0.1)
-    assert [(h.cost, h.weight, h.origin) for h in kept] == [
-        (1.0, 0.5, "left_arm"),
-        (3.0, 0.3, "test"),
-    ]
-    assert merged([]) == ()
-
-
-def test_ranked_by_weight_then_cost():
-    given = [
-        hypothesis(np.zeros(8), c, w) for c, w in ((3.0, 0.2), (1.0, 0.4), (0.0, 0.4), (9.0, 0.9))
-    ]
-    assert [h.cost for h in ranked(given)] == [9.0, 0.0, 1.0, 3.0]

@@ -67,7 +67,7 @@ def test_they_are_as_sure_as_they_are_right():
     for seed in range(24):
         rng = np.random.default_rng(500 + seed)
         landscape, true, start = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
-        starts = [start, *landscape.propose("finger bends", [start])]
+        starts = [start, *landscape.propose("finger bends", [start], 12)]
         ends = [settled(landscape, start) for start in starts]
         best, *_ = kept = landscape.distinct(ends, 5)
         count = independent_errors(landscape.sources, best)
@@ -125,7 +125,7 @@ def test_a_pointing_finger_is_found_among_bent_ones(rng):
     joint[:6] = MODEL.joint_params(start.params)[:6]
     fist = replace(start, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
     alone = descended(landscape, fist)
-    bent = landscape.propose("finger bends", [fist])
+    bent = landscape.propose("finger bends", [fist], 12)
     found = min((descended(landscape, way) for way in bent), key=lambda c: c.cost)
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]

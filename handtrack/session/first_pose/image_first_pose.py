@@ -13,7 +13,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.auto_start import MOST_FOUND, auto_start
+from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.initialize import fit_keypoints
@@ -46,7 +46,9 @@ def poses_from_images(
         note = f"{len(images)} cameras agree on {int(np.isfinite(points).all(axis=1).sum())} of 21 joints"
         return [FirstPoseCandidate(first.frame, params, 1.0, note, model, 0.0, given)]
     found = hands_from_images(model, images)
-    shapes = [shape_of(model, model.joint_params(h.params), "given") for h in found[:MOST_FOUND]]
+    shapes = [
+        shape_of(model, model.joint_params(h.params), "given") for h in found[: GIVEN_JOINTS.most]
+    ]
     candidates = [
         Candidate(model, h.params, h.cost, h.origin, shape)
         for h, shape in zip(found, shapes, strict=False)

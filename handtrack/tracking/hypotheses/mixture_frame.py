@@ -10,8 +10,9 @@ from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.result import Alternative
-from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
+from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.hypotheses.next_hypotheses import Component
 
 
 def solve_mixture(
@@ -22,17 +23,17 @@ def solve_mixture(
     carried: those of the frame before; none in a first frame. Where nothing is seen they stay as they are.
     """
     params, terms = task.opened()
-    seen, stop = task.observation, task.control.should_stop
+    seen = task.observation
     if not terms.has_seen:
         parents = range(len(carried))
         return _with_alternatives(task.model, task.unseen(terms), carried, parents), tuple(carried)
     if carried:
         components = [_component(step, task, hypothesis) for hypothesis in carried]
-        mixture = step.next(seen, components, stop)
+        mixture = step.next(seen, components, task.control)
         terms = components[mixture.parents[0]].terms
     else:
         terms = terms.without_motion()
-        mixture = step.first(seen, terms, params, stop)
+        mixture = step.first(seen, terms, params, task.control)
     best = mixture.hypotheses[0].params
     problem = stage_problem(task.model, terms, terms.stages - 1, best)
     solved = solved_result(seen, terms, problem, best, 0, task.previous, task.belief)

@@ -8,6 +8,9 @@ import numpy as np
 
 from handtrack.arrays import P2, Floats, Ints, K, P
 
+_SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
+"""a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
+
 
 @dataclass(frozen=True, eq=False)
 class MotionBelief:
@@ -89,3 +92,10 @@ class MotionBelief:
         velocity = self.velocity.copy()
         velocity[columns] = 0.0
         return MotionBelief(self.mean, velocity, whole)
+
+
+def unknown_speed(size: int) -> Floats:
+    """Return (P,) how fast parameters of which only the place is known may change in a frame, a standard deviation [m, rad]."""
+    speed = np.full(size, _SPEED_RAD)
+    speed[:3] = _SPEED_M
+    return speed

@@ -30,9 +30,6 @@ from handtrack.tracking.search.start_confidence import (
     shares,
 )
 
-MOST_FOUND = 5
-"""first poses that are told"""
-
 Progress = Callable[[float, str], None]
 """called with the share that is done and what is being done"""
 
@@ -89,7 +86,7 @@ def auto_start(
         control=control,
     )
     done = run_rounds(search, landscape, found, control, on_round=_telling(search, tell))
-    return _compared(landscape, done, settings, size_sigma)
+    return _compared(landscape, done, settings, size_sigma, search.most)
 
 
 def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
@@ -117,9 +114,10 @@ def _compared(
     done: Sequence[Candidate],
     settings: TrackerSettings,
     size_sigma: float,
+    most: int,
 ) -> list[StartCandidate]:
-    """Return the distinct poses among finished ones, and how sure each is."""
-    kept = landscape.distinct([c for c in done if c.solved is not None], MOST_FOUND)
+    """Return the best distinct poses among finished ones, at most so many, and how sure each is."""
+    kept = landscape.distinct([c for c in done if c.solved is not None], most)
     if not kept:
         return []
     quality = fit_quality(kept[0].model, settings, landscape.seen, kept[0].params)

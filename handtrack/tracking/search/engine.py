@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -42,6 +42,19 @@ class Candidate:
         return self.model.keypoints21(self.model.bones(self.params))
 
 
+C = TypeVar("C", bound=Candidate)
+
+
+@dataclass(frozen=True)
+class Propose:
+    """One way to come by candidates."""
+
+    name: str
+    """a proposer that the landscape knows"""
+    most: int = 0
+    """how many it proposes at most; 0: as many as there are"""
+
+
 @dataclass(frozen=True)
 class Fit:
     """One way to improve a candidate."""
@@ -56,8 +69,7 @@ class Fit:
 class Round:
     """One round of a search: who joins, how many are fitted, and how."""
 
-    propose: tuple[str, ...] = ()
-    """proposers, by the names that the landscape knows"""
+    propose: tuple[Propose, ...] = ()
     keep: int | None = None
     """how many of those found so far stay beside the proposed; None: all"""
     enter: int | None = None
@@ -65,6 +77,8 @@ class Round:
     fits: tuple[Fit, ...] = ()
     adds: bool = False
     """only what is newly proposed is fitted, and joins those that stand"""
+    times: int = 1
+    """how often it is made at most: again while it finds what is better, as the search counts it, than all before"""
 
 
 @dataclass(frozen=True)
@@ -81,30 +95,30 @@ class Search:
     """a pose is taken that costs less than factor · (the standing one's) − margin"""
     repeats: int = 1
     """how often it is searched on from a better pose"""
+    most: int = 1
+    """how many distinct poses are taken, the best first"""
     again: str = ""
     """how soon the search is made again if it found nothing, in words"""
-    tries: str = ""
-    """what is tried, in words, by a mechanism that weighs its poses by itself instead of in rounds"""
     taken: str = ""
-    """what is taken then, in words"""
+    """what is taken, in words, where it is not the best of those that are better than the standing pose"""
 
     def is_better(self, cost: float, standing: float) -> bool:
         """Return whether a candidate of that cost is taken instead of the standing pose."""
         return cost < self.factor * standing - self.margin
 
 
-class Landscape(Protocol):
+class Landscape(Protocol[C]):
     """One frame, as a search sees it."""
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
-        """Return a proposer's candidates, given those found so far."""
+    def propose(self, proposer: str, found: Sequence[C], most: int) -> list[C]:
+        """Return a proposer's candidates, given those found so far; `most` as in the round."""
         ...
 
-    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
+    def fit(self, fit: Fit, candidates: Sequence[C], control: Control) -> list[C]:
         """Return candidates improved, each with its new cost; fewer when stopped."""
         ...
 
-    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+    def distinct(self, candidates: Sequence[C], most: int) -> list[C]:
         """Return the best, at most so many, each pose once, by rising cost."""
         ...
 
@@ -116,6 +130,14 @@ class Trial:
     origin: str
     cost: float
 
+    @classmethod
+    def of(cls, candidate: Candidate) -> Trial:
+        return cls(candidate.origin, candidate.cost)
+
+
+Tried = list[tuple[int, tuple[Trial, ...]]]
+"""of each round how many were proposed, and those fitted"""
+
 
 @dataclass(frozen=True)
 class SearchReport:
@@ -125,30 +147,36 @@ class SearchReport:
     search: Search
     why: str
     """why it was made in this frame"""
-    rounds: tuple[tuple[int, tuple[Trial, ...]], ...]
-    """of each round how many were proposed, and those fitted"""
+    rounds: Tried
     standing: float
     """cost of the pose that stood; NaN without one"""
     winner: Trial | None
-    """None: the standing pose stays"""
+    """None: nothing was taken"""
 
 
-def report(
-    search: Search, control: Control, frame: int, why: str, standing: float, winner: Trial | None
+def tell(
+    search: Search,
+    control: Control,
+    frame: int,
+    why: str,
+    tried: Tried,
+    winner: Candidate | None,
+    standing: float = np.nan,
 ) -> None:
-    """Tell of a search without rounds, if anybody listens."""
+    """Report a search that was made, if anybody listens."""
     if control.on_search is not None:
-        control.on_search(SearchReport(frame, search, why, (), standing, winner))
+        best = None if winner is None else Trial.of(winner)
+        control.on_search(SearchReport(frame, search, why, tried, standing, best))
 
 
 def run_rounds(
     search: Search,
-    landscape: Landscape,
-    found: Sequence[Candidate],
+    landscape: Landscape[C],
+    found: Sequence[C],
     control: Control,
     on_round: Callable[[int, int], None] | None = None,
-    tried: list[tuple[int, tuple[Trial, ...]]] | None = None,
-) -> list[Candidate]:
+    tried: Tried | None = None,
+) -> list[C]:
     """Return what is found after all rounds.
 
     on_round: called before each round's fits with its number and how many are fitted. tried: gathers what was tried, for a
@@ -156,41 +184,47 @@ def run_rounds(
     """
     found = list(found)
     for number, step in enumerate(search.rounds):
-        proposed = [c for name in step.propose for c in landscape.propose(name, found)]
-        kept = found if step.keep is None else landscape.distinct(found, step.keep)
-        entering = proposed if step.adds else [*kept, *proposed]
-        if step.enter is not None:
-            entering = landscape.distinct(entering, step.enter)
-        if on_round is not None:
-            on_round(number, len(entering))
-        for fit in step.fits:
-            entering = landscape.fit(fit, entering, control)
-        if tried is not None:
-            tried.append((len(proposed), tuple(Trial(c.origin, c.cost) for c in entering)))
-        found = [*found, *entering] if step.adds else entering
+        for _ in range(step.times):
+            proposed = [c for p in step.propose for c in landscape.propose(p.name, found, p.most)]
+            kept = found if step.keep is None else landscape.distinct(found, step.keep)
+            entering = proposed if step.adds else [*kept, *proposed]
+            if step.enter is not None:
+                entering = landscape.distinct(entering, step.enter)
+            if on_round is not None:
+                on_round(number, len(entering))
+            for fit in step.fits:
+                entering = landscape.fit(fit, entering, control)
+            if tried is not None:
+                tried.append((len(proposed), tuple(map(Trial.of, entering))))
+            before, now = _least(found), _least(entering)
+            found = [*found, *entering] if step.adds else entering
+            if not search.is_better(now, before):
+                break
     return found
 
 
 def improved(
     search: Search,
-    landscape: Landscape,
-    standing: Candidate,
+    landscape: Landscape[C],
+    standing: C,
     control: Control,
     frame: int,
     why: str,
-) -> Candidate:
+) -> C:
     """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried."""
     for _ in range(search.repeats):
-        tried: list[tuple[int, tuple[Trial, ...]]] = []
+        tried: Tried = []
         found = run_rounds(search, landscape, [standing], control, tried=tried)
         if control.should_stop():
             return standing
         best = min(found, key=lambda c: c.cost, default=standing)
         taken = search.is_better(best.cost, standing.cost)
-        if control.on_search is not None:
-            winner = Trial(best.origin, best.cost) if taken else None
-            control.on_search(SearchReport(frame, search, why, tuple(tried), standing.cost, winner))
+        tell(search, control, frame, why, tried, best if taken else None, standing.cost)
         if not taken:
             return standing
         standing = best
     return standing
+
+
+def _least(candidates: Sequence[Candidate]) -> float:
+    return min((c.cost for c in candidates), default=np.inf)

@@ -15,6 +15,7 @@ from handtrack.arrays import D3, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel
+from handtrack.sampling.hypotheses import apart
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
@@ -28,18 +29,13 @@ from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_ev
 from handtrack.tracking.search.evidence.source import EvidenceSource
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
-from handtrack.tracking.search.proposers.rigid_grid import PLACE_M, rigid_grid
+from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
 from handtrack.tracking.search.sized_start import Resize, sized
+from handtrack.tracking.search.start_confidence import BASIN_M
 
 WIDE_M, NARROW_M = 0.012, 0.004
-_SAME_M = 0.012  # mean distance between joints of poses that count as one
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
-_GRID, _GRID_NEARBY = 48, 28
-"""rigid hands proposed where nothing is known, and around a known place"""
-_BENT, _BENT_TRIED = 12, 48
-"""poses with fingers bent otherwise that are proposed, and of how many"""
-_WAYS = 2  # of each of them
-_SIZED = 5  # poses that find a size of their own
+_WAYS = 2  # of bending a pose's fingers otherwise that are proposed
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +69,17 @@ class EvidenceLandscape:
                 sources.append(outlines)
         return cls(tuple(sources), seen) if sources else None
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
         stop = self.control.should_stop
         if proposer == "rigid grid":
-            return rigid_grid(self.sources, self.shapes, _GRID, stop)
+            return rigid_grid(self.sources, self.shapes, most, stop)
         if proposer == "rigid grid nearby":
-            nearby = rigid_grid(self.sources, self.shapes, _GRID_NEARBY, stop, self.within)
+            nearby = rigid_grid(self.sources, self.shapes, most, stop, self.within)
             return [replace(c, cost=0.0) for c in nearby]  # all of them descend
         if proposer == "best of unknown size":
-            return self.distinct(found, _SIZED) if self.resize else []
+            return self.distinct(found, most) if self.resize else []
         if proposer == "finger bends":
-            return self._bent(self.distinct(found, _BENT_TRIED))
+            return self._bent(self.distinct(found, len(found)), most)
         if not found:
             return []
         best = min(found, key=lambda c: c.cost)
@@ -101,7 +97,7 @@ class EvidenceLandscape:
     def _swapped(self, best: Candidate) -> list[Floats]:
         return finger_swaps(best.model, best.params)
 
-    def _bent(self, found: Sequence[Candidate]) -> list[Candidate]:
+    def _bent(self, found: Sequence[Candidate], most: int) -> list[Candidate]:
         """Return the most promising of the poses with fingers stretched or bent otherwise, of each pose two ways."""
         ways = []
         for candidate in found:
@@ -111,7 +107,7 @@ class EvidenceLandscape:
                 for x in finger_bends(candidate.model, candidate.params)
             ]  # fmt: skip
             ways += sorted(tried, key=lambda c: c.cost)[:_WAYS]
-        return self.distinct(ways, _BENT)
+        return self.distinct(ways, most)
 
     def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
         found = in_parallel(
@@ -161,23 +157,13 @@ class EvidenceLandscape:
         No place takes more than half of them while another is promising: the end of an arm fits a fist in many variants,
         each a little better than the hand, whose fingers are not in place yet.
         """
-        chosen: list[tuple[Candidate, Floats]] = []
-        spare: list[tuple[Candidate, Floats]] = []
-        palms: list[Floats] = []  # of those chosen
         ordered = sorted(candidates, key=lambda c: c.cost)
-        for candidate in ordered:
-            if len(chosen) == most:
-                break
-            joints = candidate.joints
-            known = (j for _, j in [*chosen, *spare])
-            if any(np.linalg.norm(joints - j, axis=1).mean() <= _SAME_M for j in known):
-                continue
-            palm = palm_middle(candidate.model, candidate.params)
-            here = sum(np.linalg.norm(palm - other) < PLACE_M for other in palms)
-            if 2 * here < most and candidate.cost <= _PROMISING * ordered[0].cost:
-                chosen.append((candidate, joints))
-                palms.append(palm)
-            else:
-                spare.append((candidate, joints))
-        kept = [candidate for candidate, _ in [*chosen, *spare]][:most]
-        return sorted(kept, key=lambda c: c.cost)
+        joints = np.array([c.joints for c in ordered])
+        rows = list(apart(
+            range(len(ordered)),
+            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M,
+        ))  # fmt: skip
+        palms = np.array([palm_middle(c.model, c.params) for c in ordered])
+        promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]
+        kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
+        return sorted((ordered[n] for n in kept[:most]), key=lambda c: c.cost)

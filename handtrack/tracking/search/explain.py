@@ -29,12 +29,13 @@ def explained(frame: int, reports: Sequence[SearchReport], result: FrameResult |
 
 def _report(report: SearchReport) -> Iterator[str]:
     yield f"- {report.search.situation} ({report.why})"
-    if np.isfinite(report.standing):
-        yield f"  standing pose: {report.standing:.2f}, by {report.search.measure}"
+    stands = np.isfinite(report.standing)
+    standing = f"standing pose: {report.standing:.2f}, by" if stands else "compared by"
+    yield f"  {standing} {report.search.measure}"
     for number, (proposed, trials) in enumerate(report.rounds, start=1):
         yield f"  round {number}: {proposed} proposed, {len(trials)} fitted: {_trials(trials)}"
     if report.winner is None:
-        yield "  nothing better was found; the standing pose stays"
+        yield f"  nothing {'better was found; the standing pose stays' if stands else 'was taken'}"
     else:
         yield f"  taken: {report.winner.origin} at {report.winner.cost:.2f}, {_why(report)}"
 

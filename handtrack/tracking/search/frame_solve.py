@@ -11,15 +11,9 @@ from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.search.engine import Trial, report
 from handtrack.tracking.search.lost_finger import with_fingers_found
-from handtrack.tracking.search.policy import GOOD, POOR, POOR_CLOUD, why_fingers_may_be_lost
-from handtrack.tracking.search.poor_cloud import (
-    Agreement,
-    may_doubt,
-    poor_agreement,
-    solve_doubted,
-)
+from handtrack.tracking.search.policy import POOR, why_fingers_may_be_lost
+from handtrack.tracking.search.poor_cloud import may_doubt, poor_agreement, solve_doubted
 
 
 def solve_frame(task: FrameTask) -> Solved:
@@ -28,25 +22,15 @@ def solve_frame(task: FrameTask) -> Solved:
     if not terms.has_seen:
         return task.unseen(terms)
     if task.previous and task.previous[-1].poor_cloud and may_doubt(terms):
-        doubted = solve_doubted(task, params, solve_frame)
+        doubted, is_poor = solve_doubted(task, terms, params, solve_frame)
+        if is_poor:
+            return doubted
         params = task.model.transform.solver_params(doubted.result.parameters)
-        poor = poor_agreement(terms, params, GOOD)
-        if poor is not None:
-            return _doubted(task, poor, GOOD, doubted)
     found = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
-        return _doubted(task, poor, POOR, solve_doubted(task, params, solve_frame))
+        return solve_doubted(task, terms, params, solve_frame, poor)[0]
     return _refined(task, terms, found)
-
-
-def _doubted(task: FrameTask, poor: Agreement, least: float, solved: Solved) -> Solved:
-    """Return a frame that was solved with doubted depths, marked and told of."""
-    fallback = task.settings.model.fallback
-    why = f"cloud and hand agree by {poor.share:.2f}, at least {least:g} is asked for"
-    way = Trial("depths doubted" if fallback == "auto" else fallback, solved.result.energy)
-    report(POOR_CLOUD, task.control, task.observation.frame, why, float("nan"), way)
-    return poor.marked(solved, fallback)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
 from handtrack.tracking.size.sized_problem import fit_size
 
-_FEWEST = 4
+FEWEST = 4
+"""joints that are known; fewer leave the hand's place open"""
 
 
 def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
@@ -27,9 +28,9 @@ def fit_keypoints(model: ArticulatedModel, seen: Keypoints) -> Floats[P]:
     points leave open. Raises HandtrackError when too few points are known.
     """
     known = np.isfinite(seen.positions).all(axis=1)
-    if known.sum() < _FEWEST:
+    if known.sum() < FEWEST:
         raise HandtrackError(
-            f"first-frame pose: {int(known.sum())} keypoints are known, at least {_FEWEST} are needed to "
+            f"first-frame pose: {int(known.sum())} keypoints are known, at least {FEWEST} are needed to "
             "place the hand. Add points, or pose the hand by parameters."
         )
     problem = _on_points(model, seen)

@@ -21,12 +21,11 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, Fit, run_rounds
+from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.policy import IMAGE_JOINTS
 from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
 
-_FEWEST = 4  # joints seen in a camera; fewer leave the hand's place open
-_POSTURES, _ROTATIONS = ("open", "rest", "curl", "fist"), 300
-_FLIPPED, _KEPT = 6, 8
+_POSTURES = ("open", "rest", "curl", "fist")
 _ROBUST_SIGMAS = 4.0
 _ALIKE_RAD = 0.15
 _NEAREST_M, _FARTHEST_M = 0.08, 20.0  # of a palm from a camera
@@ -76,14 +75,14 @@ def hands_from_images(
     """
     most = max(seen, key=lambda s: int(np.isfinite(s.pixels).all(axis=1).sum()), default=None)
     count = 0 if most is None else int(np.isfinite(most.pixels).all(axis=1).sum())
-    if most is None or count < _FEWEST:
+    if most is None or count < FEWEST:
         raise HandtrackError(
-            f"first-frame pose: {count} joints are seen in one image, at least {_FEWEST} are needed to place the hand. "
+            f"first-frame pose: {count} joints are seen in one image, at least {FEWEST} are needed to place the hand. "
             "Add points, or pose the hand by parameters."
         )
     landscape = ImageJointLandscape(model, seen, most)
     found = run_rounds(IMAGE_JOINTS, landscape, (), Control())
-    chosen = [c for c in landscape.distinct(found, _KEPT) if np.isfinite(c.cost)]
+    chosen = [c for c in landscape.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
     weight = np.exp([chosen[0].cost - c.cost for c in chosen])
     weight /= weight.sum()
     return tuple(
@@ -102,11 +101,11 @@ class ImageJointLandscape:
     most: ImageKeypoints
     """the view with most joints: it proposes"""
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
-        if proposer == "attitudes and postures":
-            pairs = _placed(self.model, self.most)
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
+        if proposer == "attitudes in four postures":
+            pairs = _placed(self.model, self.most, most)
             return [Candidate(self.model, x, cost, proposer) for x, cost in pairs]
-        flips = [f for c in self.distinct(found, _FLIPPED) for f in self._flips(c.params)]
+        flips = [f for c in self.distinct(found, most) for f in self._flips(c.params)]
         return [Candidate(self.model, x, origin=proposer) for x in flips]
 
     def _flips(self, params: Floats) -> list[Floats]:
@@ -144,7 +143,9 @@ def _allowed(size: tuple[int, int]) -> float:
     return max(_OFF_PX, _OFF_SHARE * max(size))
 
 
-def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats, float]]:
+def _placed(
+    model: ArticulatedModel, seen: ImageKeypoints, attitudes: int
+) -> list[tuple[Floats, float]]:
     """Return starts (P,) before a camera, each with how far off the joints are there (sum of squares) [px²].
 
     For a turn and a posture, the place is the least squares solution of the projection's equations, which are linear
@@ -154,7 +155,7 @@ def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats,
     known = np.asarray(np.isfinite(seen.pixels).all(axis=1))
     rays = (seen.pixels[known] - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     index = [model.joint_names.index(n) for n, k in zip(seen.names, known, strict=True) if k]
-    rotations = spread_rotations(_ROTATIONS)
+    rotations = spread_rotations(attitudes)
     found: list[tuple[Floats, float]] = []
     for posture in _POSTURES:
         joint = named_pose(model, posture)

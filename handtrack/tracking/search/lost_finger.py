@@ -36,12 +36,12 @@ class FingerLandscape:
         model = terms.model
         return cls(free, stage_problem(model, free, 0, params), model.bones(params))
 
-    def propose(self, proposer: str, found: Sequence[Candidate]) -> list[Candidate]:
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
         (standing,) = found
         if proposer == "finger shift":
             shifted = finger_shifts(standing.model, standing.params)
             return [replace(standing, params=x, origin=proposer, cost=np.inf) for x in shifted]
-        moved = finger_grid(self.far, standing.params)
+        moved = finger_grid(self.far, standing.params, most)
         return [
             replace(standing, params=x, origin=f"{proposer}, {finger}", cost=np.inf)
             for finger, x in moved

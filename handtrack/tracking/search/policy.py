@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.tracking.frame.assessment import FEWEST_FRAMES, energy_ratio
 from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.search.engine import Fit, Round, Search
+from handtrack.tracking.search.engine import Fit, Propose, Round, Search
 
 SUSPICIOUS_RATIO = 1.4
 """times the usual energy from which a finger may be lost; `bench finger_shift`"""
@@ -24,7 +24,9 @@ LOST_FINGER = Search(
         f"the energy is above {SUSPICIOUS_RATIO:g} times the usual; each of the first {SUSPICIOUS_FRAMES} frames; every "
         f"{SEARCH_EVERY}th frame (`tracker.escape`)"
     ),
-    rounds=(Round(("finger shift", "finger grid"), keep=0, fits=(Fit("frame"),)),),
+    rounds=(
+        Round((Propose("finger shift"), Propose("finger grid", 4)), keep=0, fits=(Fit("frame"),)),
+    ),
     measure="the frame's energy in its narrowest band, without the pull to the prediction",
     margin=2.0,  # [log-likelihood] e² times as probable
     repeats=3,
@@ -34,7 +36,7 @@ LOST_HAND = Search(
     situation="the hand may be lost",
     when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor (`tracker.recovery`)",
     rounds=(
-        Round(("rigid grid nearby", "standing pose", "depth flips"), keep=0, enter=60, fits=(Fit("wide", 8),)),
+        Round((Propose("rigid grid nearby", 28), Propose("standing pose"), Propose("depth flips")), keep=0, enter=60, fits=(Fit("wide", 8),)),
         Round(enter=10, fits=(Fit("wide", 12),)),
         Round(enter=3, fits=(Fit("tracker"),)),
     ),
@@ -47,62 +49,74 @@ LOST_HAND = Search(
 )  # fmt: skip
 FINISH = (
     Round(enter=5, fits=(Fit("tracker"),)),
-    Round(("best again",), adds=True, fits=(Fit("tracker with lost fingers"),)),
-    Round(("finger swaps",), adds=True, fits=(Fit("wide", 12), Fit("tracker"))),
+    Round((Propose("best again"),), adds=True, fits=(Fit("tracker with lost fingers"),)),
+    Round((Propose("finger swaps"),), adds=True, fits=(Fit("wide", 12), Fit("tracker"))),
 )
 """how first poses are finished, wherever they come from"""
 FIRST_POSE = Search(
     situation="there is no first pose",
     when="`--init auto`, *Find the hand*",
     rounds=(
-        Round(("rigid grid",), enter=48, fits=(Fit("wide", 10),)),
-        Round(("finger bends",), keep=12, fits=(Fit("wide", 12),)),
+        Round((Propose("rigid grid", 48),), enter=48, fits=(Fit("wide", 10),)),
+        Round((Propose("finger bends", 12),), keep=12, fits=(Fit("wide", 12),)),
         Round(enter=24, fits=(Fit("narrow", 8),)),
-        Round(("best of unknown size",), adds=True, fits=(Fit("size"),)),
+        Round((Propose("best of unknown size", 5),), adds=True, fits=(Fit("size"),)),
         *FINISH,
     ),
     measure="energy of what was seen with short arms (4 mm), the same for all; the surest comes first",
+    most=5,
 )
 GIVEN_JOINTS = Search(
     situation="a first pose is given as joints in images, and silhouettes or a cloud may decide",
     when="two cameras agree on fewer than 12 of 21 joints",
     rounds=FINISH,
     measure="as for a first pose",
+    most=FIRST_POSE.most,
 )
 IMAGE_JOINTS = Search(
     situation="joints in images alone must give a first pose",
     when="as before; without silhouettes and cloud this is all",
     rounds=(
-        Round(("attitudes and postures",), fits=(Fit("cheapest", 48), Fit("polish", 40))),
-        Round(("depth flips",), keep=6, fits=(Fit("polish", 40),)),
+        Round((Propose("attitudes in four postures", 300),), fits=(Fit("cheapest", 48), Fit("polish", 40))),
+        Round((Propose("flips in depth of the best", 6),), keep=6, fits=(Fit("polish", 40),)),
     ),
     measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
-)
+    most=8,
+)  # fmt: skip
 POOR, GOOD = 0.80, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again; `bench poor_clouds`"""
 POOR_CLOUD = Search(
     situation="a cloud that alone holds the hand is poor",
-    when=f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`)",
-    rounds=(),
-    tries="the cloud's depths doubted, its viewing rays kept; or a simpler hand: glove9, ball6",
-    measure="harmonic mean of the share of points on the surface and of the surface in view that was measured",
+    when=(
+        f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`): harmonic mean of the "
+        "share of points on the surface and of the surface in view that was measured"
+    ),
+    rounds=(Round((Propose("depths doubted"), Propose("glove9"), Propose("ball6")), fits=(Fit("frame"),)),),
+    measure="energy; only the one that `model.fallback` names is proposed",
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
-)
+)  # fmt: skip
 FIRST_HYPOTHESES = Search(
     situation="several hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
-    rounds=(),
-    tries="the start in four headings; then the interpretation trees of the best minima, up to three times",
+    rounds=(
+        Round((Propose("headings, seen coarsely", 4),), fits=(Fit("minimum"),)),
+        Round((Propose("the start and what was found"),), keep=0, fits=(Fit("minimum"),)),
+        Round((Propose("interpretation trees of the best", 6),), adds=True, fits=(Fit("minimum"),), times=3),
+    ),
     measure="energy",
+    margin=1.0,
     taken="distinct minima, the heaviest by exp(−cost)",
-)
+)  # fmt: skip
 NEXT_HYPOTHESES = Search(
     situation="several hypotheses, every other frame",
     when="`tracker.hypotheses` above 1",
-    rounds=(),
-    tries="each hypothesis moved on; samples around it, flipped along the chain that a vote names (`mixture.draws`)",
-    measure="posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
+    rounds=(
+        Round(
+            (Propose("each followed"), Propose("each jumped along chains")), fits=(Fit("minimum"),)
+        ),
+    ),
+    measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
     taken="distinct minima, the heaviest",
 )
 SEARCHES = (
@@ -122,27 +136,30 @@ def table() -> str:
 
 
 def _rounds(search: Search) -> str:
-    if not search.rounds:
-        return search.tries
     repeats = f"; up to {search.repeats} times from the better pose" if search.repeats > 1 else ""
-    return "; ".join(map(_round, search.rounds)) + repeats
+    return "; ".join(_round(step, search.margin) for step in search.rounds) + repeats
 
 
-def _round(step: Round) -> str:
-    words = [" and ".join(step.propose)] if step.propose else []
+def _round(step: Round, margin: float) -> str:
+    words = (
+        [" and ".join(f"{p.name} ({p.most})" if p.most else p.name for p in step.propose)]
+        if step.propose
+        else []
+    )
     if step.keep:
         words[0] += f", beside the best {step.keep} so far"
     if step.enter is not None:
         words.append(f"best {step.enter}")
     words += [f"{f.kind} {f.iterations}" if f.iterations else f.kind for f in step.fits]
-    return " → ".join(words)
+    again = f", up to {step.times} times while the best gets better by {margin:g}"
+    return " → ".join(words) + (again if step.times > 1 else "")
 
 
 def _taken(search: Search) -> str:
     if search.taken:
         return search.taken
-    if search in (FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS):
-        return "all distinct ones, the best first"
+    if search.most > 1:
+        return f"the best {search.most} distinct ones"
     share = "" if search.factor == 1.0 else f"{search.factor:g} × "
     less = f" − {search.margin:g}" if search.margin else ""
     return f"cost below {share}the standing pose's{less}"

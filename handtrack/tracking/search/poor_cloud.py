@@ -5,8 +5,9 @@ Or a simpler hand takes its place, as in the 2004 paper, section 3.5.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -18,6 +19,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.solver.covariance import joint_position_jacobian
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
@@ -25,7 +27,9 @@ from handtrack.tracking.frame.reason import NEAR_M, Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import SeenCloud
+from handtrack.tracking.search.engine import Candidate, Fit, Tried, run_rounds, tell
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.search.policy import GOOD, POOR, POOR_CLOUD
 
 
 @dataclass(frozen=True)
@@ -128,36 +132,102 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
+@dataclass(frozen=True, eq=False)
+class PoorCloudLandscape:
+    """One frame with a poor cloud; see engine.Landscape. It is solved from where the hand was last."""
+
+    task: FrameTask
+    calm: FrameTask
+    """the same with the settings for a poor cloud, and nothing known but the last pose"""
+    params: Floats
+    """(P,) where a first frame begins"""
+    solve: Callable[[FrameTask], Solved]
+    """solves a frame as it is described"""
+
+    @classmethod
+    def of(
+        cls, task: FrameTask, params: Floats, solve: Callable[[FrameTask], Solved]
+    ) -> PoorCloudLandscape:
+        """Return the landscape of a frame; in a first frame from params (P,)."""
+        settings, last = poor_cloud_settings(task.settings), task.previous[-1:]
+        calm = replace(task, settings=settings, texture=None, previous=last)
+        if last and last[0].status == Status.LOST:
+            calm = replace(calm, belief=None)
+        return cls(task, calm, params, solve)
+
+    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
+        model, last, kind = self.task.model, self.calm.previous, self.task.settings.model.fallback
+        if proposer == "depths doubted" and kind == "auto":
+            place = model.transform.solver_params(last[0].parameters) if last else self.params
+            return [Candidate(model, place, origin=proposer)]
+        if proposer == kind:
+            return [Candidate(self._few.model, self._few.start, origin=proposer)]
+        return []
+
+    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
+        return [self._fitted(c) for c in candidates]
+
+    def _fitted(self, candidate: Candidate) -> Candidate:
+        whole = self.task.model
+        calm = self.calm if candidate.model is whole else self._simpler
+        solved = self.solve(_started(calm, candidate.params))
+        if candidate.model is not whole:
+            solved = Solved(_in_whole(whole, solved.result, self._few))
+        found = solved.result
+        params = whole.transform.solver_params(found.parameters)
+        return replace(candidate, model=whole, params=params, cost=found.energy, solved=solved)
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        return list(candidates)[:most]  # there is but one
+
+    @cached_property
+    def _few(self) -> Simplified:
+        last, model = self.calm.previous, self.task.model
+        joint = last[0].parameters if last else model.joint_params(self.params)
+        return simplified(model, joint, self.task.settings.model.fallback)
+
+    @property
+    def _simpler(self) -> FrameTask:
+        """The frame as the simpler hand sees it; whoever looks on is shown the whole one."""
+        few, shown = self._few, self.task.control.on_iteration
+        places = few.model.joint_params(few.start)
+        previous = tuple(replace(result, parameters=places) for result in self.calm.previous)
+
+        def watch(number: int, k: int, x: Floats, cost: float) -> None:
+            if shown is not None:
+                params = self.task.model.transform.solver_params(few.whole(x))
+                shown(number, k, params, cost)
+
+        control = replace(self.task.control, on_iteration=watch)
+        return replace(self.calm, model=few.model, previous=previous, control=control)
+
+
 def solve_doubted(
-    task: FrameTask, params: Floats[P], solve: Callable[[FrameTask], Solved]
-) -> Solved:
-    """Return the frame by a poor cloud: from where the hand was last, its depths doubted; in a first frame from params.
+    task: FrameTask,
+    terms: FrameTerms,
+    params: Floats,
+    solve: Callable[[FrameTask], Solved],
+    poor: Agreement | None = None,
+) -> tuple[Solved, bool]:
+    """Return the frame by a poor cloud, and whether it is poor indeed; in a first frame from params (P,).
 
-    solve: solves a frame as it is described.
+    poor: what is wrong with the cloud where the frame's own descent ended; None after a poor frame: then it is asked
+    where this search ends.
     """
-    model, settings, last = task.model, poor_cloud_settings(task.settings), task.previous[-1:]
-    calm = replace(task, settings=settings, texture=None, previous=last)
-    if last and last[0].status == Status.LOST:
-        calm = replace(calm, belief=None)
-    kind = task.settings.model.fallback
-    if kind == "auto":
-        place = model.transform.solver_params(last[0].parameters) if last else params
-        return solve(_started(calm, place))
-    few = simplified(model, last[0].parameters if last else model.joint_params(params), kind)
-    places = few.model.joint_params(few.start)
-    previous = tuple(replace(result, parameters=places) for result in last)
-    shown = task.control.on_iteration
-
-    def watch(number: int, k: int, x: Floats, cost: float) -> None:
-        if shown is not None:
-            shown(number, k, model.transform.solver_params(few.whole(x)), cost)
-
-    control = replace(task.control, on_iteration=watch)
-    calm = replace(calm, model=few.model, previous=previous, control=control)
-    found = solve(_started(calm, few.start)).result
-    whole = few.whole(few.model.transform.solver_params(found.parameters))
-    whole[3:6] = wrapped(whole[3:6])
-    return Solved(_in_whole(model, found, whole))
+    tried: Tried = []
+    landscape = PoorCloudLandscape.of(task, params, solve)
+    (found,) = run_rounds(POOR_CLOUD, landscape, (), task.control, tried=tried)
+    assert found.solved is not None
+    least = GOOD if poor is None else POOR
+    poor = poor or poor_agreement(terms, found.params, least)
+    why = "cloud and hand agree again after a poor frame"
+    if poor is not None:
+        why = f"cloud and hand agree by {poor.share:.2f}, at least {least:g} is asked for"
+    winner = found if poor is not None else None
+    tell(POOR_CLOUD, task.control, task.observation.frame, why, tried, winner)
+    if poor is None:
+        return found.solved, False
+    return poor.marked(found.solved, task.settings.model.fallback), True
 
 
 def _started(calm: FrameTask, params: Floats) -> FrameTask:
@@ -170,12 +240,14 @@ def _started(calm: FrameTask, params: Floats) -> FrameTask:
     return replace(calm, start=start, expected=expected)
 
 
-def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats) -> FrameResult:
-    """Return what a simpler hand found as a result of the whole one, whose joint parameters (S,) are given.
+def _in_whole(model: ArticulatedModel, found: FrameResult, few: Simplified) -> FrameResult:
+    """Return what a simpler hand found as a result of the whole one.
 
     Nothing is said of the fingers: their standard deviations are infinite, and their joints may be as far off as their
     limits let them.
     """
+    joint = few.whole(few.model.transform.solver_params(found.parameters))
+    joint[3:6] = wrapped(joint[3:6])
     std = np.full(len(joint), np.inf)
     std[:6] = found.parameter_std[:6]
     bones, jacobian, _ = model.linearize(model.transform.solver_params(joint))

@@ -68,7 +68,7 @@ class Shifts:
     def __init__(self, model, cost):
         self.model, self.cost = model, cost
 
-    def propose(self, proposer, found):
+    def propose(self, proposer, found, most):
         starts = finger_shifts(self.model, found[0].params) if proposer == "finger shift" else []
         return [Candidate(self.model, x, self.cost(x), proposer) for x in starts]
 
@@ -137,7 +137,7 @@ def test_a_finger_is_put_at_shares_of_its_joints_ranges():
     bent[at] = low + np.array([0.6, 0.5, 0.4, 0.4]) * (high - low)
     wanted = model.clipped(model.transform.solver_params(bent))
     far = SimpleNamespace(model=model, cost=lambda x: float(((x - wanted) ** 2).sum()))
-    finger, found = finger_grid(far, start)[0]
+    finger, found = finger_grid(far, start, 4)[0]
     assert finger == "index"
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
@@ -147,7 +147,7 @@ def test_of_each_finger_two_places_are_tried_well_apart_and_four_in_all():
     model = load_model()
     start = model.transform.solver_params(named_pose(model, "open"))
     far = SimpleNamespace(model=model, cost=lambda x: float(((x - start) ** 2).sum()))
-    found = finger_grid(far, start)
+    found = finger_grid(far, start, 4)
     assert len(found) == 4
     assert [far.cost(x) for _, x in found] == sorted(far.cost(x) for _, x in found)
 

@@ -17,12 +17,16 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses import mixture
-from handtrack.tracking.hypotheses.mixture import Component, MixtureStep
+from handtrack.tracking.hypotheses import mixture, next_hypotheses
+from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+from handtrack.tracking.hypotheses.next_hypotheses import Component
+from handtrack.tracking.search.engine import Trial
+from handtrack.tracking.search.explain import explained
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -118,11 +122,17 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
-    monkeypatch.setattr(mixture, "JUMP_SHARE", share)
+    monkeypatch.setattr(next_hypotheses, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
     step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
-    found = step.next(look, [Component(last, terms, 1.0)])
+    told = []
+    found = step.next(look, [Component(last, terms, 1.0)], Control(on_search=told.append))
     weights = {h.origin: h.weight for h in found.hypotheses}
+    (report,) = told
+    masses = {trial.origin: np.exp(-trial.cost) for trial in report.rounds[0][1]}
+    assert masses["index jumped"] / masses["followed"] == pytest.approx(
+        weights["index jumped"] / weights["followed"]
+    )
 
     jumped, followed = share, 1.0 - share
     for column in columns:
@@ -198,7 +208,9 @@ class Wells:
 def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
-    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6))
+    told = []
+    control = Control(on_search=told.append)
+    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6), control)
     np.testing.assert_allclose(
         [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
     )
@@ -207,6 +219,18 @@ def test_of_a_first_frame_costs_alone_decide():
         [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
     )
     assert found.parents == (-1, -1, -1)
+    (report,) = told
+    assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
+    assert report.winner == Trial("start", pytest.approx(1.0))
+    (
+        _,
+        _,
+        by,
+        *_,
+        taken,
+    ) = explained(0, told, None)
+    assert by == "  compared by energy"
+    assert taken == "  taken: start at 1.00, distinct minima, the heaviest by exp(−cost)"
 
 
 def test_the_bells_height_is_that_of_the_normal_distribution(rng):

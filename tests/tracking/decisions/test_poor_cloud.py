@@ -9,8 +9,11 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
+from handtrack.tracking.search.engine import SearchReport
+from handtrack.tracking.search.explain import explained
 from handtrack.tracking.search.poor_cloud import Agreement, agreement
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
@@ -52,5 +55,15 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
     quick = {"tracker.escape": False, "tracker.recovery": False, "solver.iterations": 6}
     tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
-    results = list(track_frames(tracker, lambda f, *_: seen[f], 0, TRUTH, range(len(seen))))
+    told: list[SearchReport] = []
+    control = Control(on_search=told.append)
+    path = track_frames(tracker, lambda f, *_: seen[f], 0, TRUTH, range(len(seen)), control)
+    results = list(path)
     assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]
+    assert [(r.frame, r.winner is not None) for r in told] == [(2, True), (3, True), (4, False)]
+    first, _, last = (explained(r.frame, told, results[r.frame]) for r in told)
+    assert first[1].endswith("at least 0.8 is asked for)")
+    assert first[3].startswith("  round 1: 1 proposed, 1 fitted: depths doubted ")
+    assert first[4].endswith(", always: the frame is called doubtful")
+    assert last[1].endswith("(cloud and hand agree again after a poor frame)")
+    assert last[4] == "  nothing was taken"

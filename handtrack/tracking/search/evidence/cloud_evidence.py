@@ -18,7 +18,7 @@ from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import REACH_M, HandShape, palm_middle
 from handtrack.tracking.search.evidence.score_kernels import cloud_scores
-from handtrack.tracking.search.evidence.source import PIECE_M
+from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -26,7 +26,6 @@ _CELLS_A_SIDE = 1.5  # a plane crosses about 1.5 voxels for each of its faces' a
 _MAP_M = 0.005
 _PLACE_M = 0.028  # between places where a palm may be
 _MOST_PLACES = 60
-_PALM_DEEP_M = 0.014  # from the palm's skin to its middle
 _SIGMA_BANDS, _ROBUST = 0.5, 5.0  # of errors, in bands; how many sigmas pull
 _FEWEST = 60
 
@@ -67,7 +66,7 @@ class CloudEvidence:
             around = np.linalg.norm(left - left[0], axis=1)
             chosen.append(left[around < _PLACE_M].mean(axis=0))
             left = left[around >= _PLACE_M]
-        return np.array(chosen) + _PALM_DEEP_M * away
+        return np.array(chosen) + PALM_DEEP_M * away
 
     def scores(
         self,

@@ -13,6 +13,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
+from handtrack.sampling.hypotheses import apart
 
 POSTURES = ("open", "curl", "fist", "point")
 _WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
@@ -133,9 +134,8 @@ def _balls(nodes: Floats, depth: Floats) -> Floats:
     left, room = nodes[inside], depth[inside]
     order = np.argsort(-room, kind="stable")
     left, room = left[order], room[order]
-    balls = []
-    while len(left):
-        balls.append([*left[0], room[0]])
-        outside = np.linalg.norm(left - left[0], axis=1) > _BALLS_COVER * room[0]
-        left, room = left[outside], room[outside]
-    return np.array(balls)
+    rows = apart(
+        range(len(left)),
+        lambda a, rest: np.linalg.norm(left[rest] - left[a], axis=1) > _BALLS_COVER * room[a],
+    )
+    return np.array([[*left[n], room[n]] for n in rows])

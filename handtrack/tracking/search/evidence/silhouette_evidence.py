@@ -16,15 +16,14 @@ from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
 from handtrack.tracking.search.evidence.score_kernels import silhouette_scores
-from handtrack.tracking.search.evidence.source import PIECE_M
-from handtrack.tracking.search.evidence.visual_hull import VisualHull, visual_hull
+from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M
+from handtrack.tracking.search.evidence.visual_hull import HAND_AREA_M2, VisualHull, visual_hull
 
 _PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
-_HAND_M2 = 0.012  # of an open hand's outline
 _SAMPLES = 130  # mask pixels of a camera that are looked at in a score, within a hand's reach
 _STEP_PX = 2
 _MOST_SCORED = 4  # cameras
-_PLACE_M, _MOST_PLACES, _PALM_DEEP_M = 0.025, 100, 0.007
+_PLACE_M, _MOST_PLACES = 0.025, 100
 # of outline errors, in bands; along how much outline they stay the same
 _SIGMA_BANDS, _STRETCH_M = (0.35, 0.010)
 _WIDE_PIXELS = 2.0
@@ -47,7 +46,7 @@ class SilhouetteEvidence:
     @cached_property
     def _places(self) -> Floats:
         """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
-        deep = self.hull.depth > min(_PALM_DEEP_M, 0.5 * float(self.hull.depth.max(initial=0.0)))
+        deep = self.hull.depth > 0.5 * min(PALM_DEEP_M, float(self.hull.depth.max(initial=0.0)))
         order = np.argsort(-self.hull.depth[deep], kind="stable")
         # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
         volume = int(deep.sum()) * self.hull.side**3
@@ -88,7 +87,7 @@ class SilhouetteEvidence:
         chosen, areas = [], []
         for silhouette in self._scored:
             row, column = np.nonzero((silhouette.mask > 0.5) & _looked_at(silhouette))
-            hand = _HAND_M2 / _PIXEL_M**2  # samples are that dense, however much arm there is
+            hand = HAND_AREA_M2 / _PIXEL_M**2  # samples are that dense, however much arm there is
             every = max(1, round(np.sqrt(hand / _SAMPLES)))
             kept = (row % every == 0) & (column % every == 0)
             chosen.append(np.stack([column[kept], row[kept]], axis=1).astype(float))

@@ -8,6 +8,8 @@ from handtrack.arrays import D3, Floats, M, P, R
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 
+PALM_DEEP_M = 0.014
+"""from the palm's skin to its middle"""
 PIECE_M = 0.03
 """length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
 

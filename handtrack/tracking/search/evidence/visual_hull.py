@@ -13,8 +13,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
-_COARSE_M, _FINE_M = 0.02, 0.01
-_HAND_AREA_M2 = 0.012  # of an open hand's outline, for the depth of what one camera alone sees
+_SIDE_M = 0.01  # of a cell; twice that in the coarse grid, whose cells are halved
+HAND_AREA_M2 = 0.012
+"""of an open hand's outline: tells how deep it is where one camera alone sees it"""
 _DEPTHS = (0.6, 1.6)
 
 
@@ -37,21 +38,22 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
     """
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     if not seen:
-        return VisualHull(np.zeros((0, 3)), np.zeros(0), _FINE_M)
+        return VisualHull(np.zeros((0, 3)), np.zeros(0), _SIDE_M)
     outside: list[Floats] = [np.asarray(distance_transform_edt(s.mask <= 0.5)) for s in seen]
     cameras = [s.camera for s in seen]
     middle = _meeting_point(seen)
-    axis = np.arange(-_REACH_M, _REACH_M + 0.5 * _COARSE_M, _COARSE_M)
+    coarse_m = 2.0 * _SIDE_M
+    axis = np.arange(-_REACH_M, _REACH_M + 0.5 * coarse_m, coarse_m)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + middle
     if len(seen) == 1:
         far = np.linalg.norm(middle - cameras[0].centre)
         depth = cameras[0].to_camera(grid)[:, 2]
         grid = grid[(depth > _DEPTHS[0] * far) & (depth < _DEPTHS[1] * far)]
-    coarse = grid[_inside(grid, cameras, outside, 0.87 * _COARSE_M)]
-    halves = 0.5 * _FINE_M * np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1)
+    coarse = grid[_inside(grid, cameras, outside, 0.87 * coarse_m)]
+    halves = 0.5 * _SIDE_M * np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1)
     fine = (coarse[:, None] + halves.reshape(-1, 3)).reshape(-1, 3)
-    fine = fine[_inside(fine, cameras, outside, 0.5 * _FINE_M)]
-    return VisualHull(fine, _depth(fine), _FINE_M)
+    fine = fine[_inside(fine, cameras, outside, 0.5 * _SIDE_M)]
+    return VisualHull(fine, _depth(fine), _SIDE_M)
 
 
 def _inside(
@@ -85,7 +87,7 @@ def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
     if len(lines) == 1:
         (centre, way, area), camera = lines[0], seen[0].camera
         return centre + way * np.sqrt(
-            _HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
+            HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
         )
     across = [np.eye(3) - np.outer(way, way) for _, way, _ in lines]
     right = sum(a @ centre for a, (centre, _, _) in zip(across, lines, strict=True))
@@ -95,8 +97,8 @@ def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
 def _depth(centres: Floats) -> Floats:
     if not len(centres):
         return np.zeros(0)
-    low = centres.min(axis=0) - _FINE_M
-    cell = np.rint((centres - low) / _FINE_M).astype(int)
+    low = centres.min(axis=0) - _SIDE_M
+    cell = np.rint((centres - low) / _SIDE_M).astype(int)
     filled = np.zeros(tuple(cell.max(axis=0) + 2), bool)
     filled[tuple(cell.T)] = True
-    return np.asarray(distance_transform_edt(filled))[tuple(cell.T)] * _FINE_M - 0.5 * _FINE_M
+    return np.asarray(distance_transform_edt(filled))[tuple(cell.T)] * _SIDE_M - 0.5 * _SIDE_M

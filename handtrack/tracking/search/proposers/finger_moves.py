@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.sampling.hypotheses import apart
 from handtrack.solver.problem import Problem
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
-_PLACES, _TRIED = 2, 4  # of a finger that may be tried; of all fingers that are
+_PLACES = 2  # of a finger that may be tried
 _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
-def finger_grid(far: Problem, params: Floats[P]) -> list[tuple[str, Floats[P]]]:
-    """Return the most promising starts, the best first: each with one finger, named, well away from where it is.
+def finger_grid(far: Problem, params: Floats, most: int) -> list[tuple[str, Floats]]:
+    """Return the `most` promising starts (P,), the best first: each with one finger, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
 
@@ -27,22 +28,19 @@ def finger_grid(far: Problem, params: Floats[P]) -> list[tuple[str, Floats[P]]]:
     """
     model = far.model
     best: list[tuple[float, str, Floats]] = []
-
-    def tip(start: Floats, finger: str) -> Floats:
-        return model.joint_positions(model.bones(start))[model.joint_names.index(f"{finger}_tip")]
-
     for finger in FINGERS:
-        starts = list(_placements(model, params, finger))
-        left = sorted(((far.cost(start), start) for start in starts), key=lambda pair: pair[0])
-        taken = [params] if left else []
-        for cost, start in left:
-            there = tip(start, finger)
-            if all(np.linalg.norm(there - tip(t, finger)) > _ELSEWHERE_M for t in taken):
-                taken.append(start)
-                best.append((cost, finger, start))
-            if len(taken) > _PLACES:
-                break
-    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:_TRIED]]
+        placed = [(far.cost(start), start) for start in _placements(model, params, finger)]
+        if not placed:
+            continue
+        places = [(0.0, params), *sorted(placed, key=lambda pair: pair[0])]
+        tip = model.joint_names.index(f"{finger}_tip")
+        tips = np.array([model.joint_positions(model.bones(start))[tip] for _, start in places])
+        elsewhere = apart(
+            range(len(places)),
+            lambda a, rest, tips=tips: np.linalg.norm(tips[rest] - tips[a], axis=1) > _ELSEWHERE_M,
+        )
+        best += [(places[n][0], finger, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
+    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:most]]
 
 
 def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:

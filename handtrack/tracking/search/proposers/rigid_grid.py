@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import D3, Array, Floats, Ints
+from handtrack.sampling.hypotheses import apart
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 from handtrack.tracking.search.evidence.source import EvidenceSource
@@ -55,28 +56,42 @@ def rigid_grid(
             return []
         scores[i] = source.scores(shape, rotations, places, enough)
     order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
-    chosen: list[tuple[int, int, int]] = []
-    spare: list[tuple[int, int, int]] = []
-    for s, r, p in np.stack(np.unravel_index(order, scores.shape), axis=1).tolist():
-        alike = [
-            (q, o) for t, q, o in [*chosen, *spare] if shapes[s].posture == shapes[t].posture
-            and np.linalg.norm(places[p] - places[o]) < _APART_M
-        ]  # fmt: skip
-        if any(turned_by(rotations[r], rotations[q]) < _APART_RAD for q, _ in alike):
-            continue
-        here = sum(np.linalg.norm(places[p] - places[o]) < PLACE_M for _, _, o in chosen)
-        shared = within is None and 2 * here >= most  # around a known place there is but one
-        (spare if shared else chosen).append((s, r, p))
-        if len(chosen) == most:
-            break
+    s, r, p = np.unravel_index(order, scores.shape)
+    posture = np.array([shape.posture for shape in shapes])[s]
+    turn, place = rotations[r], places[p]
+
+    def is_far(a: int, rest: Ints) -> Array:
+        away = np.linalg.norm(place[rest] - place[a], axis=1) >= _APART_M
+        turned = turned_by(turn[rest], turn[a]) >= _APART_RAD
+        return (posture[rest] != posture[a]) | away | turned
+
+    share = 0.5 if within is None else 1.0  # around a known place there is but one
+    rows = spread_over_places(apart(range(len(order)), is_far), place, most, share)
     kept = [
         Candidate(
-            shapes[s].model,
-            shapes[s].params_at(rotations[r], places[p]),
-            float(scores[s, r, p]),
-            f"rigid grid, {shapes[s].posture}",
-            shapes[s],
+            shapes[s[n]].model,
+            shapes[s[n]].params_at(turn[n], place[n]),
+            float(scores[s[n], r[n], p[n]]),
+            f"rigid grid, {posture[n]}",
+            shapes[s[n]],
         )
-        for s, r, p in [*chosen, *spare][:most]
+        for n in rows
     ]
     return sorted(kept, key=lambda candidate: candidate.cost)
+
+
+def spread_over_places(
+    rows: Iterable[int], places: Floats, most: int, share: float = 0.5
+) -> list[int]:
+    """Return at most `most` of the rows, the best first: no place takes more than a share of them while others are left.
+
+    places: (N, 3) of a palm's middle, for each row [m].
+    """
+    chosen: list[int] = []
+    spare: list[int] = []
+    for row in rows:
+        here = (np.linalg.norm(places[chosen] - places[row], axis=1) < PLACE_M).sum()
+        (chosen if here < share * most else spare).append(row)
+        if len(chosen) == most:
+            break
+    return [*chosen, *spare][:most]
