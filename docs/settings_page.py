@@ -51,8 +51,10 @@ def settings_page() -> str:
         blocks.append(f"## {group}\n\n{title}.\n\n{_table(own)}")
     blocks.append(_CLOUDS + "\n" + _table(CLOUD_SETTINGS.values()))
     renamed = ", ".join(f"`{old}` is `{new}`" for old, new in RENAMED.items())
-    gone = ", ".join(f"`{old}`" for old in CONSTANTS)
-    blocks.append(f"{_OLD}{renamed}. Constants now: {gone}.\n")
+    gone = len(CONSTANTS)
+    blocks.append(
+        f"{_OLD}{renamed}; {gone} others are constants now, and a note names each that is given.\n"
+    )
     return "\n".join(blocks)
 
 
