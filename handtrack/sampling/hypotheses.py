@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, N, P
+from handtrack.arrays import Array, Floats, Ints, K, N, P
 from handtrack.geometry.rotation import rotation_matrix
 
 MERGED_RAD = 0.1
@@ -47,7 +47,7 @@ def angle_distance(params: Floats[P], others: Floats[N, P]) -> Floats[N]:
     return np.sqrt((hinges + turn**2) / (len(params) - 3))
 
 
-def apart(rows: Iterable[int], is_far: Callable[[int, Ints], Array]) -> Iterator[int]:
+def apart(rows: Iterable[int], is_far: Callable[[int, Ints[N]], Array[N]]) -> Iterator[int]:
     """Yield the rows that stand for all: each, the best first, that is far from every better one yielded.
 
     is_far: tells for a row and others (N,) which of them (N,) are far from it.
@@ -59,7 +59,7 @@ def apart(rows: Iterable[int], is_far: Callable[[int, Ints], Array]) -> Iterator
         left = left[is_far(best, left)] if len(left) else left
 
 
-def distinct(params: Floats, costs: Floats, threshold_rad: float = MERGED_RAD) -> Ints:
+def distinct(params: Floats[N, P], costs: Floats[N], threshold_rad: float = MERGED_RAD) -> Ints[K]:
     """Return the indices of rows of params (N, P) that stand for all: best first, none within the threshold of a better."""
 
     def is_far(row: int, others: Ints) -> Array:

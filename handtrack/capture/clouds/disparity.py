@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Axes, Bytes, H, W
+from handtrack.arrays import Array, Axes, Bytes, H, L, W
 from handtrack.capture.clouds.correlation import correlate
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import setting
@@ -170,7 +170,7 @@ def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> A
     return np.where(raw >= 0, raw / np.float32(_UNIT) + least, np.nan).astype(np.float32)
 
 
-def moved_right(image: Bytes, by: int, extra: int = 0) -> Bytes:
+def moved_right(image: Bytes[H, W], by: int, extra: int = 0) -> Bytes[H, L]:
     """Return columns −extra … W − 1 of the image moved right by `by`, its edge repeated."""
     width = image.shape[1]
     source = np.clip(np.arange(-extra, width) - by, 0, width - 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import distinct
@@ -33,7 +33,7 @@ class FirstHypotheses(MixtureLandscape):
 
     terms: FrameTerms
     """what the frame costs, without any pull to an expected pose"""
-    start: Floats
+    start: Floats[P]
     """(P,)"""
 
     def propose(self, proposer: str, found: Sequence[Start], most: int) -> list[Start]:

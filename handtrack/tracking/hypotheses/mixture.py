@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -52,7 +52,7 @@ class MixtureStep:
         self,
         observation: Observation,
         terms: FrameTerms,
-        start: Floats,
+        start: Floats[P],
         control: Control = Control(),
     ) -> Mixture:
         """Return the hypotheses of a first frame that begins at start (P,)."""
@@ -137,7 +137,7 @@ class MixtureStep:
             MovingHypothesis(params, found.energy, spread, weight, source.origin, belief, seen)
         )
 
-    def speed_of_change(self) -> Floats:
+    def speed_of_change(self) -> Floats[P]:
         """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
         prior, strength = self.settings.prior, self.settings.tracker.smoothing
         push = np.full(len(self.model.transform.names), np.deg2rad(prior.motion_sigma_deg))

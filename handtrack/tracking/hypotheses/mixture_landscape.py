@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D2, Floats, J, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -59,8 +59,8 @@ class Eye:
     """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views."""
 
     camera: Camera
-    joints: Floats | None
-    """(J, 2) where the model's joints are seen [px], NaN where they are not"""
+    joints: Floats[J, D2] | None
+    """where the model's joints are seen [px], NaN where they are not"""
 
     @classmethod
     def of(cls, model: ArticulatedModel, observation: Observation) -> Eye | None:
@@ -85,7 +85,7 @@ class MixtureLandscape:
     eye: Eye | None
     rng: np.random.Generator
 
-    def starts(self, source: Source, params: Floats) -> list[Start]:
+    def starts(self, source: Source, params: Floats[N, P]) -> list[Start]:
         """Return a start at each of params (N, P)."""
         return [Start(self.model, x, origin=source.origin, source=source) for x in params]
 

@@ -94,7 +94,7 @@ class MotionBelief:
         return MotionBelief(self.mean, velocity, whole)
 
 
-def unknown_speed(size: int) -> Floats:
+def unknown_speed(size: int) -> Floats[P]:
     """Return (P,) how fast parameters of which only the place is known may change in a frame, a standard deviation [m, rad]."""
     speed = np.full(size, _SPEED_RAD)
     speed[:3] = _SPEED_M

@@ -139,14 +139,14 @@ class PoorCloudLandscape:
     task: FrameTask
     calm: FrameTask
     """the same with the settings for a poor cloud, and nothing known but the last pose"""
-    params: Floats
+    params: Floats[P]
     """(P,) where a first frame begins"""
     solve: Callable[[FrameTask], Solved]
     """solves a frame as it is described"""
 
     @classmethod
     def of(
-        cls, task: FrameTask, params: Floats, solve: Callable[[FrameTask], Solved]
+        cls, task: FrameTask, params: Floats[P], solve: Callable[[FrameTask], Solved]
     ) -> PoorCloudLandscape:
         """Return the landscape of a frame; in a first frame from params (P,)."""
         settings, last = poor_cloud_settings(task.settings), task.previous[-1:]
@@ -205,7 +205,7 @@ class PoorCloudLandscape:
 def solve_doubted(
     task: FrameTask,
     terms: FrameTerms,
-    params: Floats,
+    params: Floats[P],
     solve: Callable[[FrameTask], Solved],
     poor: Agreement | None = None,
 ) -> tuple[Solved, bool]:

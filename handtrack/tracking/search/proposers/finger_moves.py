@@ -18,7 +18,7 @@ _PLACES = 2  # of a finger that may be tried
 _ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
-def finger_grid(far: Problem, params: Floats, most: int) -> list[tuple[str, Floats]]:
+def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, Floats[P]]]:
     """Return the `most` promising starts (P,), the best first: each with one finger, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints
+from handtrack.arrays import D3, Array, Floats, Ints, N
 from handtrack.sampling.hypotheses import apart
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
@@ -81,7 +81,7 @@ def rigid_grid(
 
 
 def spread_over_places(
-    rows: Iterable[int], places: Floats, most: int, share: float = 0.5
+    rows: Iterable[int], places: Floats[N, D3], most: int, share: float = 0.5
 ) -> list[int]:
     """Return at most `most` of the rows, the best first: no place takes more than a share of them while others are left.
 
