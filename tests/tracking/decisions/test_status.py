@@ -133,6 +133,10 @@ def test_a_finger_outside_is_told_from_thirty_pixels_on(size, doubtful):
     status, note = assessed(seen, STRETCHED, **ANY_OUTLINE)
     assert (status == DOUBTFUL) == doubtful
     assert ("outside the silhouette in cam2" in note) == doubtful
+    if doubtful:  # as much as is said
+        inside = 1.0 - 0.01 * float(note.split()[0].rstrip("%"))
+        assert parts_outside(seen, STRETCHED, below=inside + 0.05)
+        assert not parts_outside(seen, STRETCHED, below=inside - 0.05)
 
 
 @pytest.mark.parametrize(
