@@ -34,7 +34,7 @@ class TermKernel:
     @cached_property
     def address(self) -> int:
         signature = types.float64(types.int64, types.int64, types.int64)
-        self._compiled = numba.cfunc(signature, cache=True)(self.function)
+        self._compiled: Any = numba.cfunc(signature, cache=True)(self.function)
         return self._compiled.address
 
 
@@ -62,19 +62,22 @@ def entries(tables: list[TermTable]) -> Ints[N, D2]:
     return np.array([t.entry for t in tables], np.int64).reshape(-1, 2)
 
 
-@intrinsic
-def _pointer(typing: Any, address: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+_intrinsic: Any = intrinsic  # its functions are called without their first argument
+
+
+@_intrinsic
+def _pointer(typing, address):
+    def generate(context, builder, signature, values):
         return builder.inttoptr(values[0], cgutils.voidptr_t)
 
     return types.voidptr(types.int64), generate
 
 
-@intrinsic
-def call_kernel(typing: Any, kernel: Any, term: Any, place: Any, width: Any) -> Any:
+@_intrinsic
+def call_kernel(typing, kernel, term, place, width):
     """Return what the kernel at an address returns."""
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    def generate(context, builder, signature, values):
         long = ir.IntType(64)
         kind = ir.FunctionType(ir.DoubleType(), [long, long, long])
         return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])

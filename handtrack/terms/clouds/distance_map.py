@@ -64,7 +64,8 @@ def distance_map(
     spacing = max(spacing_m, float(np.prod(high - low) / most_voxels) ** (1 / 3))
     while np.prod(np.ceil((high - low) / spacing) + 1.0) > most_voxels:
         spacing *= 1.02
-    shape = tuple(int(n) for n in np.ceil((high - low) / spacing) + 1.0)
+    x, y, z = np.ceil((high - low) / spacing).astype(int) + 1
+    shape = int(x), int(y), int(z)
     points = np.asarray(points, dtype=float)
     check_shape(points, (None, 3), "cloud")
     with np.errstate(invalid="ignore"):
