@@ -69,6 +69,9 @@ def test_arrays_have_the_axes_that_types_say():
         ),
     )
     tracker, start = Tracker(model, settings), model.transform.solver_params(seen.joint_params[0])
+    tracker.step(
+        TrackerState.beginning_at(start), seen.observations[0]
+    )  # compiled unwatched, which is quicker
     with ShapeWatch("handtrack") as watch:
         cloud = next(
             depth_views(model, seen.joint_params, Sensor((160, 120)), np.random.default_rng(0))
