@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,58 @@ def alternating_medians(
                 function()
                 kept.append(time.perf_counter() - start)
     return [1e3 * float(np.median(kept)) for kept in times]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Processor time of the calling thread [ms]."""
+
+    median: float
+    least: float
+
+
+def alternating_timings(
+    functions: Sequence[Callable[[], Any]], rounds: int, repeat: int = 3
+) -> list[Timing]:
+    """Return how long each function takes; they take turns, so that a slow moment meets them all.
+
+    The least of many is the nearest to a quiet machine.
+    """
+    times: list[list[float]] = [[] for _ in functions]
+    for function in functions:
+        function()
+    for _ in range(rounds):
+        for function, kept in zip(functions, times, strict=True):
+            for _ in range(repeat):
+                start = time.thread_time()
+                function()
+                kept.append(1e3 * (time.thread_time() - start))
+    return [Timing(float(np.median(kept)), min(kept)) for kept in times]
+
+
+def ratio_figures(ours: Timing, references: Sequence[Timing], reference: str) -> dict[str, Any]:
+    """Return a benchmark's figures: ratio and times by the least, those by the median beside; of the quickest reference."""
+    best = min(references, key=lambda timing: timing.least)
+    return {
+        "ratio": ours.least / best.least,
+        "ours_ms": ours.least,
+        "reference_ms": best.least,
+        "ratio_of_medians": ours.median / best.median,
+        "ours_median_ms": ours.median,
+        "reference_median_ms": best.median,
+        "reference": reference,
+    }
+
+
+def normal_equations(rows: int, width: int) -> list[Callable[[], Any]]:
+    """Return JᵀJ and Jᵀr by BLAS in float64, of a formed (rows, width) J in either memory layout."""
+    rng = np.random.default_rng(0)
+    residual, jacobian = rng.normal(size=rows), rng.normal(size=(rows, width))
+
+    def blas(matrix: Floats) -> Callable[[], Any]:
+        return lambda: (matrix.T @ matrix, matrix.T @ residual)
+
+    return [blas(jacobian), blas(np.asfortranarray(jacobian))]
 
 
 def tracked(

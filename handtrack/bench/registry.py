@@ -17,12 +17,23 @@ class Benchmark:
 
 _QUICK = {
     "silhouette_iteration_vs_blas": "silhouettes.silhouette_speed",
+    "lm_iteration_vs_blas": "speed.iterations",
+    "ten_iterations_vs_blas": "speed.iterations",
+    "frame_vs_blas": "speed.frames",
+    "frame_p99_vs_median": "speed.frames",
+    "pixels_64x": "speed.iterations",
+    "pixels_64x_prepare": "speed.iterations",
     "cloud_iteration_vs_blas": "clouds.cloud_speed",
     "cloud_solve_vs_scipy": "clouds.cloud_speed",
+    "cloud_lm_iteration_vs_blas": "clouds.cloud_speed",
     "jump_tree_1024": "jumps.jump_tree",
     "jump_polish_1024": "jumps.jump_polish",
 }
 _LONG = {
+    "cloud_frame_vs_blas": "speed.frames",
+    "two_cores": "speed.frames",
+    "first_pose_warm": "speed.first_pose",
+    "first_pose_cold": "speed.first_pose",
     "field_recovery": "silhouettes.field_recovery",
     "binary_fist": "silhouettes.binary_fist",
     "finger_shift": "clouds.finger_shift",

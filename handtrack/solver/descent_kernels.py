@@ -28,7 +28,7 @@ from handtrack.terms.term_table import (
 )
 
 CONVERGED, USED_UP, NO_DESCENT = range(3)
-REJECTIONS = 8
+REJECTIONS = 5
 """trials at one linearisation before giving up"""
 
 
@@ -135,7 +135,7 @@ def _copy(values, out, count):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True)
 def descend(
     moving, limits, observed, priors, is_block, params, iterations, damping, least_damping, relax, tighten,
-    cost_tolerance, step_tolerance, limit_m, limit_rad, path, costs, dampings, work,
+    cost_tolerance, least_gain, step_tolerance, limit_m, limit_rad, path, costs, dampings, work,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Move params (P,) to where descent leads; returns (why, iterations used, accepted steps).
 
@@ -154,7 +154,7 @@ def descend(
         floor = 1e-30
         for p in range(size):
             floor = max(floor, hessian[p, p])
-        moved, small, there, largest = False, False, cost, 0.0
+        moved, small, there, largest, tighter = False, False, cost, 0.0, tighten
         for _ in range(REJECTIONS):
             fill_box(limits, params, box)
             if damped_step(hessian, gradient, params, box, damping, 1e-9 * floor, step):
@@ -174,7 +174,8 @@ def descend(
                 small = largest < step_tolerance
                 if small:
                     break
-            damping *= tighten
+            damping *= tighter
+            tighter *= 2.0
         dampings[count - 1] = damping
         if not moved:
             _copy(gradient, work.gradient, size)
@@ -186,6 +187,6 @@ def descend(
         _copy(trial, params, size)
         _copy(trial, path[accepted], size)
         costs[accepted] = cost
-        if gain <= cost_tolerance * max(abs(cost), 1e-300) or largest < step_tolerance:
+        if gain <= max(cost_tolerance * abs(cost), least_gain) or largest < step_tolerance:
             return CONVERGED, count, accepted
     return USED_UP, iterations, accepted

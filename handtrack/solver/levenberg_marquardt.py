@@ -66,9 +66,11 @@ class SolverSettings:
     relax: float = 0.4
     """λ is multiplied by this after a step that lowered the cost"""
     tighten: float = 4.0
-    """and by this after one that did not"""
+    """and by this after one that did not; each further one at the same place doubles it (Nielsen 1999)"""
     cost_tolerance: float = 1e-7
     """stop when a step lowers the cost by a smaller share than this"""
+    least_gain: float = 0.0
+    """stop, too, when a step lowers the cost by less than this"""
     step_tolerance: float = 1e-7
     """stop when no parameter moves by more than this [m, rad]"""
     step_limit_m: float = 0.05
@@ -130,7 +132,7 @@ def solve(
         if should_stop is not None and should_stop():
             why = "stopped"
             break
-        moved, small = None, False
+        moved, small, tighten = None, False, settings.tighten
         for _ in range(REJECTIONS):
             step = bounded_step(
                 system, params, limits if settings.limits == "bounds" else None, damping
@@ -145,7 +147,8 @@ def solve(
                 small = bool(np.abs(trial - params).max() < settings.step_tolerance)
                 if small:
                     break
-            damping *= settings.tighten
+            damping *= tighten
+            tighten *= 2.0
         dampings.append(damping)
         if moved is None:
             why = "converged" if small else "no descent"
@@ -158,7 +161,7 @@ def solve(
         if on_iteration is not None:
             on_iteration(count, params, cost)
         if (
-            gain <= settings.cost_tolerance * max(abs(cost), 1e-300)
+            gain <= max(settings.cost_tolerance * abs(cost), settings.least_gain)
             or largest < settings.step_tolerance
         ):
             why = "converged"
@@ -183,7 +186,7 @@ def _solve_compiled(
     why, count, accepted = descend(
         problem.moving, problem.limits, problem.observed, problem.priors, problem.is_block, params,
         0 if stopped else most, settings.damping, settings.least_damping, settings.relax, settings.tighten,
-        settings.cost_tolerance, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
+        settings.cost_tolerance, settings.least_gain, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
         dampings, work,
     )  # fmt: skip
     if on_iteration is not None:

@@ -168,7 +168,7 @@ def test_an_empty_mask_is_no_hand():
 
 
 def test_stopping_leaves_what_is_done():
-    asked = iter([False] * 500 + [True] * 100_000)
+    asked = iter([False] * 40 + [True] * 100_000)
     results = followed(should_stop=lambda: next(asked))
     assert 0 < len(results) < COUNT
     assert errors_mm(results).max() < 0.4

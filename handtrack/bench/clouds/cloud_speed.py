@@ -14,7 +14,15 @@ from scipy.optimize import least_squares
 
 from handtrack.arrays import D3, Floats, N, P
 from handtrack.bench.clouds.dense_rows_kernels import dense_rows
-from handtrack.bench.measuring import alone, alternating_medians, mean_mm
+from handtrack.bench.measuring import (
+    Timing,
+    alone,
+    alternating_medians,
+    alternating_timings,
+    mean_mm,
+    normal_equations,
+    ratio_figures,
+)
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -78,6 +86,29 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
     return alone("handtrack.bench.clouds.cloud_speed", "solve")
 
 
+def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
+    """Return the time of a complete iteration: linearisation, bounded step, limits, accepted trial."""
+    return alone("handtrack.bench.clouds.cloud_speed", "lm_iteration")
+
+
+def measure_lm_iteration(rounds: int = 40) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+    scene = cloud_scene(1)
+    problem = Problem(
+        scene.model, [CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)]
+    )
+    ten = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
+
+    def solved() -> int:
+        return solve(problem, scene.start, ten).iterations
+
+    count, (rows, width) = solved(), (len(scene.points), len(scene.start))
+    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], rounds)
+    ours = Timing(ours.median / count, ours.least / count)
+    words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian, the quicker of two layouts"
+    return ratio_figures(ours, blas, words) | {"iterations": count}
+
+
 def measure_iteration(rounds: int = 60) -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = cloud_scene(1)
@@ -125,18 +156,19 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
     problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
     goal = (1.0 + 1e-6) * solve(problem, scene.start, SolverSettings(iterations=100)).cost
 
+    reached: list[int] = []
+    solve(
+        problem,
+        scene.start,
+        SolverSettings(iterations=100),
+        on_iteration=lambda k, params, cost: reached.append(k) if cost <= goal else None,
+    )
+    enough = SolverSettings(iterations=reached[0])
+
     def ours() -> None:
-        reached: list[bool] = []
-        problem = Problem(
-            scene.model, [CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)]
-        )
-        solve(
-            problem,
-            scene.start,
-            SolverSettings(iterations=100),
-            should_stop=lambda: bool(reached),
-            on_iteration=lambda k, params, cost: reached.append(True) if cost <= goal else None,
-        )
+        cloud = prepare_cloud(scene.points)
+        problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
+        solve(problem, scene.start, enough)
 
     low, high = problem.bounds(scene.start).T
 
@@ -264,5 +296,10 @@ class _ReachedError(Exception):
 
 
 if __name__ == "__main__":
-    chosen = {"iteration": measure_iteration, "solve": measure_solve, "recovery": cloud_recovery}
+    chosen = {
+        "iteration": measure_iteration,
+        "lm_iteration": measure_lm_iteration,
+        "solve": measure_solve,
+        "recovery": cloud_recovery,
+    }
     print(json.dumps(chosen[sys.argv[1]]()))

@@ -1,0 +1,91 @@
+"""Benchmarks: whole Levenberg-Marquardt iterations on silhouettes beside BLAS, and how they grow with pixels."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+from handtrack.bench.measuring import (
+    Timing,
+    alone,
+    alternating_timings,
+    normal_equations,
+    ratio_figures,
+)
+from handtrack.bench.speed.three_views import WIDE_PX, ThreeViews
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+
+_TEN = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
+_REFERENCE = "BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the quicker of two layouts"
+_MODULE = "handtrack.bench.speed.iterations"
+
+
+def lm_iteration_vs_blas() -> dict[str, Any]:
+    """Return the time of a complete iteration: linearisation, bounded step, limits, accepted trial."""
+    return alone(_MODULE, "lm_iteration")
+
+
+def ten_iterations_vs_blas() -> dict[str, Any]:
+    """Return the time of ten of them, with preparing the masks before."""
+    return alone(_MODULE, "ten_iterations")
+
+
+def pixels_64x() -> dict[str, Any]:
+    """Return by how much an iteration takes longer with 64 times the pixels."""
+    return alone(_MODULE, "pixels_64x")
+
+
+def pixels_64x_prepare() -> dict[str, Any]:
+    """Return the same of preparing the masks."""
+    return alone(_MODULE, "pixels_64x_prepare")
+
+
+def measure(what: str, rounds: int = 40) -> dict[str, Any]:
+    """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
+    if what.startswith("pixels"):
+        return _growth(what, rounds)
+    scene = ThreeViews.of()
+    rows, width = scene.rows(), len(scene.start)
+    seen = scene.prepared()
+    problem = scene.problem(seen)
+    _ = problem.compiled
+
+    def ten() -> int:
+        return solve(problem, scene.start, _TEN).iterations
+
+    def ten_prepared() -> int:
+        return solve(scene.problem(scene.prepared()), scene.start, _TEN).iterations
+
+    chosen = ten if what == "lm_iteration" else ten_prepared
+    share = chosen() if what == "lm_iteration" else 1
+    ours, *blas = alternating_timings([chosen, *normal_equations(rows, width)], rounds)
+    ours = Timing(ours.median / share, ours.least / share)
+    words = _REFERENCE.format(rows=rows, width=width)
+    return ratio_figures(ours, blas, words) | {"iterations": chosen()}
+
+
+def _growth(what: str, rounds: int) -> dict[str, Any]:
+    """Return the time with images 8 times as wide and high, the reference being that of 320 × 240.
+
+    The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.
+    """
+    few, many = ThreeViews.of((320, 240)), ThreeViews.of((2560, 1920))
+    if what == "pixels_64x_prepare":
+        small, large = few.prepared, many.prepared
+    else:
+        seen = few.prepared(), many.prepared()
+        problems = few.problem(seen[0], WIDE_PX / 2), many.problem(seen[1], WIDE_PX * 4)
+        starts = few.start, many.start
+        small, large = (
+            lambda problem=problem, start=start: problem.linearize(start)
+            for problem, start in zip(problems, starts, strict=True)
+        )
+    ours, reference = alternating_timings([large, small], rounds // 2)
+    return ratio_figures(
+        ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"
+    )
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(sys.argv[1])))

@@ -1,0 +1,56 @@
+"""The scene of the silhouette benchmarks: a relaxed hand before three cameras, and a start that is off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Silhouette
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.solver.problem import Problem
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+
+WIDE_PX = 6.0
+"""the widest band of the schedule is the slowest: spans are longest and overlap most"""
+
+
+@dataclass(frozen=True, eq=False)
+class ThreeViews:
+    """Silhouettes of the true pose, and a start about 5 mm and 5° an angle beside it."""
+
+    model: ArticulatedModel
+    silhouettes: tuple[Silhouette, ...]
+    start: Floats[P]
+
+    @classmethod
+    def of(cls, size: tuple[int, int] = (640, 480)) -> ThreeViews:
+        """Return the scene with images of that width and height."""
+        model = load_model()
+        truth = model.rest_params()
+        truth[1] -= 0.09  # the hand's middle to the world's origin, where the cameras look
+        cameras = simulated_rig(3, size, 0.4).cameras
+        off = np.random.default_rng(1).normal(size=len(truth))
+        off *= np.where(np.arange(len(off)) < 3, 0.005, np.deg2rad(5.0))  # [m], [rad]
+        seen = tuple(mask_views(model, truth, cameras).silhouettes)
+        return cls(model, seen, model.clipped(truth + off))
+
+    def prepared(self) -> list[PreparedSilhouette]:
+        """Return the silhouettes made ready for a term."""
+        return [prepare(silhouette) for silhouette in self.silhouettes]
+
+    def problem(self, seen: list[PreparedSilhouette], band_px: float = WIDE_PX) -> Problem:
+        """Return the problem at the start: coverage of all pixels, no priors."""
+        flesh, bones = self.model.flesh["fine"], self.model.bones(self.start)
+        return Problem(self.model, [CoverageTerm(seen, flesh, band_px, bones)])
+
+    def rows(self) -> int:
+        """Return how many pixels the model covers: the rows of the Jacobian that BLAS is given."""
+        flesh, bones = self.model.flesh["fine"], self.model.bones(self.start)
+        return int(outline_overlap(self.prepared(), flesh, bones).model.sum())
