@@ -135,7 +135,7 @@ def _copy(values, out, count):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True)
 def descend(
     moving, limits, observed, priors, is_block, params, iterations, damping, least_damping, relax, tighten,
-    cost_tolerance, least_gain, step_tolerance, limit_m, limit_rad, path, costs, dampings, work,
+    cost_tolerance, step_tolerance, limit_m, limit_rad, path, costs, dampings, work,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Move params (P,) to where descent leads; returns (why, iterations used, accepted steps).
 
@@ -187,6 +187,6 @@ def descend(
         _copy(trial, params, size)
         _copy(trial, path[accepted], size)
         costs[accepted] = cost
-        if gain <= max(cost_tolerance * abs(cost), least_gain) or largest < step_tolerance:
+        if gain <= cost_tolerance * max(abs(cost), 1e-300) or largest < step_tolerance:
             return CONVERGED, count, accepted
     return USED_UP, iterations, accepted

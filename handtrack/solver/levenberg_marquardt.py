@@ -69,8 +69,6 @@ class SolverSettings:
     """and by this after one that did not; each further one at the same place doubles it (Nielsen 1999)"""
     cost_tolerance: float = 1e-7
     """stop when a step lowers the cost by a smaller share than this"""
-    least_gain: float = 0.0
-    """stop, too, when a step lowers the cost by less than this"""
     step_tolerance: float = 1e-7
     """stop when no parameter moves by more than this [m, rad]"""
     step_limit_m: float = 0.05
@@ -161,7 +159,7 @@ def solve(
         if on_iteration is not None:
             on_iteration(count, params, cost)
         if (
-            gain <= max(settings.cost_tolerance * abs(cost), settings.least_gain)
+            gain <= settings.cost_tolerance * max(abs(cost), 1e-300)
             or largest < settings.step_tolerance
         ):
             why = "converged"
@@ -186,7 +184,7 @@ def _solve_compiled(
     why, count, accepted = descend(
         problem.moving, problem.limits, problem.observed, problem.priors, problem.is_block, params,
         0 if stopped else most, settings.damping, settings.least_damping, settings.relax, settings.tighten,
-        settings.cost_tolerance, settings.least_gain, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
+        settings.cost_tolerance, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
         dampings, work,
     )  # fmt: skip
     if on_iteration is not None:

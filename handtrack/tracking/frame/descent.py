@@ -15,9 +15,6 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
-_WIDE_GAIN, _LAST_GAIN = 0.1, 0.01
-"""[log-likelihood] of a step, below which a band, and the last one, is done: the pose is hardly more probable. Of 30 iterations
-23 are used; 60 frames of webxr_open_close_3cam and 30 of webxr_fist_6cam change by 0.004 and 0.007 mm (chosen on these)"""
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 
@@ -59,9 +56,7 @@ def descend(
             if on_iteration is not None:
                 on_iteration(offset + k, x, cost)
 
-        gain = _LAST_GAIN if stage == terms.stages - 1 else _WIDE_GAIN
-        here = replace(settings, iterations=share, least_gain=gain)
-        summary = solve(problem, params, here, should_stop, watch)
+        summary = solve(problem, params, replace(settings, iterations=share), should_stop, watch)
         params = summary.params
         done, left = done + summary.iterations, left - summary.iterations
         if summary.why == "stopped":
