@@ -196,6 +196,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _option("--seed", type=int, default=0, help="of motion and noise"),
     )),
+    "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", ()),
     "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),

@@ -1,0 +1,20 @@
+"""`handtrack warmup`: compile ahead what tracking would compile at its first frame."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from handtrack.simulation.warm_up import warm_up
+from handtrack_app.commands.terminal.progress import say
+
+
+def run(_args: argparse.Namespace) -> int:
+    """Track a small frame of every kind; numba keeps what it compiles for later runs."""
+    begun = time.perf_counter()
+    for kind in warm_up():
+        say(f"compiling for {kind} …")
+    print(
+        f"ready after {time.perf_counter() - begun:.0f} s; kept for this machine and this version"
+    )
+    return 0

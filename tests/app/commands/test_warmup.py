@@ -1,0 +1,15 @@
+"""`handtrack warmup`."""
+
+from __future__ import annotations
+
+from handtrack.simulation.warm_up import KINDS
+from handtrack_app.cli import main
+
+
+def test_all_kinds_of_tracking_are_compiled_and_named(capsys):
+    assert main(["warmup"]) == 0
+    told = capsys.readouterr()
+    assert "ready after" in told.out
+    assert [line for line in told.err.splitlines() if line.startswith("compiling for")] == [
+        f"compiling for {kind} …" for kind in KINDS
+    ]
