@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from handtrack.tracking.search.proposers.finger_bends import finger_bends, finge
 from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
 from handtrack.tracking.search.sized_start import Resize, sized
 from handtrack.tracking.search.start_confidence import BASIN_M
+from handtrack.tracking.size.size import SIZE_BANDS_MM
 
 WIDE_M, NARROW_M = 0.012, 0.004
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
@@ -123,8 +125,11 @@ class EvidenceLandscape:
             return self._measured(replace(candidate, params=found), band)
         if fit.kind == "size":
             assert self.resize is not None
-            found = sized(candidate, self._problem, (WIDE_M, NARROW_M), self.resize)
-            return self.measured(found)
+            exact = [
+                partial(self._problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM
+            ]
+            problems = [partial(self._problem, band_m=WIDE_M), *exact]
+            return self.measured(sized(candidate, problems, self.resize))
         assert self.solve is not None
         solved = self.solve(
             candidate.model, candidate.params, fit.kind == "tracker with lost fingers"
@@ -143,11 +148,13 @@ class EvidenceLandscape:
     def _measured(self, candidate: Candidate, band_m: float) -> Candidate:
         return replace(candidate, cost=self._problem(candidate, band_m).cost(candidate.params))
 
-    def _problem(self, candidate: Candidate, band_m: float) -> Problem:
+    def _problem(self, candidate: Candidate, band_m: float, unbiased: bool = False) -> Problem:
         shape, model = candidate.shape, candidate.model
         assert shape is not None, "a candidate of evidence starts from a shape"
         terms = [
-            t for source in self.sources for t in source.terms(shape, candidate.params, band_m)
+            term
+            for source in self.sources
+            for term in source.terms(shape, candidate.params, band_m, unbiased)
         ]
         return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
 
