@@ -122,7 +122,10 @@ class EvidenceLandscape:
             band = WIDE_M if fit.kind == "wide" else NARROW_M
             settings = SolverSettings(iterations=fit.iterations)
             found = solve(self._problem(candidate, band), candidate.params, settings).params
-            return self._measured(replace(candidate, params=found), band)
+            moved = replace(candidate, params=found)
+            if fit.kind == "narrow":
+                return self.measured(moved)
+            return replace(moved, cost=self._problem(moved, band).cost(found))
         if fit.kind == "size":
             assert self.resize is not None
             exact = [
@@ -139,14 +142,11 @@ class EvidenceLandscape:
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with the cost by which finished ones are compared: short arms, the same for all."""
-        return self._measured(candidate, NARROW_M)
+        return replace(candidate, cost=self.narrow_problem(candidate).cost(candidate.params))
 
     def narrow_problem(self, candidate: Candidate) -> Problem:
-        """Return the problem around a pose by which finished ones are compared."""
-        return self._problem(candidate, NARROW_M)
-
-    def _measured(self, candidate: Candidate, band_m: float) -> Candidate:
-        return replace(candidate, cost=self._problem(candidate, band_m).cost(candidate.params))
+        """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""
+        return self._problem(candidate, NARROW_M, unbiased=self.resize is not None)
 
     def _problem(self, candidate: Candidate, band_m: float, unbiased: bool = False) -> Problem:
         shape, model = candidate.shape, candidate.model
