@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from handtrack.tracking.search.proposers.finger_bends import finger_bends, finge
 from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
 from handtrack.tracking.search.sized_start import Resize, sized
 from handtrack.tracking.search.start_confidence import BASIN_M
+from handtrack.tracking.size.size import SIZE_BANDS_MM
 
 WIDE_M, NARROW_M = 0.012, 0.004
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
@@ -120,11 +122,17 @@ class EvidenceLandscape:
             band = WIDE_M if fit.kind == "wide" else NARROW_M
             settings = SolverSettings(iterations=fit.iterations)
             found = solve(self._problem(candidate, band), candidate.params, settings).params
-            return self._measured(replace(candidate, params=found), band)
+            moved = replace(candidate, params=found)
+            if fit.kind == "narrow":
+                return self.measured(moved)
+            return replace(moved, cost=self._problem(moved, band).cost(found))
         if fit.kind == "size":
             assert self.resize is not None
-            found = sized(candidate, self._problem, (WIDE_M, NARROW_M), self.resize)
-            return self.measured(found)
+            exact = [
+                partial(self._problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM
+            ]
+            problems = [partial(self._problem, band_m=WIDE_M), *exact]
+            return self.measured(sized(candidate, problems, self.resize))
         assert self.solve is not None
         solved = self.solve(
             candidate.model, candidate.params, fit.kind == "tracker with lost fingers"
@@ -134,20 +142,19 @@ class EvidenceLandscape:
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with the cost by which finished ones are compared: short arms, the same for all."""
-        return self._measured(candidate, NARROW_M)
+        return replace(candidate, cost=self.narrow_problem(candidate).cost(candidate.params))
 
     def narrow_problem(self, candidate: Candidate) -> Problem:
-        """Return the problem around a pose by which finished ones are compared."""
-        return self._problem(candidate, NARROW_M)
+        """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""
+        return self._problem(candidate, NARROW_M, unbiased=self.resize is not None)
 
-    def _measured(self, candidate: Candidate, band_m: float) -> Candidate:
-        return replace(candidate, cost=self._problem(candidate, band_m).cost(candidate.params))
-
-    def _problem(self, candidate: Candidate, band_m: float) -> Problem:
+    def _problem(self, candidate: Candidate, band_m: float, unbiased: bool = False) -> Problem:
         shape, model = candidate.shape, candidate.model
         assert shape is not None, "a candidate of evidence starts from a shape"
         terms = [
-            t for source in self.sources for t in source.terms(shape, candidate.params, band_m)
+            term
+            for source in self.sources
+            for term in source.terms(shape, candidate.params, band_m, unbiased)
         ]
         return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
 

@@ -62,6 +62,7 @@ FIRST_POSE = Search(
         Round(enter=24, fits=(Fit("narrow", 8),)),
         Round((Propose("best of unknown size", 5),), adds=True, fits=(Fit("size"),)),
         *FINISH,
+        Round((Propose("best of unknown size", 1),), adds=True, fits=(Fit("size"), Fit("tracker"))),
     ),
     measure="energy of what was seen with short arms (4 mm), the same for all; the surest comes first",
     most=5,

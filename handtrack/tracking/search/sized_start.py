@@ -20,20 +20,19 @@ Resize = Callable[[ArticulatedModel, HandScale], ArticulatedModel]
 
 def sized(
     candidate: Candidate,
-    problem_around: Callable[[Candidate, float], Problem],
-    bands_m: Sequence[float],
+    problems_around: Sequence[Callable[[Candidate], Problem]],
     resize: Resize,
 ) -> Candidate:
     """Return a pose with the overall size that explains what was seen best with it.
 
     The parts keep their shares: one frame, seen with a pose still wrong, would blame a bent finger on its length. What is
-    looked at stays the same, so that costs can be compared. problem_around: what pulls a candidate from that far [m].
+    looked at stays the same, so that costs can be compared. problems_around: what pulls a candidate, from far first.
     """
-    for band_m in bands_m:
+    for problem_around in problems_around:
         model, before = candidate.model, candidate.shape
         assert before is not None, "a candidate of evidence starts from a shape"
         free = np.array([name == "overall" for name in SizeParameters(model).names])
-        problem = problem_around(candidate, band_m)
+        problem = problem_around(candidate)
         scale, (params,) = fit_size([problem], [candidate.params], free)
         model = resize(model, scale)
         shape = shape_of(model, model.joint_params(params), before.posture)

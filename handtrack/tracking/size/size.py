@@ -18,7 +18,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.sized_problem import fit_size
 
 # narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last
-_BANDS_MM = (4.0, 1.5)
+SIZE_BANDS_MM = (4.0, 1.5)
 _POSE_ITERATIONS = 15
 _LEAST_GAIN = 0.5  # [log-likelihood] what another step must bring: less is not known
 
@@ -39,7 +39,7 @@ def refine_scale(
     """
     solver = replace(settings.solver, iterations=_POSE_ITERATIONS)
     current = [np.array(pose) for pose in poses]
-    for band in _BANDS_MM:
+    for band in SIZE_BANDS_MM:
         model = build(scale)
         problems = [
             _problem(model, settings, band, seen, pose)

@@ -86,8 +86,13 @@ class CloudEvidence:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick."""
+    def terms(
+        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+    ) -> list[ObservationTerm]:
+        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick.
+
+        unbiased: as always; distances have no outer side that reaches further than the inner.
+        """
         model = shape.model
         middle = palm_middle(model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach

@@ -114,8 +114,13 @@ class SilhouetteEvidence:
         )  # fmt: skip
         return out
 
-    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide."""
+    def terms(
+        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+    ) -> list[ObservationTerm]:
+        """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide.
+
+        unbiased: the antisymmetric ramp; in the wide one a model rests inside its mask, a finger by a millimetre at 4 mm.
+        """
         model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
         near, bands, weights = [], [], []
@@ -134,7 +139,7 @@ class SilhouetteEvidence:
             weights.append(unseen * 2 * band / (_STRETCH_M * metre * sigma**2))
         if not near:
             return []
-        return [CoverageTerm(near, model.flesh["fine"], bands, bones, weight=weights)]
+        return [CoverageTerm(near, model.flesh["fine"], bands, bones, unbiased, weights)]
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
         """Return how many pieces of a hand's outline are seen about a pose."""

@@ -32,8 +32,10 @@ class EvidenceSource(Protocol):
         """Return the share of area on which shape and observation disagree; exact only up to `enough`."""
         ...
 
-    def terms(self, shape: HandShape, params: Floats[P], band_m: float) -> list[ObservationTerm]:
-        """Return what pulls a pose from about band_m around it [m]."""
+    def terms(
+        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+    ) -> list[ObservationTerm]:
+        """Return what pulls a pose from about band_m around it [m]; unbiased: so that it can tell a size, if less far."""
         ...
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
