@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from handtrack.arrays import D2, Floats, Ints, M, N, P
@@ -11,7 +11,7 @@ from handtrack.model.kinematics_kernels import Moving
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.descent_kernels import evaluate, workspace
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.term import ObservationTerm, ParameterTerm, TabledTerm
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.terms.term_table import TermTable, entries
 
 
@@ -60,7 +60,8 @@ class CompiledProblem:
 def _tables(terms: Sequence[ObservationTerm] | Sequence[ParameterTerm]) -> list[TermTable] | None:
     found = []
     for term in terms:
-        tables = term.tables() if isinstance(term, TabledTerm) else None
+        own: Callable[[], list[TermTable] | None] | None = getattr(term, "tables", None)
+        tables = None if own is None else own()
         if tables is None:
             return None
         found += tables

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -22,14 +22,6 @@ from handtrack.solver.descent_kernels import (
 )
 from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
 from handtrack.terms.bone_system import JointSystem
-
-
-@runtime_checkable
-class CompilableProblem(Protocol):
-    """A problem that may have a compiled form."""
-
-    @property
-    def compiled(self) -> CompiledProblem | None: ...
 
 
 class BoundedProblem(Protocol):
@@ -114,7 +106,7 @@ def solve(
     whether to stop once, before, and tells of its states afterwards.
     """
     settings = settings or SolverSettings()
-    compiled = problem.compiled if isinstance(problem, CompilableProblem) else None
+    compiled: CompiledProblem | None = getattr(problem, "compiled", None)
     if compiled is not None and settings.limits == "bounds":
         return _solve_compiled(compiled, params, settings, should_stop, on_iteration)
     limits, box = problem.limits, new_box(len(params))

@@ -34,9 +34,8 @@ class GrowingTerm(ObservationTerm, Protocol):
         ...
 
 
-@runtime_checkable
 class TabledTerm(Protocol):
-    """One that a compiled loop can sum by itself."""
+    """One that a compiled loop can sum by itself; found by its method, for asking a protocol takes longer than the sum."""
 
     def tables(self) -> list[TermTable] | None:
         """Return the term as tables for its kernels; None where it cannot be, as it is set up."""

@@ -48,7 +48,7 @@ ARROWS: dict[str, set[str]] = {
     },
     "simulation": {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
-        "session", "tracking.search", "tracking.size",
+        "session", "tracking", "tracking.frame", "tracking.search", "tracking.size",
     },
 }  # fmt: skip
 """room → the rooms it imports; `bench` alone may import all of them"""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J
 from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
@@ -57,21 +59,32 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     covers all of it. The overlap of the whole outlines hardly changes when a finger or a body's arm is lost.
     Of three and more views two must say so: a mask may lack a finger.
     """
-    flesh, skeleton = terms.model.flesh["fine"], terms.model.skeleton
     worst, reason = DOUBTFUL_PART, None
-    for bone in np.unique(flesh.bone):
-        if terms.model.is_forearm(bone):
-            continue  # nobody knows how much of it a sleeve hides
-        # with the bone it hangs on: a fingertip alone is as small as a mask's errors
-        part = (flesh.bone == bone) | (flesh.bone == skeleton.parent[bone])
-        found = outline_overlap(terms.prepared, flesh.subset(part), bones)
+    for bone, part in _parts(terms.model):
+        found = outline_overlap(terms.prepared, part, bones)
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
         view = int(np.argsort(inside)[1 if len(inside) > 2 else 0])
         if inside[view] < worst:
             worst = inside[view]
-            name, camera = skeleton.bone_names[bone].replace("_", " "), terms.prepared[view].camera
-            reason = Reason("part outside", name, camera.name, float(1 - worst))
+            camera = terms.prepared[view].camera
+            reason = Reason("part outside", bone.replace("_", " "), camera.name, float(1 - worst))
     return reason
+
+
+@lru_cache(maxsize=8)
+def _parts(model: ArticulatedModel) -> tuple[tuple[str, Ellipsoids], ...]:
+    """Return each bone's name and its ellipsoids with those of the bone it hangs on: a fingertip alone is as small as a
+    mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
+    """
+    flesh, skeleton = model.flesh["fine"], model.skeleton
+    return tuple(
+        (
+            skeleton.bone_names[bone],
+            flesh.subset((flesh.bone == bone) | (flesh.bone == skeleton.parent[bone])),
+        )
+        for bone in np.unique(flesh.bone)
+        if not model.is_forearm(bone)
+    )
 
 
 def assess(

@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.parallel import in_parallel
 from handtrack.sampling.hypotheses import apart
 from handtrack.solver.problem import Problem
 
@@ -29,7 +30,8 @@ def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, F
     model = far.model
     best: list[tuple[float, str, Floats]] = []
     for finger in FINGERS:
-        placed = [(far.cost(start), start) for start in _placements(model, params, finger)]
+        starts = list(_placements(model, params, finger))
+        placed = list(zip(in_parallel(far.cost, starts), starts, strict=True))
         if not placed:
             continue
         places = [(0.0, params), *sorted(placed, key=lambda pair: pair[0])]
