@@ -271,7 +271,7 @@ def collision_system(
     return 0.5 * weight * cost
 
 
-@TermKernel
+@TermKernel("i8 f8 f8 f8 i8 i8 f8")
 def collision_kernel(term, place, width):  # pragma: no cover - compiled
     """The table is made by `CollisionTerm.tables`."""
     chosen = array1(term, 6, np.float64)

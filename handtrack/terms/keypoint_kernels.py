@@ -18,7 +18,7 @@ from handtrack.terms.term_table import (
 )
 
 
-@TermKernel
+@TermKernel("i8 f8 f8 f8 f8")
 def keypoint_kernel(term, place, width):  # pragma: no cover - compiled
     """Table: bone (K,), point (K, 3), target (K, 2) px or (K, 3) m, projection (3, 4) or (0, 4), and [σ, loss, scale, weight]."""
     rotation, position = array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64)

@@ -26,10 +26,16 @@ class TermKernel:
 
     term: address of the term's own table; place: of the loop's, see PLACE. It adds its derivatives to the
     place's gradient and hessian, or nothing where width is 0. Compiled when it is first asked for.
+
+    A decorator: `@TermKernel("i8 f8")` says of what type the table's arrays are, in their order.
     """
 
-    def __init__(self, function: Callable[[int, int, int], float]) -> None:
+    def __init__(self, types_of_arrays: str) -> None:
+        self.types_of_arrays = tuple(types_of_arrays.split())
+
+    def __call__(self, function: Callable[[int, int, int], float]) -> TermKernel:
         self.function = function
+        return self
 
     @cached_property
     def address(self) -> int:
@@ -39,11 +45,16 @@ class TermKernel:
 
 
 class TermTable:
-    """Arrays in the order in which a kernel reads them. couples: a residual moves with more than one bone."""
+    """Arrays in the order and of the types in which a kernel reads them: what is of another type is converted, for a kernel
+    reads memory as it is. couples: a residual moves with more than one bone.
+    """
 
     def __init__(self, kernel: TermKernel, *arrays: Array[*Axes], couples: bool = False) -> None:
         self.kernel, self.couples = kernel, couples
-        self._arrays = [np.ascontiguousarray(a) for a in arrays]  # kept alive for the kernel
+        self._arrays = [  # kept alive for the kernel
+            np.ascontiguousarray(array, kind)
+            for array, kind in zip(arrays, kernel.types_of_arrays, strict=True)
+        ]
         self._cells = np.array([_cells(a) for a in self._arrays], np.int64)
 
     @property

@@ -10,7 +10,7 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface, surface_mesh
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +82,17 @@ def test_a_grid_without_end_is_refused(model, bones):
     with pytest.raises(HandtrackError) as caught:
         surface_mesh(MetaballSurface.of(model), bones, 0.0)
     assert str(caught.value) == "surface mesh: grid spacing 0 m; expected a positive length."
+
+
+def test_a_carried_mesh_is_the_surface_where_it_was_made_and_follows_the_bones(model, rng):
+    surface, relaxed = MetaballSurface.of(model), model.rest_params()
+    here = carried_mesh(model, model.bones(relaxed))
+    np.testing.assert_allclose(here.vertices, surface_mesh(surface, model.bones(relaxed)).vertices)
+    moved = relaxed.copy()
+    moved[:6] += rng.normal(scale=0.5, size=6)  # the whole hand: rigid
+    bones = model.bones(moved)
+    there = carried_mesh(model, bones)
+    assert np.abs(surface.distance(bones, there.vertices)).max() < 1e-3
+    near = surface.near(bones, there.vertices).gradient
+    cosine = (near * there.normals).sum(axis=1) / np.linalg.norm(near, axis=1)
+    assert np.median(cosine) > 0.999

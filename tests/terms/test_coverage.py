@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,21 @@ def test_moments_equal_the_dense_jacobian(seed, band_px, antisymmetric):
     start = moved_along(bones, 0.01 * rng.normal(size=30))
     term = CoverageTerm(seen, flesh, band_px, start, antisymmetric, weight=0.3)
     dense = dense_field(seen, flesh, bones, term.shape.levels, clamp=True).system(0.3)
+    assert_same_system(term.linearize(bones), dense)
+    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("step", [2, 3, 7])
+def test_one_row_of_several_stands_for_its_neighbours(rng, step):
+    """Each of the rows step // 2, step // 2 + step … counts `step` times, in the dense form the others are not observed."""
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    term = CoverageTerm(seen, flesh, 4.0, bones, weight=0.3, row_steps=(step,) * len(seen))
+    sparse = []
+    for silhouette in seen:
+        spans = np.zeros_like(silhouette.valid)
+        spans[step // 2 :: step] = silhouette.valid[step // 2 :: step]
+        sparse.append(replace(silhouette, valid=spans))
+    dense = dense_field(sparse, flesh, bones, term.shape.levels, clamp=True).system(0.3 * step)
     assert_same_system(term.linearize(bones), dense)
     assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
 

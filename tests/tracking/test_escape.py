@@ -144,3 +144,13 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
         for t in (terms, terms.as_seen_at(bones))
     )
     assert anew < 0.05 * before
+
+
+def test_a_search_gives_the_same_bytes_whatever_the_number_of_threads(monkeypatch):
+    scene = Scene(posed("open"), with_finger_at(posed("open"), "index", 85))
+    found = []
+    for threads in ("1", "2", "3"):
+        monkeypatch.setenv("HANDTRACK_THREADS", threads)
+        found.append(with_fingers_found(scene.terms, scene.params, Control(), 0, "test").tobytes())
+    assert found[0] != scene.params.tobytes()  # it searched, and took something
+    assert found[1:] == found[:1] * 2

@@ -20,6 +20,7 @@ from handtrack.bench.measuring import (
     recording,
 )
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
@@ -110,7 +111,7 @@ def measure(what: str) -> dict[str, Any]:
     session = recording("webxr_depth_640") if is_cloud else Session.open(bundled_session())
     values: dict[str, object] = {"silhouettes.weight": 0.0} if is_cloud else {}
     own, _, rows = frame_times(session, values, FRAMES)
-    width = 26
+    width = len(load_model().transform.names)
     blas = alternating_timings(normal_equations(rows, width), 30)
     what_rows = (
         "the cloud's points" if is_cloud else "the pixels that the model covers in a middle frame"

@@ -128,7 +128,7 @@ def cloud_system(
     return 0.5 * weight * cost
 
 
-@TermKernel
+@TermKernel("f8 f8 i8 f8 f8 f8 i8 i8 f8")
 def distance_kernel(term, place, width):  # pragma: no cover - compiled
     """E1; the table is made by `CloudDistanceTerm.tables`."""
     bone, chosen = array1(term, 2, np.int64), array1(term, 8, np.float64)

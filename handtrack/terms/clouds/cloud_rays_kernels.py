@@ -141,7 +141,7 @@ def rays_system(
     return 0.5 * weight * cost
 
 
-@TermKernel
+@TermKernel("f8 f8 f8 i8 f8 f8 f8 f8")
 def rays_kernel(term, place, width):  # pragma: no cover - compiled
     """The table is made by `CloudRaysTerm.tables`."""
     bone, chosen = array1(term, 3, np.int64), array1(term, 7, np.float64)

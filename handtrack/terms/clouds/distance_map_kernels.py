@@ -124,7 +124,7 @@ def emptiness_system(
     return 0.5 * weight * cost
 
 
-@TermKernel
+@TermKernel("f4 f8 i8 f8 f8")
 def emptiness_kernel(term, place, width):  # pragma: no cover - compiled
     """E2; the table is made by `CloudEmptinessTerm.tables`."""
     bone, chosen = array1(term, 2, np.int64), array1(term, 4, np.float64)

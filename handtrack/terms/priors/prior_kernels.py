@@ -8,7 +8,7 @@ from handtrack.terms.loss_kernels import counted
 from handtrack.terms.term_table import GRADIENT, HESSIAN, JOINTS, TermKernel, array1, array2
 
 
-@TermKernel
+@TermKernel("f8 f8")
 def independent_kernel(term, place, width):  # pragma: no cover - compiled
     """GaussianPrior. Table: mean and sigma (S,)."""
     x, mean, sigma = (
@@ -27,7 +27,7 @@ def independent_kernel(term, place, width):  # pragma: no cover - compiled
     return 0.5 * cost
 
 
-@TermKernel
+@TermKernel("f8 f8")
 def linear_kernel(term, place, width):  # pragma: no cover - compiled
     """LinearPrior. Table: rows (R, S), and the loss, its scale and the weight."""
     x, rows, chosen = (
@@ -53,7 +53,7 @@ def linear_kernel(term, place, width):  # pragma: no cover - compiled
     return 0.5 * chosen[2] * cost
 
 
-@TermKernel
+@TermKernel("f8 f8")
 def correlated_kernel(term, place, width):  # pragma: no cover - compiled
     """CorrelatedPrior. Table: mean (S,) and information (S, S)."""
     x, mean, information = (

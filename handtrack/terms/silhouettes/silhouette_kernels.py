@@ -112,7 +112,7 @@ def camera_system(
     return weight * cost, step * area, step * overlap
 
 
-@TermKernel
+@TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 f8 f8 f8 f8")
 def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
     """½ weight Σ (P − Z)² of one camera; the table is made by `FieldTerm.tables`."""
     scalars = array1(term, 12, np.float64)

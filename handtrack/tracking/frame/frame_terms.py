@@ -37,7 +37,7 @@ from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
-_ROWS_A_BAND = 0.5  # rows nearer than that to each other tell the same; `bench silhouette_rows`
+_ROWS_A_BAND = 0.5  # rows nearer to each other tell the same; every 4th row in wide bands moved a recording seen by < 0.01 mm
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
 _ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
