@@ -235,7 +235,7 @@ class TrackingRun:
     ) -> Iterator[FrameResult]:
         """Yield results as `track` does, stopped, watched and told as control says."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
-        observe = LookAhead(self.observation, self._prepare, on_the_way)
+        observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_frames(
                 self.tracker, observe, start_frame, start_params, frames, control

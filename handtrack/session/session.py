@@ -40,12 +40,15 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.views import View
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
-_OBSERVATIONS_KEPT = 24  # two a frame: with a cloud, and without
-_CLOUDS_KEPT = 12  # before filtering
+_FRAMES_KEPT = SEARCH_EVERY + 4  # those that a search may have solved anew are at hand
+_OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
+_CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
+_PIXELS_KEPT = 400_000_000  # of all masks kept
 _POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
@@ -284,7 +287,9 @@ class Session:
             known = self._observations.get(key)
         if known is None:
             known = self._observe(*key)
-        _remember(self._observations, key, known, _OBSERVATIONS_KEPT, self._lock)
+        pixels = sum(silhouette.mask.size for silhouette in known.silhouettes)
+        most = min(_PIXELS_KEPT // max(pixels, 1) + 2, _OBSERVATIONS_KEPT)
+        _remember(self._observations, key, known, most, self._lock)
         return known
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 
 from handtrack.arrays import Floats, P
-from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.hypotheses.sequence_path import Carried, chosen_sequence
+from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
-
-Observe = Callable[[int, BonePoses | None], Observation]
-"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
-None where that is not known"""
 
 
 def track_frames(
@@ -34,26 +30,31 @@ def track_frames(
     and `mixture.sequence` asks for more than the best of each frame, frames come again once the last one is done, with
     the poses that it chose: the latest of a frame holds.
     """
-    seen = observe(start_frame, tracker.model.bones(start_params))
-    first, result = tracker.step(TrackerState.beginning_at(start_params), seen, control)
-    if control.should_stop():
-        return
-    if start_frame in frames:
-        yield result
-    begun = [(result, first.hypotheses)]
-    forward = range(start_frame + 1, frames.stop)
+    control = _shown_within(frames, control)
+    state = TrackerState.beginning_at(start_params)
+    forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
+    first, begun = state, list[Carried]()
     for path in (forward, backward):
-        state, carried = first, list(begun)
-        for frame in path:
-            seen = observe(frame, tracker.expected_bones(state, frame))
-            state, result = tracker.step(state, seen, control)
-            if control.should_stop():
-                return
-            carried.append((result, state.hypotheses))
-            if frame in frames:
+        carried = list(begun)
+        for after, result in Pursuit(tracker, observe, state, control).frames(path):
+            if result.frame == start_frame:
+                first, begun = after, [(result, after.hypotheses)]
+            carried.append((result, after.hypotheses))
+            if result.frame in frames:
                 yield result
+        if control.should_stop():
+            return
+        state = first
         yield from _chosen(tracker, carried[path is backward :], frames)
+
+
+def _shown_within(frames: range, control: Control) -> Control:
+    """Return the control, shown only what is yielded too."""
+    show = control.on_early
+    if show is None:
+        return control
+    return replace(control, on_early=lambda result: result.frame in frames and show(result))
 
 
 def _chosen(tracker: Tracker, carried: list[Carried], frames: range) -> Iterator[FrameResult]:

@@ -30,6 +30,7 @@ from handtrack.session.session_file import (
     RecordingSettings,
     SessionFile,
 )
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.document import Document
@@ -171,15 +172,24 @@ class FakeRun:
         start_params: Floats,
         should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
+        control = Control() if should_stop is None else Control(should_stop)
+        return self.track_with(control, frames, start_frame, start_params)
+
+    def track_with(
+        self, control: Control, frames: range, start_frame: int, start_params: Floats
+    ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
         for frame in path:
             for _ in range(10):
                 busy_for(self.step_s / 10)
-                if should_stop is not None and should_stop():
+                if control.should_stop():
                     return
             if self.broken and frame > start_frame:
                 raise ValueError("a mistake of ours")
-            yield self._result(frame, start_params, start_frame)
+            result = self._result(frame, start_params, start_frame)
+            if control.on_early is not None:
+                control.on_early(result)
+            yield result
 
     def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
         joint = self.model.joint_params(params)

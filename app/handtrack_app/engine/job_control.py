@@ -86,7 +86,7 @@ class JobControl:
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: Track | None = None
-        self._tracked_now: list[FrameResult] = []
+        self._tracked_now: dict[int, FrameResult] = {}
         self._first = document.first_frame
         self._count = 0
         self._shown = self._stripped = 0.0
@@ -186,7 +186,7 @@ class JobControl:
         return self._count
 
     def _begin(self, job: BackgroundJob) -> None:
-        self._job, self._tracked_now = job, []
+        self._job, self._tracked_now = job, {}
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -213,8 +213,10 @@ class JobControl:
 
     def _tracked(self, done: Tracked) -> None:
         document, now = self._document, time.monotonic()
+        if self._tracked_now.get(done.result.frame) is done.result:
+            return  # it stands as it was solved
         document.accept(done.result, replaces_hand=done.result.frame == self._first)
-        self._tracked_now.append(done.result)
+        self._tracked_now[done.result.frame] = done.result
         self._store.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -278,7 +280,9 @@ class JobControl:
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))
                 return
-            text = summary(self._tracked_now, job.total, len(job.frames) - job.total, took)
+            text = summary(
+                [*self._tracked_now.values()], job.total, len(job.frames) - job.total, took
+            )
             self._publish(Notice("done", title, text))
 
     def tick(self) -> None:

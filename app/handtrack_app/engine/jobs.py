@@ -16,6 +16,7 @@ from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.run import Run
 
@@ -25,7 +26,7 @@ _TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes int
 
 @dataclass(frozen=True)
 class Tracked:
-    """One more frame is done."""
+    """A frame is solved, or its result is settled: the same result again, or a better one."""
 
     job: int
     result: FrameResult
@@ -72,6 +73,7 @@ class BackgroundJob:
         self.total = len(frames)
         """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
+        self._held = self.began
         self.share, self.words = 0.0, ""
         """of all the work, and what is done now; for jobs that do not count frames"""
         self._first_done = self.began
@@ -88,6 +90,10 @@ class BackgroundJob:
 
     def pause(self, on: bool) -> None:
         """Hold before the next solver step, or go on."""
+        if on and not self.paused:
+            self._held = time.monotonic()
+        elif self.paused and not on:
+            self.waited += time.monotonic() - self._held
         (self._hold.set if on else self._hold.clear)()
 
     def cancel(self) -> None:
@@ -109,11 +115,8 @@ class BackgroundJob:
         raise NotImplementedError
 
     def should_stop(self) -> bool:
-        if self._hold.is_set():
-            held = time.monotonic()
-            while self._hold.is_set() and not self._stop.wait(0.02):
-                pass
-            self.waited += time.monotonic() - held
+        while self._hold.is_set() and not self._stop.wait(0.02):
+            pass
         return self._stop.is_set()
 
     def _work_guarded(self) -> None:
@@ -145,16 +148,12 @@ class TrackingJob(BackgroundJob):
         super().__init__(number, frames, post)
         self._run, self._path, self._watch = run, path, watch
         self.total = sum(len(leg.frames) for leg in path)
+        self._solved: set[int] = set()
 
     def work(self) -> None:
-        run = self._run
+        run, control = self._run, Control(self.should_stop, on_early=self._early)
         for leg in self._path:
-            seen: set[int] = set()  # frames may come again, with the poses that the last one chose
-            for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
-                self.done += result.frame not in seen
-                seen.add(result.frame)
-                if self.done == 1:
-                    self._first_done, self.waited = time.monotonic(), 0.0
+            for result in run.track_with(control, leg.frames, leg.first, leg.params):
                 self._post(Tracked(self.number, result))
                 if self._watch is not None:
                     self._watch(run, result)
@@ -162,6 +161,13 @@ class TrackingJob(BackgroundJob):
                     return
             if self.should_stop():
                 return
+
+    def _early(self, result: FrameResult) -> None:
+        self._solved.add(result.frame)  # frames may come again
+        self.done = len(self._solved)
+        if self.done == 1:
+            self._first_done, self.waited = time.monotonic(), 0.0
+        self._post(Tracked(self.number, result))
 
 
 class SizingJob(BackgroundJob):

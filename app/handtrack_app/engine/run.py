@@ -17,6 +17,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.session_file import CameraSettings, SessionFile
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -102,10 +103,6 @@ class Run(Protocol):
         *,
         tell: Callable[[int, int], None] | None = None,
     ) -> Run: ...
-    def track(
-        self,
-        frames: range,
-        start_frame: int,
-        start_params: Floats[P],
-        should_stop: Callable[[], bool] | None = None,
+    def track_with(
+        self, control: Control, frames: range, start_frame: int, start_params: Floats[P]
     ) -> Iterator[FrameResult]: ...

@@ -26,6 +26,11 @@ class Control:
     """called as Watch is, with the frame's number before"""
     on_search: Callable[[Any], None] | None = None
     """called with a SearchReport for every search that was made"""
+    on_early: Callable[[Any], None] | None = None
+    """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
+    it. What holds is yielded later"""
+    searches: bool = True
+    """False: a search for what may be lost isn't made, only told to be due"""
 
     def watch(self, frame: int) -> Watch | None:
         """Return what the solver calls after each step in a frame; None where nobody looks."""

@@ -41,6 +41,7 @@ class _Descended:
     problem: Problem
     """of the last stage"""
     iterations: int
+    search_due: bool = False
 
 
 def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended:
@@ -51,7 +52,8 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
         task.model, settings.solver, terms, params, control.should_stop, watch
     )
     why = why_fingers_may_be_lost(number, summary.cost, terms.views, task.previous)
-    if why and settings.tracker.escape:
+    due = bool(why) and settings.tracker.escape
+    if due and control.searches:
         found = with_fingers_found(terms, summary.params, control, number, why)
         if found is not summary.params:
             terms = terms.without_motion().as_seen_at(task.model.bones(found))
@@ -59,7 +61,7 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
                 task.model, settings.solver, terms, found, control.should_stop, watch
             )
             count += more
-    return _Descended(summary.params, problem, count)
+    return _Descended(summary.params, problem, count, due and not control.searches)
 
 
 def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:
@@ -75,6 +77,7 @@ def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:
         settings = replace(task.settings.solver, iterations=share)
         summary = solve(exact, params, settings, task.control.should_stop)
         params, count = summary.params, count + summary.iterations
-    return solved_result(
+    solved = solved_result(
         task.observation, terms, found.problem, params, count, task.previous, task.belief, exact
     )
+    return replace(solved, search_due=found.search_due)
