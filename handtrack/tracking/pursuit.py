@@ -16,7 +16,6 @@ import numpy as np
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
-from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
@@ -28,8 +27,6 @@ Observe = Callable[[int, BonePoses | None], Observation]
 None where that is not known"""
 Stepped = tuple[TrackerState, FrameResult]
 
-AHEAD = SEARCH_EVERY
-"""frames solved at most beyond one whose search isn't done: by then the next regular search is due"""
 
 _SWITCH_S = 0.0005
 """how long the next frame waits for the interpreter while a search holds it; Python's own 5 ms are a tenth of a frame"""
@@ -102,7 +99,10 @@ class Pursuit:
                 if settled is None:
                     return
                 yield settled
-            full = len(self._ahead) > AHEAD
+            full = len(self._ahead) > self._control.ahead
+            if full and not self._control.waits:
+                self._give_up(self._ahead[0])
+                continue
             number = None if full else self._next(numbers)
             if number is not None:
                 self._go_on(number, pool)
@@ -150,6 +150,11 @@ class Pursuit:
 
     def _is_known(self, frame: _Frame) -> bool:
         return frame.search is None or frame.search.done.done()
+
+    def _give_up(self, frame: _Frame) -> None:
+        """Let a frame stand as it is solved."""
+        self._drop([frame])
+        frame.search = None
 
     def _wait(self, frame: _Frame) -> None:
         if frame.search is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
@@ -12,9 +13,10 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.pursuit import AHEAD, Pursuit
+from handtrack.tracking.pursuit import Pursuit
 
 COUNT = 60
+AHEAD = Control().ahead
 
 
 @dataclass
@@ -94,6 +96,21 @@ def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
     path.gate.set()
     poses(path, 2, monkeypatch)
     assert path.glanced == list(range(COUNT))
+
+
+def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
+    path, early = Path(frozenset({3, 30}), frozenset({3, 30})), []
+
+    def show(result):
+        early.append(result.frame)
+        if result.frame == 40:
+            path.gate.set()
+            time.sleep(0.2)
+
+    found = poses(path, 2, monkeypatch, on_early=show, waits=False)
+    assert early[:41] == list(range(41))
+    assert dict(found)[29] == sum(range(30))  # what would have been found in frame 3 came too late
+    assert dict(found)[30] == sum(range(31)) + 1000
 
 
 def test_a_frame_that_cannot_be_read_is_told_after_those_before_it(monkeypatch):
