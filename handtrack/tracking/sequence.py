@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import takewhile
 
 from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.hypotheses.sequence_path import Carried, chosen_sequence
-from handtrack.tracking.state import TrackerState
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 
 Observe = Callable[[int, BonePoses | None], Observation]
@@ -25,6 +27,7 @@ def track_frames(
     start_params: Floats[P],
     frames: range,
     control: Control = Control(),
+    done: Sequence[Step] = (),
 ) -> Iterator[FrameResult]:
     """Yield a result for every frame of `frames`, in the order of tracking.
 
@@ -33,32 +36,59 @@ def track_frames(
     the range is yielded. A step cut short by `control.should_stop` is not yielded. Where several hypotheses are carried
     and `mixture.sequence` asks for more than the best of each frame, frames come again once the last one is done, with
     the poses that it chose: the latest of a frame holds.
+
+    done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
+    would have; they are not yielded again.
     """
-    seen = observe(start_frame, tracker.model.bones(start_params))
-    first, result = tracker.step(TrackerState.beginning_at(start_params), seen, control)
-    if control.should_stop():
-        return
-    if start_frame in frames:
-        yield result
-    begun = [(result, first.hypotheses)]
-    forward = range(start_frame + 1, frames.stop)
+    known = {step.result.frame: step for step in done}
+    forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
+    begun: list[Step] = []
     for path in (forward, backward):
-        state, carried = first, list(begun)
-        for frame in path:
-            seen = observe(frame, tracker.expected_bones(state, frame))
-            state, result = tracker.step(state, seen, control)
+        steps = [*begun, *_already(known, path)]
+        state = (
+            _state_after(steps, tracker, observe)
+            if steps
+            else TrackerState.beginning_at(start_params)
+        )
+        for frame in path[len(steps) - len(begun) :]:
+            bones = (
+                tracker.expected_bones(state, frame) if steps else tracker.model.bones(start_params)
+            )
+            state, result = tracker.step(state, observe(frame, bones), control)
             if control.should_stop():
                 return
-            carried.append((result, state.hypotheses))
+            steps.append(state.step)
+            if control.on_step is not None:
+                control.on_step(state.step)
             if frame in frames:
                 yield result
-        yield from _chosen(tracker, carried[path is backward :], frames)
+        yield from _chosen(tracker, steps[path is backward :], frames)
+        begun = steps[:1]
 
 
-def _chosen(tracker: Tracker, carried: list[Carried], frames: range) -> Iterator[FrameResult]:
+def _already(known: Mapping[int, Step], path: range) -> list[Step]:
+    """Return the steps along a path that were made before, up to the first that was not."""
+    return [known[frame] for frame in takewhile(known.__contains__, path)]
+
+
+def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> TrackerState:
+    """Return the state in which steps left the tracker; images that it looks back on are read again."""
+    if not tracker.settings.looks_at_images:
+        return TrackerState.after_steps(steps)
+    first, *others = (step.result for step in steps)
+    last = next((r for r in reversed(others) if r.status != Status.LOST), None)
+    texture = tracker.seen_with(observe(first.frame, None), first)
+    if last is not None and texture is not None:
+        now = tracker.seen_with(observe(last.frame, None), last)
+        texture = now and replace(now, first=texture)
+    return TrackerState.after_steps(steps, texture)
+
+
+def _chosen(tracker: Tracker, steps: Sequence[Step], frames: range) -> Iterator[FrameResult]:
     """Yield the frames of one direction whose poses the last one changes."""
+    carried = [(step.result, step.hypotheses) for step in steps]
     chosen = chosen_sequence(tracker.model, tracker.settings, carried)
-    for (result, _), now in zip(carried, chosen, strict=True):
-        if now is not result and now.frame in frames:
+    for step, now in zip(steps, chosen, strict=True):
+        if now is not step.result and now.frame in frames:
             yield now

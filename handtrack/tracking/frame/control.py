@@ -26,6 +26,8 @@ class Control:
     """called as Watch is, with the frame's number before"""
     on_search: Callable[[Any], None] | None = None
     """called with a SearchReport for every search that was made"""
+    on_step: Callable[[Any], None] | None = None
+    """called with a Step for every frame that is solved for good, in the order of tracking, before its result is yielded"""
 
     def watch(self, frame: int) -> Watch | None:
         """Return what the solver calls after each step in a frame; None where nobody looks."""
