@@ -124,7 +124,7 @@ class LogWriter:
     def _opened(self) -> int:
         """Return the open segment; it is made, and its name is on disk, before its first record."""
         if self._file is None:
-            _make_folders(self.path.parent)
+            make_folders(self.path.parent)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
             handle = os.open(self.path, flags, 0o666)
             try:
@@ -159,9 +159,9 @@ class LogWriter:
         )
 
 
-def _make_folders(folder: Path) -> None:
+def make_folders(folder: Path) -> None:
     """Make a folder and those above it, each name on disk."""
     if not folder.is_dir():
-        _make_folders(folder.parent)
+        make_folders(folder.parent)
         folder.mkdir(exist_ok=True)
         sync_folder(folder.parent)

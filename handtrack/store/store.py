@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import sync_folder
 from handtrack.store.lease import BEAT_S, Lease
-from handtrack.store.log import LogWriter, read_log, segments
+from handtrack.store.log import LogWriter, make_folders, read_log, segments
 from handtrack.store.spans import Span, with_span
 from handtrack.store.take import Take, TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
@@ -83,12 +82,12 @@ class Store:
         return [*found, *(text for take in self._all_takes() for text in take.damage)]
 
     def unfinished(self, inputs: Mapping[str, str]) -> Take | None:
-        """Return the latest take if it was made from the same inputs and did not come to its end."""
-        takes = self.takes()
-        last = takes[-1] if takes else None
-        if last is None or last.is_finished or dict(last.about.inputs) != dict(inputs):
-            return None
-        return last
+        """Return the latest take that was made from these inputs, if it did not come to its end."""
+        for take in reversed(self.takes()):
+            with suppress(HandtrackError):  # nobody knows what it was made from
+                if take.about.inputs == inputs:
+                    return None if take.is_finished else take
+        return None
 
     def _all_takes(self) -> list[Take]:
         folder = self.folder / _TAKES
@@ -110,9 +109,7 @@ class WritableStore(Store):
         Raises LeaseTaken naming the holder, or OSError where nothing can be written.
         """
         super().__init__(folder)
-        if not folder.is_dir():
-            folder.mkdir(parents=True, exist_ok=True)
-            sync_folder(folder.parent)
+        make_folders(folder)
         written = [int(p.stem) for log in self._logs() for p in segments(log)]
         self.lease = Lease.acquire(folder, program, max(written, default=0) + 1, take_over)
         self._writers = [LogWriter(folder / _ACTIONS, self.lease.generation, self.lease.check)]
@@ -184,6 +181,8 @@ class WritableStore(Store):
                 writer.close()
         finally:
             self.lease.release()
+            with suppress(OSError):
+                self.folder.rmdir()  # where nothing was written
 
     def _act(self, kind: str, data: dict[str, Any]) -> None:
         self._writers[0].append(kind, data)

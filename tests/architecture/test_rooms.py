@@ -45,7 +45,7 @@ ARROWS: dict[str, set[str]] = {
     "store": {"files", "terms", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
         "files", "geometry", "capture", "observation", "model", "tracking", "tracking.frame",
-        "tracking.size", "tracking.search",
+        "tracking.size", "tracking.search", "store",
     },
     "simulation": {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
