@@ -120,6 +120,9 @@ _INIT = _option(
     "--init", metavar="FILE|auto",
     help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
 )  # fmt: skip
+_TAKE_OVER = _option(
+    "--take-over", action="store_true", help="write even if another program holds the session; that one can no more"
+)  # fmt: skip
 _SIDE = _option("--side", choices=("right", "left"), default="right")
 _NEW = _option("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
 _BOARD = _option(
@@ -160,6 +163,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
+        _option("--restart", action="store_true", help="begin anew, not where the same command was ended before its end"),
+        _TAKE_OVER,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
     "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (

@@ -28,12 +28,13 @@ from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.hand_distance import hand_distance
-from handtrack.tracking.frame.result import FrameResult, TrackResult
+from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.size import refine_scale
+from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 
 _SIZE_STRETCH = 40  # frames tracked to fit the hand's size
@@ -231,14 +232,19 @@ class TrackingRun:
         return self.track_with(control, frames, start_frame, start_params)
 
     def track_with(
-        self, control: Control, frames: range, start_frame: int, start_params: Floats[P]
+        self,
+        control: Control,
+        frames: range,
+        start_frame: int,
+        start_params: Floats[P],
+        done: Sequence[Step] = (),
     ) -> Iterator[FrameResult]:
-        """Yield results as `track` does, stopped, watched and told as control says."""
+        """Yield results as `track` does, stopped, watched and told as control says; done: gone on from, if given."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
         observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_frames(
-                self.tracker, observe, start_frame, start_params, frames, control
+                self.tracker, observe, start_frame, start_params, frames, control, done
             )
         finally:
             observe.close()
@@ -251,18 +257,17 @@ class TrackingRun:
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return the frames as one result, sorted, the latest of each, with where they came from."""
         latest = {result.frame: result for result in frames}
-        return TrackResult.from_frames(
-            [latest[frame] for frame in sorted(latest)],
-            parameter_names=self.model.parameter_names,
-            bone_names=self.model.skeleton.bone_names,
-            joint_names=self.model.joint_names,
-            model=self.model.name,
-            side=self.model.side,
-            scale=json.dumps(scale_table(self.scale)),
-            session=self.session.name,
-            settings=json.dumps(self.settings.flat(), sort_keys=True),
-            version=_version(),
-        )
+        return self.labels.track([latest[frame] for frame in sorted(latest)])
+
+    @property
+    def labels(self) -> TrackLabels:
+        """What the numbers of this run's results mean, and where they come from."""
+        model = self.model
+        return TrackLabels(
+            model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
+            model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
+            json.dumps(self.settings.flat(), sort_keys=True), _version(),
+        )  # fmt: skip
 
 
 def given_in_images(

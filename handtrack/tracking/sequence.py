@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import takewhile
 
 from handtrack.arrays import Floats, P
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.hypotheses.sequence_path import Carried, chosen_sequence
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
 from handtrack.tracking.pursuit import Observe, Pursuit
-from handtrack.tracking.state import TrackerState
+from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 
 
@@ -21,6 +22,7 @@ def track_frames(
     start_params: Floats[P],
     frames: range,
     control: Control = Control(),
+    done: Sequence[Step] = (),
 ) -> Iterator[FrameResult]:
     """Yield a result for every frame of `frames`, in the order of tracking.
 
@@ -29,24 +31,33 @@ def track_frames(
     the range is yielded. A step cut short by `control.should_stop` is not yielded. Where several hypotheses are carried
     and `mixture.sequence` asks for more than the best of each frame, frames come again once the last one is done, with
     the poses that it chose: the latest of a frame holds.
+
+    done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
+    would have; they are not yielded again.
     """
     control = _shown_within(frames, control)
-    state = TrackerState.beginning_at(start_params)
+    known = {step.result.frame: step for step in done}
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
-    first, begun = state, list[Carried]()
+    begun: list[Step] = []
     for path in (forward, backward):
-        carried = list(begun)
-        for after, result in Pursuit(tracker, observe, state, control).frames(path):
-            if result.frame == start_frame:
-                first, begun = after, [(result, after.hypotheses)]
-            carried.append((result, after.hypotheses))
+        steps = [*begun, *_already(known, path)]
+        state = TrackerState.beginning_at(start_params)
+        if steps:
+            state = _state_after(steps, tracker, observe)
+        todo = path[len(steps) - len(begun) :]
+        for after, result in Pursuit(tracker, observe, state, control).frames(todo):
+            if not steps or tracker.settings.chooses_at_the_end:
+                steps.append(after.step)
+            if control.on_step is not None:
+                control.on_step(after.step)
             if result.frame in frames:
                 yield result
         if control.should_stop():
             return
-        state = first
-        yield from _chosen(tracker, carried[path is backward :], frames)
+        if tracker.settings.chooses_at_the_end:
+            yield from _chosen(tracker, steps[path is backward :], frames)
+        begun = steps[:1]
 
 
 def _shown_within(frames: range, control: Control) -> Control:
@@ -57,9 +68,28 @@ def _shown_within(frames: range, control: Control) -> Control:
     return replace(control, on_early=lambda result: result.frame in frames and show(result))
 
 
-def _chosen(tracker: Tracker, carried: list[Carried], frames: range) -> Iterator[FrameResult]:
+def _already(known: Mapping[int, Step], path: range) -> list[Step]:
+    """Return the steps along a path that were made before, up to the first that was not."""
+    return [known[frame] for frame in takewhile(known.__contains__, path)]
+
+
+def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> TrackerState:
+    """Return the state in which steps left the tracker; images that it looks back on are read again."""
+    if not tracker.settings.looks_at_images:
+        return TrackerState.after_steps(steps)
+    first, *others = (step.result for step in steps)
+    last = next((r for r in reversed(others) if r.status != Status.LOST), None)
+    texture = tracker.seen_with(observe(first.frame, None), first)
+    if last is not None and texture is not None:
+        now = tracker.seen_with(observe(last.frame, None), last)
+        texture = now and replace(now, first=texture)
+    return TrackerState.after_steps(steps, texture)
+
+
+def _chosen(tracker: Tracker, steps: Sequence[Step], frames: range) -> Iterator[FrameResult]:
     """Yield the frames of one direction whose poses the last one changes."""
+    carried = [(step.result, step.hypotheses) for step in steps]
     chosen = chosen_sequence(tracker.model, tracker.settings, carried)
-    for (result, _), now in zip(carried, chosen, strict=True):
-        if now is not result and now.frame in frames:
+    for step, now in zip(steps, chosen, strict=True):
+        if now is not step.result and now.frame in frames:
             yield now

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from handtrack.arrays import Floats, P
@@ -13,6 +13,15 @@ from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
 
 REMEMBERED = 30
 """results that a step may look back on"""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A frame that is solved, with what those after it need of it: what a store keeps to go on from."""
+
+    result: FrameResult
+    belief: Floats[P, P] | None = None
+    hypotheses: tuple[MovingHypothesis, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +51,17 @@ class TrackerState:
         Poses go on as they would have; only how sure the last one was is not saved, nor hypotheses and texture.
         """
         return cls(results=tuple(results)[-REMEMBERED:])
+
+    @classmethod
+    def after_steps(cls, steps: Sequence[Step], texture: Before | None = None) -> TrackerState:
+        """Return the state after steps in the order of tracking, at least one; texture: of those it was."""
+        results = tuple(step.result for step in steps[-REMEMBERED:])
+        return cls(None, results, steps[-1].belief, steps[-1].hypotheses, texture)
+
+    @property
+    def step(self) -> Step:
+        """The latest frame, as `after_steps` takes it. There is one."""
+        return Step(self.results[-1], self.belief, self.hypotheses)
 
     @property
     def last(self) -> FrameResult | None:

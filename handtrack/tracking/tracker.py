@@ -63,7 +63,7 @@ class Tracker:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
                 solved = with_hand_found(task, solved)
-        return state.after(solved, self._seen_with(observation, solved), hypotheses), solved
+        return state.after(solved, self.seen_with(observation, solved.result), hypotheses), solved
 
     def expected_bones(self, state: TrackerState, frame: int) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost."""
@@ -100,11 +100,11 @@ class Tracker:
             known = predict(self.model, state.results, frame)
         return last.parameters.copy() if known is None else known
 
-    def _seen_with(self, observation: Observation, solved: Solved) -> Before | None:
+    def seen_with(self, observation: Observation, result: FrameResult) -> Before | None:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""
         if not self.settings.looks_at_images:
             return None
-        params = self.model.transform.solver_params(solved.result.parameters)
+        params = self.model.transform.solver_params(result.parameters)
         return Before(observation, self.model.bones(params))
 
     @cached_property

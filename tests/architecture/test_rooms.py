@@ -42,9 +42,10 @@ ARROWS: dict[str, set[str]] = {
         "tracking.hypotheses",
     },
     "diagnostics": {"geometry", "model", "terms", "tracking.frame"},
+    "store": {"files", "terms", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
         "files", "geometry", "capture", "observation", "model", "tracking", "tracking.frame",
-        "tracking.size", "tracking.search",
+        "tracking.size", "tracking.search", "store",
     },
     "simulation": {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",

@@ -21,6 +21,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
+from handtrack.tracking.state import Step
 from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
 from handtrack_app.commands.terminal.progress import (
     Stop,
@@ -29,6 +30,7 @@ from handtrack_app.commands.terminal.progress import (
     saying_compiling,
     stoppable,
 )
+from handtrack_app.commands.terminal.take_keeper import TakeKeeper
 from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
@@ -64,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size
-    with stoppable() as stop, saying_compiling():
+    with stoppable() as stop, saying_compiling(), TakeKeeper(out, session, args) as keeper:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
@@ -73,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
+        done = keeper.begin(run_, frames)
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
@@ -80,9 +83,10 @@ def run(args: argparse.Namespace) -> int:
                 say(f"residuals are shown at {recorder.url}")
         try:
             reports: list[SearchReport] = []
-            control = Control(stop, on_search=None if args.explain is None else reports.append)
-            results, problem = _track(run_, frames, recorder, stop, control)
-            code = _save(run_, results, frames, out, stop(), problem)
+            on_search = None if args.explain is None else reports.append
+            control = Control(stop, on_search=on_search, on_step=keeper.keep)
+            results, problem = _track(run_, frames, recorder, stop, control, done, keeper)
+            code = _save(run_, results, frames, out, stop(), problem, keeper)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
                 print("\n".join(explained(args.explain, reports, there)), flush=True)
@@ -118,20 +122,25 @@ def _track(
     recorder: ResidualRecorder | None,
     stop: Stop,
     control: Control,
+    done: Sequence[Step],
+    keeper: TakeKeeper,
 ) -> tuple[list[FrameResult], str]:
     """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
-    used, and what was wrong with that.
+    used, and what was wrong with that. done: what an earlier run of this tracking left.
     """
     start_frame, start = run_.initial()
     if recorder is not None:
         control = recorder.watching(control)
-    results: dict[int, FrameResult] = {}
+    results = {step.result.frame: step.result for step in done if step.result.frame in frames}
     problem = ""
     with progress_bar(len(frames), "tracking") as bar:
+        bar.update(len(results))
         try:
-            for result in run_.track_with(control, frames, start_frame, start):
+            for result in run_.track_with(control, frames, start_frame, start, done):
                 is_new = result.frame not in results
                 results[result.frame] = result
+                if not is_new:
+                    keeper.replace(result)
                 if recorder is not None:
                     recorder.show(result)
                 bar.update(is_new)
@@ -151,12 +160,16 @@ def _save(
     frames: range,
     out: Path,
     stopped: bool,
-    ended_by: str = "",
+    ended_by: str,
+    keeper: TakeKeeper,
 ) -> int:
+    keeper.check()
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
         return _INTERRUPTED
     place, problem = _write(out, run_.result(results))
+    if not problem:
+        keeper.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = [sum(r.status == status for r in results) for status in Status]
     print(
         f"{len(results)} of {len(frames)} frames: {counts[0]} tracked, {counts[1]} doubtful, {counts[2]} lost. "

@@ -27,6 +27,8 @@ class Control:
     """called as Watch is, with the frame's number before"""
     on_search: Callable[[Any], None] | None = None
     """called with a SearchReport for every search that was made"""
+    on_step: Callable[[Any], None] | None = None
+    """called with a Step for every frame that is solved for good, in the order of tracking, before its result is yielded"""
     on_early: Callable[[Any], None] | None = None
     """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
     it. What holds is yielded later"""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 
 import numpy as np
@@ -116,6 +116,27 @@ class FrameResult:
     def is_open(self) -> bool:
         """Whether it is doubtful only because what was seen leaves the joints open."""
         return self.reason is not None and self.reason.kind == "open"
+
+
+@dataclass(frozen=True)
+class TrackLabels:
+    """What the numbers of a tracked sequence mean, and where they come from: the same for all its frames."""
+
+    parameter_names: tuple[str, ...]
+    bone_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    model: str = ""
+    side: str = ""
+    scale: str = ""
+    """JSON, as in TrackResult; so are the settings"""
+    session: str = ""
+    settings: str = ""
+    version: str = ""
+
+    def track(self, frames: Sequence[FrameResult]) -> TrackResult:
+        """Return frames as one result; see TrackResult.from_frames."""
+        named = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return TrackResult.from_frames(frames, **named)
 
 
 @dataclass(frozen=True, eq=False)

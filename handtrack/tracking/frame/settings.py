@@ -289,6 +289,11 @@ class TrackerSettings:
         """Whether a frame's images are needed, beside masks and clouds."""
         return self.edges.weight > 0 or self.intensity.weight > 0
 
+    @property
+    def chooses_at_the_end(self) -> bool:
+        """Whether the last frame decides which hypothesis holds in those before it."""
+        return self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
+
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""
         return {

@@ -29,8 +29,10 @@ def solve_frame(task: FrameTask) -> Solved:
     found = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
-        return solve_doubted(task, terms, params, solve_frame, poor)[0]
-    return _refined(task, terms, found)
+        solved = solve_doubted(task, terms, params, solve_frame, poor)[0]
+    else:
+        solved = _refined(task, terms, found)
+    return replace(solved, search_due=found.search_due)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,6 @@ def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:
         settings = replace(task.settings.solver, iterations=share)
         summary = solve(exact, params, settings, task.control.should_stop)
         params, count = summary.params, count + summary.iterations
-    solved = solved_result(
+    return solved_result(
         task.observation, terms, found.problem, params, count, task.previous, task.belief, exact
     )
-    return replace(solved, search_due=found.search_due)

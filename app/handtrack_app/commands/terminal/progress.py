@@ -6,11 +6,13 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 
 from tqdm import tqdm
 
 from handtrack_app.engine.compile_watch import CompileWatch
+
+_SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
 def progress_bar(total: int, what: str) -> tqdm:
@@ -25,7 +27,7 @@ def say(text: str) -> None:
 
 
 class Stop:
-    """Whether the user wants to stop; called, it answers. Set by `stoppable`."""
+    """Whether the user or the system wants this program to stop; called, it answers. Set by `stoppable`."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -36,24 +38,32 @@ class Stop:
         return self.asked
 
     def interrupt(self, *_: object) -> None:
-        """Handle one Ctrl-C."""
+        """Handle one Ctrl-C, or a signal that stands for it."""
         if self.asked and not self.shielded:
             raise KeyboardInterrupt
         if not self.asked:
-            # print is not safe in a handler
-            os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")
+            with suppress(OSError):  # the terminal may have been closed
+                # print is not safe in a handler
+                os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")
         self.asked = True
 
 
 @contextmanager
 def stoppable() -> Iterator[Stop]:
-    """Give a Stop that turns true at the first Ctrl-C; the second one raises KeyboardInterrupt at once."""
+    """Give a Stop that turns true at the first Ctrl-C; the second one raises KeyboardInterrupt at once.
+
+    So do SIGTERM (`timeout`, a cluster's scheduler, a container that is stopped) and SIGHUP (a terminal that is closed).
+    """
     stop = Stop()
-    before = signal.signal(signal.SIGINT, stop.interrupt)
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN or number == signal.SIGINT:  # `nohup` ignores SIGHUP
+            signal.signal(number, stop.interrupt)
     try:
         yield stop
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def saying_compiling() -> AbstractContextManager[object]:

@@ -1,0 +1,99 @@
+"""Keeps what `handtrack track` tracks as a take, frame by frame, and finds what an earlier run of the same command left."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Sequence
+from itertools import takewhile
+from pathlib import Path
+
+from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.take_about import about_take
+from handtrack.store.spans import Span
+from handtrack.store.store import WritableStore
+from handtrack.store.take import TakeWriter
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.state import Step
+from handtrack_app.commands.terminal.progress import say
+
+_PROGRAM = "handtrack track"
+_UNFINISHED = ".unfinished"
+
+
+class TakeKeeper:
+    """The store of one run of the command; a context, in which no other program writes there.
+
+    That is the session's, where its tracks/poses.npz is written. A result that goes elsewhere has a store of its own beside
+    it until it is whole: so many may be made of one session at a time.
+    """
+
+    def __init__(self, out: Path, session: Session, args: argparse.Namespace) -> None:
+        self._out, self._args = out, args
+        self._own = out.resolve() != (session.folder / POSES_FILE).resolve()
+        self._folder = session.folder / TRACKS_FOLDER
+        if self._own:
+            self._folder = out.with_name(out.name + _UNFINISHED)
+        self._store: WritableStore | None = None
+        self._writer: TakeWriter | None = None
+        self._finished = False
+
+    def __enter__(self) -> TakeKeeper:
+        if not self._out.exists() or self._out.is_file():  # a device keeps nothing
+            self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._store is None:
+            return
+        self._store.close()
+        if self._own and self._finished:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def begin(self, run: TrackingRun, frames: range) -> list[Step]:
+        """Begin a take, or go on with one; return the frames that are there, in the order of tracking."""
+        if self._store is None:
+            return []
+        about = about_take(run, _PROGRAM, frames, *run.initial())
+        left = None if self._args.restart else self._store.unfinished(about.inputs)
+        if left is None:
+            self._writer = self._store.begin(about)
+            return []
+        for text in left.damage:
+            say(f"note: {text}")
+        steps = left.steps()
+        done = [*takewhile(lambda step: step.result.frame != self._args.explain, steps)]
+        self._writer = self._store.go_on(left)
+        count = sum(step.result.frame in frames for step in done)
+        say(
+            f"resuming at frame {count} of {len(frames)} (take {left.number}; --restart begins anew)"
+        )
+        return done
+
+    def keep(self, step: Step) -> None:
+        """Keep a tracked frame."""
+        if self._writer is not None:
+            self._writer.add(step)
+
+    def replace(self, result: FrameResult) -> None:
+        """Keep the pose that all frames together chose."""
+        if self._writer is not None:
+            self._writer.replace(result)
+
+    def check(self) -> None:
+        """Raise HandtrackError when another program took over: what it writes is not to be written over."""
+        if self._store is not None:
+            self._store.lease.check()
+
+    def saved(self, frames: Sequence[int], finished: bool) -> None:
+        """Say that the result is written; finished: whether it is all of it. It is the current track from now on."""
+        if self._store is None or self._writer is None:
+            return
+        if not self._own:
+            number = self._writer.take.number
+            self._store.make_current([Span(number, min(frames), max(frames) + 1)])
+        if finished:
+            self._writer.finish()
+            self._finished = True

@@ -1,0 +1,153 @@
+"""A tracked frame ↔ what a record holds: numbers as JSON, arrays as bytes, nothing rounded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Array, Axes
+from handtrack.store.record import Record
+from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import Alternative, FrameResult, Status
+from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.state import Step
+
+_RESULT = (
+    "parameters",
+    "parameter_std",
+    "joint_covariance",
+    "T_world_bone",
+    "joint_positions",
+    "keypoints21",
+)
+_Content = tuple[dict[str, Any], bytes]
+"""data and payload of a record"""
+
+
+def step_content(step: Step) -> _Content:
+    """Return what a record of a tracked frame holds."""
+    packed = _Packed()
+    data = _of_result(step.result, packed)
+    packed.add("belief", step.belief)
+    data["hypotheses"] = [_of_hypothesis(h, n, packed) for n, h in enumerate(step.hypotheses)]
+    return packed.content(data)
+
+
+def result_content(result: FrameResult) -> _Content:
+    """Return what a record of a frame holds that nothing is tracked on from."""
+    packed = _Packed()
+    return packed.content(_of_result(result, packed))
+
+
+def read_result(record: Record) -> FrameResult:
+    """Return the frame of a record. Raises ValueError, KeyError or TypeError for one that holds none."""
+    return _result(record.data, _arrays(record))
+
+
+def read_step(record: Record) -> Step:
+    """Return the frame of a record with what the next one needs. Raises as `read_result` does."""
+    arrays, data = _arrays(record), record.data
+    hypotheses = tuple(_hypothesis(h, n, arrays) for n, h in enumerate(data.get("hypotheses", ())))
+    return Step(_result(data, arrays), arrays.get("belief"), hypotheses)
+
+
+class _Packed:
+    """Arrays of floats by name, one after another. Their order in memory is kept: sums depend on it."""
+
+    def __init__(self) -> None:
+        self._heads: list[list[object]] = []
+        self._parts: list[bytes] = []
+
+    def add(self, name: str, array: Array[*Axes] | None) -> None:
+        if array is None:
+            return
+        columns = array.flags.f_contiguous and not array.flags.c_contiguous
+        rows = array.T if columns else array
+        self._heads.append([name, "F" if columns else "C", *array.shape])
+        self._parts.append(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+
+    def content(self, data: dict[str, Any]) -> _Content:
+        return data | {"arrays": self._heads}, b"".join(self._parts)
+
+
+def _arrays(record: Record) -> dict[str, Array]:
+    found, at = {}, 0
+    for name, order, *shape in record.data["arrays"]:
+        count = int(np.prod(shape, dtype=int))
+        flat = np.frombuffer(record.payload, "<f8", count, at).astype(float)
+        found[str(name)] = flat.reshape(shape[::-1]).T if order == "F" else flat.reshape(shape)
+        at += 8 * count
+    return found
+
+
+def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
+    for name in _RESULT:
+        packed.add(name, getattr(result, name))
+    for number, pose in enumerate(result.alternatives):
+        packed.add(f"alternative{number}", pose.parameters)
+    return {
+        "frame": result.frame,
+        "time_s": float(result.time_s),
+        "status": int(result.status),
+        "energy": float(result.energy),
+        "iterations": int(result.iterations),
+        "energies": {name: float(value) for name, value in result.energies.items()},
+        "reason": None if result.reason is None else asdict(result.reason),
+        "alternatives": [
+            [float(a.energy), float(a.weight), int(a.parent), a.origin] for a in result.alternatives
+        ],
+    }
+
+
+def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
+    reason = data["reason"]
+    return FrameResult(
+        frame=int(data["frame"]),
+        time_s=float(data["time_s"]),
+        status=Status(data["status"]),
+        energy=float(data["energy"]),
+        iterations=int(data["iterations"]),
+        energies=dict(data["energies"]),
+        reason=None if reason is None else Reason(**reason),
+        alternatives=tuple(
+            Alternative(arrays[f"alternative{n}"], energy, weight, parent, origin)
+            for n, (energy, weight, parent, origin) in enumerate(data["alternatives"])
+        ),
+        **{name: arrays.get(name) for name in _RESULT},  # type: ignore[arg-type]
+    )
+
+
+def _of_hypothesis(known: MovingHypothesis, number: int, packed: _Packed) -> list[object]:
+    for name, read in _HYPOTHESIS.items():
+        packed.add(f"hypothesis{number}.{name}", read(known))
+    return [float(known.cost), float(known.weight), known.origin, float(known.seen.cost)]
+
+
+def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> MovingHypothesis:
+    cost, weight, origin, seen_cost = numbers
+    a = {name: arrays[f"hypothesis{number}.{name}"] for name in _HYPOTHESIS}
+    return MovingHypothesis(
+        params=a["params"],
+        cost=cost,
+        covariance=a["covariance"],
+        weight=weight,
+        origin=origin,
+        belief=MotionBelief(a["mean"], a["velocity"], a["motion"]),
+        seen=JointSystem(seen_cost, a["gradient"], a["hessian"]),
+    )
+
+
+_HYPOTHESIS: dict[str, Callable[[MovingHypothesis], Array]] = {
+    "params": lambda h: h.params,
+    "covariance": lambda h: h.covariance,
+    "mean": lambda h: h.belief.mean,
+    "velocity": lambda h: h.belief.velocity,
+    "motion": lambda h: h.belief.covariance,
+    "gradient": lambda h: h.seen.gradient,
+    "hessian": lambda h: h.seen.hessian,
+}

@@ -1,0 +1,213 @@
+"""Store: the takes of a session and its current track; the only writer of the session's tracks/.
+
+    tracks/actions/000007.log        what was decided: which spans of which takes are current, what was removed
+    tracks/takes/0003/000007.log     a take's frames
+    tracks/lease-000007.json         who writes now
+
+Reading needs nobody's leave. Whoever writes holds the lease, and begins new files of its own (`log`).
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from handtrack.errors import HandtrackError
+from handtrack.store.lease import BEAT_S, Lease
+from handtrack.store.log import LogWriter, make_folders, read_log, segments
+from handtrack.store.spans import Span, with_span
+from handtrack.store.take import Take, TakeAbout, TakeWriter
+from handtrack.tracking.frame.result import FrameResult, TrackResult
+
+_ACTIONS, _TAKES = "actions", "takes"
+_CURRENT, _PRUNED = "current", "pruned"
+_SYNC_S = 0.5
+
+
+class Store:
+    """A store as it stands on disk; `WritableStore` adds to it."""
+
+    def __init__(self, folder: Path) -> None:
+        """folder: a session's tracks/; it need not exist."""
+        self.folder = folder
+
+    def takes(self) -> list[Take]:
+        """Return the takes that were not pruned, the oldest first."""
+        pruned = {data["take"] for data in self._actions(_PRUNED)}
+        return [take for take in self._all_takes() if take.number not in pruned]
+
+    def take(self, number: int) -> Take:
+        """Return a take by its number. Raises HandtrackError."""
+        known = {take.number: take for take in self.takes()}
+        if number not in known:
+            there = ", ".join(map(str, known)) or "none yet"
+            raise HandtrackError(f"{self.folder}: no take {number}; its takes: {there}.")
+        return known[number]
+
+    def current(self) -> tuple[Span, ...]:
+        """Return the spans of takes that the current track is composed of, in ascending order."""
+        chosen = list(self._actions(_CURRENT))
+        return tuple(Span(*map(int, span)) for span in chosen[-1]["spans"]) if chosen else ()
+
+    def current_track(self) -> TrackResult | None:
+        """Return the current track; None where nothing was tracked. It is labelled as its latest take is.
+
+        Raises HandtrackError where its takes are of different models.
+        """
+        spans = self.current()
+        if not spans:
+            return None
+        takes = {span.take: self.take(span.take) for span in spans}
+        labels = takes[max(takes)].about.labels
+        frames: list[FrameResult] = []
+        for span in spans:
+            theirs = takes[span.take].about.labels
+            if theirs.parameter_names != labels.parameter_names:
+                raise HandtrackError(
+                    f"{self.folder}: takes {span.take} and {max(takes)} are of different models ({theirs.model} and "
+                    f"{labels.model}), so they cannot be one track. Restore one of them for all frames."
+                )
+            frames += takes[span.take].results(range(span.first, span.stop))
+        return labels.track(frames) if frames else None
+
+    def damage(self) -> list[str]:
+        """Return a sentence for each part that is damaged or missing. Reads everything."""
+        found: list[str] = []
+        for _ in read_log(self.folder / _ACTIONS, found):
+            pass
+        return [*found, *(text for take in self._all_takes() for text in take.damage)]
+
+    def unfinished(self, inputs: Mapping[str, str]) -> Take | None:
+        """Return the latest take that was made from these inputs, if it did not come to its end."""
+        for take in reversed(self.takes()):
+            with suppress(HandtrackError):  # nobody knows what it was made from
+                if take.about.inputs == inputs:
+                    return None if take.is_finished else take
+        return None
+
+    def _all_takes(self) -> list[Take]:
+        folder = self.folder / _TAKES
+        found = folder.iterdir() if folder.is_dir() else ()
+        takes = [Take(path) for path in found if path.name.isdigit() and segments(path)]
+        return sorted(takes, key=lambda take: take.number)
+
+    def _actions(self, kind: str) -> list[dict[str, Any]]:
+        records = read_log(self.folder / _ACTIONS, [], payloads=False)
+        return [record.data for record in records if record.kind == kind]
+
+
+class WritableStore(Store):
+    """A store that this program writes to. Use as a context: at its end all is on disk and the lease is given back."""
+
+    def __init__(self, folder: Path, program: str, take_over: bool = False) -> None:
+        """program: such as `handtrack track`, for others to read. take_over: even if another program holds the lease.
+
+        Raises LeaseTaken naming the holder, or OSError where nothing can be written.
+        """
+        super().__init__(folder)
+        make_folders(folder)
+        written = [int(p.stem) for log in self._logs() for p in segments(log)]
+        self.lease = Lease.acquire(folder, program, max(written, default=0) + 1, take_over)
+        self._writers = [LogWriter(folder / _ACTIONS, self.lease.generation, self.lease.check)]
+        self._ended = threading.Event()
+        self._keeper = threading.Thread(target=self._keep, name="store", daemon=True)
+        self._keeper.start()
+        self._remove_pruned()
+
+    def __enter__(self) -> WritableStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def begin(self, about: TakeAbout) -> TakeWriter:
+        """Begin a new take."""
+        folder = self.folder / _TAKES
+        pruned = [data["take"] for data in self._actions(_PRUNED)]
+        there = (
+            [int(p.name) for p in folder.iterdir() if p.name.isdigit()] if folder.is_dir() else []
+        )
+        return self._writer(Take(folder / f"{max([0, *pruned, *there]) + 1:04d}"), about)
+
+    def go_on(self, take: Take) -> TakeWriter:
+        """Add to a take that did not come to its end."""
+        return self._writer(take, take.about)
+
+    def make_current(self, spans: Sequence[Span]) -> None:
+        """Say what the current track is composed of."""
+        self._act(_CURRENT, {"spans": [[s.take, s.first, s.stop] for s in spans]})
+
+    def restore(self, number: int, frames: range | None = None) -> tuple[Span, ...]:
+        """Make a take, or some frames of it, current again; the rest of the current track stays. Return its spans."""
+        take = self.take(number)
+        if not take.frames:
+            raise HandtrackError(f"{self.folder}: take {number} has no frames.")
+        there = range(take.frames[0], take.frames[-1] + 1)
+        if frames is None:
+            spans: tuple[Span, ...] = (Span(number, there.start, there.stop),)
+        else:
+            first, stop = max(frames.start, there.start), min(frames.stop, there.stop)
+            if first >= stop:
+                raise HandtrackError(
+                    f"{self.folder}: take {number} has the frames {there.start} to {there.stop - 1}, none of "
+                    f"{frames.start} to {frames.stop - 1}."
+                )
+            spans = with_span(self.current(), Span(number, first, stop))
+        self.make_current(spans)
+        return spans
+
+    def prune(self, number: int) -> int:
+        """Remove a take for good; return how many bytes that frees. Raises HandtrackError for one that is current."""
+        take = self.take(number)
+        if any(span.take == number for span in self.current()):
+            raise HandtrackError(
+                f"{self.folder}: take {number} is part of the current track; restore another one first."
+            )
+        size = take.bytes
+        self._act(_PRUNED, {"take": number})
+        self._remove_pruned()
+        return size
+
+    def close(self) -> None:
+        """Bring everything to disk and give the lease back."""
+        self._ended.set()
+        self._keeper.join()
+        try:
+            for writer in self._writers:
+                writer.close()
+        finally:
+            self.lease.release()
+            with suppress(OSError):
+                self.folder.rmdir()  # where nothing was written
+
+    def _act(self, kind: str, data: dict[str, Any]) -> None:
+        self._writers[0].append(kind, data)
+
+    def _writer(self, take: Take, about: TakeAbout) -> TakeWriter:
+        log = LogWriter(take.folder, self.lease.generation, self.lease.check)
+        self._writers.append(log)
+        return TakeWriter(Take(take.folder), about, log)
+
+    def _logs(self) -> list[Path]:
+        return [self.folder / _ACTIONS, *(take.folder for take in self._all_takes())]
+
+    def _remove_pruned(self) -> None:
+        for data in self._actions(_PRUNED):
+            with suppress(OSError):
+                shutil.rmtree(self.folder / _TAKES / f"{data['take']:04d}")
+
+    def _keep(self) -> None:
+        """Bring to disk what was written without waiting for it, and say that we live."""
+        waits = 0.0
+        while not self._ended.wait(_SYNC_S):
+            for writer in list(self._writers):
+                with suppress(HandtrackError):  # tried again, and told when the store is closed
+                    writer.sync()
+            waits += _SYNC_S
+            if waits >= BEAT_S:
+                self.lease.beat()
+                waits = 0.0

@@ -1,0 +1,145 @@
+"""A take: one tracking, frame by frame as it came, with all that made it. It is never overwritten."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from handtrack.errors import HandtrackError
+from handtrack.store.log import LogWriter, read_log, size_of
+from handtrack.store.record import Record
+from handtrack.store.step_record import read_result, read_step, result_content, step_content
+from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
+from handtrack.tracking.state import Step
+
+_ABOUT, _STEP, _POSE, _END = "take", "step", "pose", "end"
+
+
+@dataclass(frozen=True)
+class TakeAbout:
+    """What is known of a take before its first frame."""
+
+    by: str
+    """the program, such as `handtrack track`"""
+    begun: str
+    """UTC, ISO 8601; for people: takes are ordered by their numbers"""
+    frames: tuple[int, int]
+    """half-open: those that it is to have"""
+    labels: TrackLabels
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    """what it is made from, by name: two takes with the same inputs have the same poses"""
+    start: Mapping[str, Any] = field(default_factory=dict)
+    """`frame` and solver `parameters` where tracking begins"""
+    keyframes: tuple[int, ...] = ()
+    """frames with a pose given by hand"""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """of the programs that made it"""
+
+
+class Take:
+    """A take as it stands on disk. Reads when asked; holds no frames."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.number = int(folder.name)
+
+    @cached_property
+    def about(self) -> TakeAbout:
+        """Raises HandtrackError when all of its descriptions are damaged."""
+        for record in self._records(payloads=False):
+            if record.kind in (_ABOUT, _END) and (about := _about(record)) is not None:
+                return about
+        raise HandtrackError(
+            f"{self.folder}: what this take is about is damaged, so its frames cannot be used. The files are kept."
+        )
+
+    @cached_property
+    def frames(self) -> tuple[int, ...]:
+        """The frames of its range that are there, in order."""
+        wanted = range(*self.about.frames)
+        found = {
+            int(r.data["frame"]) for r in self._records(payloads=False) if r.kind in (_STEP, _POSE)
+        }
+        return tuple(sorted(frame for frame in found if frame in wanted))
+
+    @cached_property
+    def is_finished(self) -> bool:
+        """Whether it was tracked to its end."""
+        kinds = [record.kind for record in self._records(payloads=False)]
+        return bool(kinds) and kinds[-1] == _END
+
+    @property
+    def bytes(self) -> int:
+        """What it takes on the disk."""
+        return size_of(self.folder)
+
+    @property
+    def damage(self) -> tuple[str, ...]:
+        """A sentence for each part that is damaged or missing. Reads all of it."""
+        damage: list[str] = []
+        for _ in read_log(self.folder, damage):
+            pass
+        return tuple(damage)
+
+    def steps(self) -> list[Step]:
+        """Return the frames that tracking can go on from, in the order they were tracked; the latest of each."""
+        latest: dict[int, Step] = {}
+        for record in self._records():
+            if record.kind == _STEP:
+                step = read_step(record)
+                latest[step.result.frame] = step
+        return list(latest.values())
+
+    def results(self, frames: range | None = None) -> list[FrameResult]:
+        """Return its frames in ascending order, those of `frames` alone if given."""
+        wanted = range(*self.about.frames) if frames is None else frames
+        latest: dict[int, FrameResult] = {}
+        for record in self._records():
+            if record.kind in (_STEP, _POSE) and record.data.get("frame") in wanted:
+                result = read_result(record)
+                latest[result.frame] = result
+        return [latest[frame] for frame in sorted(latest)]
+
+    def track(self, frames: range | None = None) -> TrackResult:
+        """Return its frames as one result. Raises HandtrackError where there are none."""
+        found = self.results(frames)
+        if not found:
+            raise HandtrackError(f"{self.folder}: take {self.number} has no such frames.")
+        return self.about.labels.track(found)
+
+    def _records(self, payloads: bool = True) -> Iterator[Record]:
+        return read_log(self.folder, [], payloads)
+
+
+class TakeWriter:
+    """Adds frames to a take."""
+
+    def __init__(self, take: Take, about: TakeAbout, log: LogWriter) -> None:
+        """Use `Store.begin` or `Store.go_on`."""
+        self.take, self.about = take, about
+        self._log = log
+        self._log.append(_ABOUT, asdict(about))
+
+    def add(self, step: Step) -> None:
+        """Keep a tracked frame, whatever happens to this program; a second later at most it is on disk."""
+        self._log.append(_STEP, *step_content(step), durable=False)
+
+    def replace(self, result: FrameResult) -> None:
+        """Keep another pose of a frame that is there: of all frames together, say. Tracking goes on from the first."""
+        self._log.append(_POSE, *result_content(result), durable=False)
+
+    def finish(self) -> None:
+        """Say that it is tracked to its end; all of it is on disk."""
+        self._log.append(_END, asdict(self.about))
+
+
+def _about(record: Record) -> TakeAbout | None:
+    try:
+        return msgspec.convert(record.data, TakeAbout)
+    except msgspec.ValidationError:
+        return None  # of a later version
