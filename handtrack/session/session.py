@@ -16,6 +16,7 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
@@ -39,6 +40,7 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
+from handtrack.session.video_audits import count_beside
 from handtrack.session.views import View
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -71,6 +73,7 @@ class Session:
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
+        self.check_init(self.known_frames)
         self._observations: OrderedDict[tuple[int, bool, bool], Observation] = OrderedDict()
         self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
         self._lock = threading.Lock()
@@ -122,7 +125,7 @@ class Session:
     def frame_count(self) -> int:
         """Frames run from 0 to the last that any camera or cloud has.
 
-        The first use counts videos by decoding.
+        The first use counts videos by decoding; see `count_beside`.
         """
         clouds = max(self.cloud_files, default=-1) + 1
         return max(clouds, *(view.frame_count for view in self.views))
@@ -131,6 +134,31 @@ class Session:
     def frame_range(self) -> range:
         """Every frame of the session."""
         return range(self.frame_count)
+
+    @property
+    def known_frames(self) -> range:
+        """Every frame as far as is known without decoding: what videos announce, until their frames were counted."""
+        clouds = max(self.cloud_files, default=-1) + 1
+        return range(max(clouds, *(view.known_count for view in self.views)))
+
+    @property
+    def videos(self) -> tuple[VideoFile, ...]:
+        """The views' videos."""
+        sources = (source for view in self.views for source in view.sources)
+        return tuple(source for source in sources if isinstance(source, VideoFile))
+
+    def count_beside(self, keep: bool = True) -> threading.Thread:
+        """Begin to count the videos' frames on a thread of its own, and perhaps keep what is found for the next opening."""
+        return count_beside(self.folder if keep else None, self.videos)
+
+    def check_init(self, frames: range | None = None) -> None:
+        """Raise HandtrackError where init.json is about none of these frames (the session's), known once videos are counted."""
+        frames = self.frame_range if frames is None else frames
+        if self.init is not None and self.init.frame not in frames:
+            raise HandtrackError(
+                f"{self.folder / INIT_FILE}: frame = {self.init.frame}, but the session has the frames 0 to "
+                f"{len(frames) - 1}."
+            )
 
     @property
     def hand_model(self) -> str | Path:
@@ -256,7 +284,7 @@ class Session:
         crops the cloud to a hand before it is thinned, see `cloud`. Raises HandtrackError outside
         the session's frames.
         """
-        if frame not in self.frame_range:
+        if frame not in self.known_frames and frame not in self.frame_range:
             raise HandtrackError(
                 f"{self.folder}: no frame {frame}; the session has the frames 0 to "
                 f"{self.frame_count - 1}."
@@ -326,13 +354,7 @@ class Session:
         return read_timestamps(path, self.camera_names, recording.fps)
 
     def _read_init(self, path: Path) -> FirstPose:
-        pose = read_first_pose(path, self._parameter_names())
-        if pose.frame not in self.frame_range:
-            raise HandtrackError(
-                f"{path}: frame = {pose.frame}, but the session has the frames 0 to "
-                f"{self.frame_count - 1}."
-            )
-        return pose
+        return read_first_pose(path, self._parameter_names())
 
     def _parameter_names(self) -> tuple[str, ...] | None:
         """Return the names that init.json may use; None when the model is a file, which is not read here."""

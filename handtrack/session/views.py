@@ -27,6 +27,7 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen_keypoints import KeypointFiles
 from handtrack.session.session_file import CameraSettings
+from handtrack.session.video_audits import kept_audit
 
 
 class View:
@@ -68,6 +69,12 @@ class View:
         """One more than the last frame of any source."""
         joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
         return max([joints, *(len(source.frames) for source in self.sources)])
+
+    @property
+    def known_count(self) -> int:
+        """The same as far as is known without decoding videos."""
+        joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
+        return max([joints, *(len(source.known_frames) for source in self.sources)])
 
     @property
     def warnings(self) -> list[str]:
@@ -184,7 +191,7 @@ class View:
                 'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
                 "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
             )
-        return VideoFile(path, self.camera.size, f"{where}, {path}")
+        return VideoFile(path, self.camera.size, f"{where}, {path}", kept_audit(folder, path))
 
     def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
         pattern = self.settings.bayer

@@ -19,6 +19,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
 from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
@@ -53,8 +54,11 @@ def run(args: argparse.Namespace) -> int:
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
+    session.count_beside(keep=args.out is None)
     first = first_pose(args.init, session, settings)
-    frames = parse_frames(args.frames, session)
+    # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
+    known = session.frame_range if args.init == "auto" else session.known_frames
+    frames = parse_frames(args.frames, known, session.folder)
     check_recording(args, frames)
     if args.explain is not None and args.explain not in frames:
         raise HandtrackError(
@@ -82,6 +86,14 @@ def run(args: argparse.Namespace) -> int:
             reports: list[SearchReport] = []
             control = Control(stop, on_search=None if args.explain is None else reports.append)
             results, problem = _track(run_, frames, recorder, stop, control)
+            counted = frames if stop() else _counted(args, session, settings)
+            if counted != frames:
+                say(
+                    "note: the videos have not as many frames as they announce; tracking begins anew."
+                )
+                stop.shielded, frames = False, counted
+                reports.clear()
+                results, problem = _track(run_, frames, recorder, stop, control)
             code = _save(run_, results, frames, out, stop(), problem)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
@@ -126,7 +138,7 @@ def _track(
     if recorder is not None:
         control = recorder.watching(control)
     results: dict[int, FrameResult] = {}
-    problem = ""
+    problem, known = "", run_.session.known_frames
     with progress_bar(len(frames), "tracking") as bar:
         try:
             for result in run_.track_with(control, frames, start_frame, start):
@@ -135,6 +147,8 @@ def _track(
                 if recorder is not None:
                     recorder.show(result)
                 bar.update(is_new)
+                if run_.session.known_frames != known:
+                    break  # videos are counted by now, and have not as many frames as they announce
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             stop.asked = True
         except HandtrackError as error:
@@ -143,6 +157,15 @@ def _track(
             problem = str(error)
         stop.shielded = True  # from here on it is saved
     return list(results.values()), problem
+
+
+def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettings) -> range:
+    """Return the frames asked for once those of videos are counted. Raises HandtrackError where there are none such."""
+    counted = session.frame_range
+    if args.init is None:
+        session.check_init()
+    first_pose(args.init, session, settings)
+    return parse_frames(args.frames, counted, session.folder)
 
 
 def _save(
