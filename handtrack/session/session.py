@@ -17,6 +17,7 @@ from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, H
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame
 from handtrack.capture.images.video import VideoFile
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
@@ -34,13 +35,13 @@ from handtrack.session.layout import (
     matching_files,
 )
 from handtrack.session.session_file import (
+    CameraSettings,
     CloudSettings,
     SessionFile,
     dotted,
     is_definition,
     read_session_file,
 )
-from handtrack.session.video_audits import count_beside
 from handtrack.session.views import View
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -54,6 +55,9 @@ _POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 class Session:
     """An opened session folder. Reading frames is safe from several threads."""
 
+    live: LiveFeed | None = None
+    """the cameras of a live session; None of a recording"""
+
     def __init__(self, folder: Path, file: SessionFile, rig: CameraRig) -> None:
         """Use `Session.open`."""
         self.folder = folder
@@ -62,7 +66,7 @@ class Session:
         """the session's cameras, in the order of session.toml."""
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
-        self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
+        self.views = tuple(self._view(c) for c in file.cameras)
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
         self.cloud_filters = self._filters(self.settings.tracker.seed)
@@ -97,16 +101,7 @@ class Session:
                 "new` makes one from videos and a calibration."
             )
         file = read_session_file(folder / SESSION_FILE)
-        everything = read_rig(
-            inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m
-        )
-        for camera in file.cameras:
-            if camera.name not in everything:
-                raise HandtrackError(
-                    f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
-                    f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
-                )
-        return cls(folder, file, CameraRig(tuple(everything[c.name] for c in file.cameras)))
+        return cls(folder, file, session_rig(folder, file))
 
     @property
     def name(self) -> str:
@@ -125,7 +120,7 @@ class Session:
     def frame_count(self) -> int:
         """Frames run from 0 to the last that any camera or cloud has.
 
-        The first use counts videos by decoding; see `count_beside`.
+        The first use counts videos by decoding; see `video_audits.count_beside`.
         """
         clouds = max(self.cloud_files, default=-1) + 1
         return max(clouds, *(view.frame_count for view in self.views))
@@ -146,10 +141,6 @@ class Session:
         """The views' videos."""
         sources = (source for view in self.views for source in view.sources)
         return tuple(source for source in sources if isinstance(source, VideoFile))
-
-    def count_beside(self, keep: bool = True) -> threading.Thread:
-        """Begin to count the videos' frames on a thread of its own, and perhaps keep what is found for the next opening."""
-        return count_beside(self.folder if keep else None, self.videos)
 
     def check_init(self, frames: range | None = None) -> None:
         """Raise HandtrackError where init.json is about none of these frames (the session's), known once videos are counted."""
@@ -266,6 +257,9 @@ class Session:
         changed._observations = OrderedDict()
         return changed
 
+    def _view(self, camera: CameraSettings) -> View:
+        return View(self.folder, camera, self.rig[camera.name])
+
     def _filters(self, seed: int) -> CloudFilters:
         clouds = self.file.clouds
         return replace(CloudFilters() if clouds is None else clouds.filters, seed=seed)
@@ -370,6 +364,18 @@ class Session:
     def _hand_file(self, key: str, setting: str) -> Path:
         where = f"{self.folder / SESSION_FILE}, [hand], {key}"
         return matching_files(self.folder, setting, where)[0]
+
+
+def session_rig(folder: Path, file: SessionFile) -> CameraRig:
+    """Return the calibration of a session's cameras, in their order. Raises HandtrackError for one that has none."""
+    everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
+    for camera in file.cameras:
+        if camera.name not in everything:
+            raise HandtrackError(
+                f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
+                f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
+            )
+    return CameraRig(tuple(everything[camera.name] for camera in file.cameras))
 
 
 def _sources(clouds: CloudSettings) -> tuple[object, ...]:

@@ -36,13 +36,22 @@ class View:
     Opening checks that files exist and the first ones fit the calibration.
     """
 
-    def __init__(self, folder: Path, settings: CameraSettings, camera: Camera) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        settings: CameraSettings,
+        camera: Camera,
+        live: FrameSource | None = None,
+    ) -> None:
+        """live: gives the images in place of the recording, which then only teaches the mask method."""
         self.settings = settings
         self.camera = camera
         self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
         self._learning = threading.Lock()
         self._check_roi()
-        self.images = self._source(folder, settings.images, COLOUR)
+        recorded = self._source(folder, settings.images, COLOUR)
+        self.images = recorded if live is None else live
+        self._taught_by = recorded
         masks = settings.masks if isinstance(settings.masks, str) else None
         self.mask_files = self._source(folder, masks, MASK)
         self.depth = self._source(folder, settings.depth, DEPTH)
@@ -143,6 +152,8 @@ class View:
         method, source = self.settings.masks, self._segmented_source
         assert method is not None
         assert not isinstance(method, str)
+        if self._taught_by is not None and source is self.images:
+            source = self._taught_by
         assert source is not None
         try:
             return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)

@@ -17,6 +17,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.video_audits import count_beside
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
-    session.count_beside(keep=args.out is None)
+    count_beside(session.folder if args.out is None else None, session.videos)
     first = first_pose(args.init, session, settings)
     # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
     known = session.frame_range if args.init == "auto" else session.known_frames

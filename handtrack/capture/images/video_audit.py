@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, H, W
+from handtrack.arrays import Array, Axes, H, W
 
 _SAMPLE_BYTES = 1 << 16  # of a file's beginning and of its end, for its stamp
 _UNEVEN = 1.5  # times the usual step between two frames
@@ -25,7 +25,7 @@ class Checkpoint(NamedTuple):
     checksum: int
 
     @classmethod
-    def of(cls, capture: cv2.VideoCapture, image: Array[H, W, ...]) -> Checkpoint:
+    def of(cls, capture: cv2.VideoCapture, image: Array[H, W, *Axes]) -> Checkpoint:
         """Return the mark of the image that was decoded last."""
         return cls(float(capture.get(cv2.CAP_PROP_POS_MSEC)), zlib.crc32(image.tobytes()))
 
