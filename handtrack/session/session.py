@@ -137,10 +137,13 @@ class Session:
         return range(max(clouds, *(view.known_count for view in self.views)))
 
     @property
-    def videos(self) -> tuple[VideoFile, ...]:
+    def videos(self) -> list[VideoFile]:
         """The views' videos."""
-        sources = (source for view in self.views for source in view.sources)
-        return tuple(source for source in sources if isinstance(source, VideoFile))
+        return [s for view in self.views for s in view.sources if isinstance(s, VideoFile)]
+
+    @property
+    def is_counted(self) -> bool:
+        return all(video.audit is not None for video in self.videos)
 
     def check_init(self, frames: range | None = None) -> None:
         """Raise HandtrackError where init.json is about none of these frames (the session's), known once videos are counted."""

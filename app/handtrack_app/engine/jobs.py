@@ -99,7 +99,7 @@ class BackgroundJob:
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
-        if self.done < 2:
+        if self.done < 2 or not self.total:
             return 0.0
         spent = time.monotonic() - self._first_done - self.waited
         return spent / (self.done - 1) * (self.total - self.done)
@@ -144,7 +144,7 @@ class TrackingJob(BackgroundJob):
     ) -> None:
         super().__init__(number, frames, post)
         self._run, self._path, self._watch = run, path, watch
-        self.total = sum(len(leg.frames) for leg in path)
+        self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
 
     def work(self) -> None:
         run = self._run
