@@ -50,7 +50,8 @@ def track_frames(
             state, result = tracker.step(state, seen, control)
             if control.should_stop():
                 return
-            carried.append((result, state.hypotheses))
+            if result.alternatives:  # a live source has no last frame: nothing else is kept
+                carried.append((result, state.hypotheses))
             if frame in frames:
                 yield result
         yield from _chosen(tracker, carried[path is backward :], frames)

@@ -14,6 +14,7 @@ from handtrack.session.live.live_session import LiveSession, open_live
 from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.live_options import LiveOptions
 from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.protocol.snapshots import LiveCameraCard, LiveSnapshot, Notice, Snapshot
 
@@ -22,10 +23,10 @@ KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and op
 
 
 def open_live_document(
-    folder: Path, devices: Mapping[str, str], tolerance_s: float, overrides: Mapping[str, object]
+    options: LiveOptions, folder: Path, overrides: Mapping[str, object]
 ) -> Document:
     """Return the document of running cameras, with the hand as the folder's first pose has it. Raises HandtrackError."""
-    session = open_live(folder, devices, tolerance_s)
+    session = open_live(folder, options.devices, options.tolerance_s)
     try:
         assert session.live is not None
         session.live.reach(0)
@@ -60,12 +61,13 @@ class LiveDesk:
     def recording(self) -> bool:
         return self._recording is not None
 
-    def watch(self) -> bool:
-        """Show the cameras' newest images, while nothing is tracked; return whether there are any."""
+    def watch(self, show: bool) -> bool:
+        """Take, and perhaps show, the cameras' newest images while nothing is tracked; return whether there are any."""
         made = self._feed.make_next(0.0, counts=False)
         if made is not None:
             self._document.see_frames()
-            self._document.show(made.number)
+            if show:
+                self._document.show(made.number)
         return made is not None
 
     def record(self, on: bool, folder: str | None) -> None:
@@ -107,11 +109,11 @@ class LiveDesk:
         self._feed.close()
         return [*(count_words(card) for card in self._cards()), *filter(None, [said])]
 
-    def tell(self, at_once: bool = False) -> None:
-        """Show what became of the cameras' images, now and then; tell of a camera that is gone."""
+    def tell(self, at_once: bool = False) -> bool:
+        """Show what became of the cameras' images, and tell of a camera that is gone: now and then; return whether it was now."""
         now = time.monotonic()
         if not at_once and now - self._when < _TELL_EVERY_S:
-            return
+            return False
         self._when = now
         for sentence in self._feed.gone:
             if sentence not in self._known_gone:
@@ -128,6 +130,7 @@ class LiveDesk:
         if told != self._told:
             self._told = told
             self._publish(told)
+        return True
 
     def _cards(self) -> tuple[LiveCameraCard, ...]:
         counts = self._feed.counts

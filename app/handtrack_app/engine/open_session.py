@@ -321,9 +321,11 @@ class OpenSession:
 
     def _watch_live(self, live: LiveDesk) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
-        live.tell()
-        if not self.jobs.busy and (self.jobs.follow or live.recording) and live.watch():
-            self._show_all()
+        if live.tell() and not self.jobs.busy:
+            self._publish(timeline_snapshot(self.document))
+        follow = self.jobs.follow
+        if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
+            self._show_pose()
 
     def _take_count(self) -> None:
         """Go by the videos' true frames, now that they are counted, and say what is odd about them."""
