@@ -138,7 +138,15 @@ _SERVER = (
 
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
-        _option("session", nargs="?", type=Path, help="session folder"), *_SERVER,
+        _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
+        _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
+        _option("--camera", action="append", default=[], metavar="NAME=DEVICE",
+                help="with --live: a camera's number, path or address, or a video to be played as if it were one; once per "
+                "camera (default: 0, 1, 2 … in the session's order)"),
+        _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
+        _option("--tolerance-ms", type=float, default=50.0, metavar="T",
+                help="with --live: how far apart the images of one frame may be (50)"),
+        *_SERVER,
     )),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "new": _Command("new", "Make a session folder from videos and a calibration.", (

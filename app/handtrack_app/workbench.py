@@ -7,10 +7,13 @@ import sys
 import threading
 import time
 import webbrowser
+from functools import partial
 from pathlib import Path
 
 import viser
 
+from handtrack_app.engine.live_desk import open_live_document
+from handtrack_app.engine.live_options import LiveOptions
 from handtrack_app.engine.opening import open_document, working_folder
 from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
@@ -179,7 +182,12 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.LiveSnapshot():
+                self.layout.live.show(snapshot)
             case snapshots.TimelineSnapshot():
+                with self.state.lock:
+                    self.state.start = snapshot.start
+                    self.state.stop = snapshot.start + len(snapshot.status)
                 self.layout.show_timeline(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
@@ -233,24 +241,30 @@ def run_workbench(
     open_browser: bool = True,
     rerun: bool = False,
     demo: bool = False,
+    live: LiveOptions | None = None,
 ) -> None:
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: track at once. A bundled session is opened as the user's own copy.
+    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
     log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = working_folder(session_folder)
-    bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()
+    folder = working_folder(session_folder) if live is None else Path(session_folder)
+    opener = open_document if live is None else partial(open_live_document, live)
+    bench = Workbench(
+        folder, host, chosen, opener, rerun=rerun, demo=demo, open_pages=open_browser
+    ).start()
     try:
         failure = bench.worker.wait_opened(_PATIENCE_S)
         if failure is not None:
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+        if live is not None and live.record is not None:
+            bench.send(commands.Record(True, str(live.record)))
         if folder != Path(session_folder) or demo:
             print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
         if open_browser:
@@ -261,3 +275,5 @@ def run_workbench(
         pass
     finally:
         bench.stop()
+        for words in bench.worker.last_words:
+            print(words, flush=True)

@@ -12,6 +12,7 @@ TRUTH_FILE = "truth.npz"
 INIT_FILE = "init.json"
 TRACKS_FOLDER = "tracks"
 POSES_FILE = "tracks/poses.npz"
+VIDEOS_FILE = "tracks/videos.json"
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path

@@ -14,6 +14,7 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
@@ -88,6 +89,8 @@ class FakeSession:
     has_clouds: bool = False
     cloud_filters: CloudFilters = field(default_factory=CloudFilters)
     cloud_camera_centres: Floats | None = None
+    is_counted: bool = True
+    live: LiveFeed | None = None
 
     @property
     def views(self) -> tuple[FakeView, ...]:
@@ -106,6 +109,10 @@ class FakeSession:
 
     @property
     def frame_range(self) -> range:
+        return range(FRAMES)
+
+    @property
+    def known_frames(self) -> range:
         return range(FRAMES)
 
     def time_s(self, frame: int) -> float:

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
     first = first_pose(args.init, session, settings)
-    frames = parse_frames(args.frames, session)
+    frames = parse_frames(args.frames, session.frame_range, session.folder)
     if args.count < 1:
         raise HandtrackError(
             f"--count {args.count}: expected at least one frame to fit the size to."

@@ -17,8 +17,10 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.video_audits import count_beside
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
 from handtrack.tracking.state import Step
@@ -55,8 +57,11 @@ def run(args: argparse.Namespace) -> int:
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
+    count_beside(session.folder if args.out is None else None, session.videos)
     first = first_pose(args.init, session, settings)
-    frames = parse_frames(args.frames, session)
+    # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
+    known = session.frame_range if args.init == "auto" else session.known_frames
+    frames = parse_frames(args.frames, known, session.folder)
     check_recording(args, frames)
     if args.explain is not None and args.explain not in frames:
         raise HandtrackError(
@@ -86,6 +91,15 @@ def run(args: argparse.Namespace) -> int:
             on_search = None if args.explain is None else reports.append
             control = Control(stop, on_search=on_search, on_step=keeper.keep)
             results, problem = _track(run_, frames, recorder, stop, control, done, keeper)
+            counted = frames if stop() else _counted(args, session, settings)
+            if counted != frames:
+                say(
+                    "note: the videos have not as many frames as they announce; tracking begins anew."
+                )
+                stop.shielded, frames = False, counted
+                reports.clear()
+                done = keeper.begin(run_, frames)
+                results, problem = _track(run_, frames, recorder, stop, control, done, keeper)
             code = _save(run_, results, frames, out, stop(), problem, keeper)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
@@ -132,7 +146,7 @@ def _track(
     if recorder is not None:
         control = recorder.watching(control)
     results = {step.result.frame: step.result for step in done if step.result.frame in frames}
-    problem = ""
+    problem, known = "", run_.session.known_frames
     with progress_bar(len(frames), "tracking") as bar:
         bar.update(len(results))
         try:
@@ -144,6 +158,8 @@ def _track(
                 if recorder is not None:
                     recorder.show(result)
                 bar.update(is_new)
+                if run_.session.known_frames != known:
+                    break  # videos are counted by now, and have not as many frames as they announce
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             stop.asked = True
         except HandtrackError as error:
@@ -152,6 +168,15 @@ def _track(
             problem = str(error)
         stop.shielded = True  # from here on it is saved
     return list(results.values()), problem
+
+
+def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettings) -> range:
+    """Return the frames asked for once those of videos are counted. Raises HandtrackError where there are none such."""
+    counted = session.frame_range
+    if args.init is None:
+        session.check_init()
+    first_pose(args.init, session, settings)
+    return parse_frames(args.frames, counted, session.folder)
 
 
 def _save(

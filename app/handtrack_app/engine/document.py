@@ -81,7 +81,7 @@ class Document:
         self, run: Run, first_frame: int, first_params: Floats[P], size_pending: bool = False
     ) -> None:
         self.run = run
-        self.frames: range = run.session.frame_range
+        self.frames: range = run.session.known_frames
         self.first_frame = int(first_frame)
         self.start = run.model.joint_params(first_params)
         self.by_hand: dict[int, Floats] = {}
@@ -105,6 +105,19 @@ class Document:
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    # ---- frames
+
+    def see_frames(self) -> bool:
+        """Take the session's frames as they are known by now; what lies outside of them goes. Return whether they changed."""
+        known = self.run.session.known_frames
+        if known == self.frames:
+            return False
+        self.frames = known
+        self.results = {f: result for f, result in self.results.items() if f in known}
+        self.by_hand = {f: pose for f, pose in self.by_hand.items() if f in known}
+        self.found = {f: pose for f, pose in self.found.items() if f in known}
+        return True
 
     # ---- poses
 

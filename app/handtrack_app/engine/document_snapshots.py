@@ -74,6 +74,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         kind=model.kind,
         parts=part_cards(model),
         reach_m=model_reach(model),
+        live=session.live is not None,
     )
 
 

@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document
+from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -22,6 +23,7 @@ from handtrack_app.engine.jobs import (
     Ended,
     FindingJob,
     Found,
+    Leg,
     Report,
     Sized,
     SizingJob,
@@ -30,6 +32,7 @@ from handtrack_app.engine.jobs import (
     Watch,
     legs,
 )
+from handtrack_app.engine.live_desk import LiveDesk
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
@@ -37,6 +40,8 @@ from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
+_COMES_AGAIN = 2 * Control().ahead  # frames before a live one that may still change
+_ENDLESS = 1 << 40  # frames
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
@@ -79,10 +84,11 @@ class JobControl:
         post: Callable[[Report], None],
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
+        live: LiveDesk | None = None,
     ) -> None:
         self.follow = True
         """each tracked frame is shown"""
-        self._document, self._store = document, store
+        self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: Track | None = None
@@ -133,6 +139,7 @@ class JobControl:
         document = self._document
         self._refuse()
         self._first = order.first
+        document.see_frames()
         frames = range(
             max(order.start, document.frames.start), min(order.stop, document.frames.stop)
         )
@@ -156,6 +163,19 @@ class JobControl:
                 "All these frames are set by hand or found; there is nothing to track."
             )
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
+
+    def track_live(self) -> None:
+        """Begin to track what the cameras show from now on, from the pose shown, until it is cancelled."""
+        self._refuse()
+        document, feed = self._document, self._document.run.session.live
+        if feed is None:
+            raise HandtrackError("This is a recording, and no live source: track its frames.")
+        start = params_of(document.model, document.shown)
+        feed.begin_counting()
+        self._first = feed.known.stop
+        endless = range(self._first, self._first + _ENDLESS)
+        path = [Leg(endless, self._first, start)]
+        self._begin(TrackingJob(self._next(), document.run, endless, path, self._post, self._watch))
 
     def fit_size(self, then: Track | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
@@ -215,8 +235,12 @@ class JobControl:
         document, now = self._document, time.monotonic()
         if self._tracked_now.get(done.result.frame) is done.result:
             return  # it stands as it was solved
+        document.see_frames()
         document.accept(done.result, replaces_hand=done.result.frame == self._first)
         self._tracked_now[done.result.frame] = done.result
+        if self._live is not None:
+            self._live.note(done.result)
+            self._tracked_now.pop(done.result.frame - _COMES_AGAIN, None)
         self._store.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -276,6 +300,9 @@ class JobControl:
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
+            if self._live is not None and job.total == 0:
+                self._publish(Notice("done", "Tracking ended", self._live.words()))
+                return
             one = self._document.results.get(job.frames.start) if len(job.frames) == 1 else None
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))

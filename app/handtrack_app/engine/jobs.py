@@ -105,7 +105,7 @@ class BackgroundJob:
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
-        if self.done < 2:
+        if self.done < 2 or not self.total:
             return 0.0
         spent = time.monotonic() - self._first_done - self.waited
         return spent / (self.done - 1) * (self.total - self.done)
@@ -147,11 +147,13 @@ class TrackingJob(BackgroundJob):
     ) -> None:
         super().__init__(number, frames, post)
         self._run, self._path, self._watch = run, path, watch
-        self.total = sum(len(leg.frames) for leg in path)
+        self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
 
     def work(self) -> None:
-        run, control = self._run, Control(self.should_stop, on_early=self._early)
+        run = self._run
+        recorded = run.session.live is None
+        control = Control(self.should_stop, on_early=self._early, waits=recorded)
         for leg in self._path:
             for result in run.track_with(control, leg.frames, leg.first, leg.params):
                 self._post(Tracked(self.number, result))

@@ -15,6 +15,7 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
+from handtrack_app.engine.live_desk import KEEPS_NOTHING, LiveDesk
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudService
@@ -37,6 +38,13 @@ CloudChange = (
 )  # fmt: skip
 _EDITS = (
     commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
+)
+_KEEPS = (
+    commands.SavePose
+    | commands.SaveTrack
+    | commands.SaveSettings
+    | commands.SaveClouds
+    | commands.FitSize
 )
 _PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
@@ -69,12 +77,16 @@ class OpenSession:
         self.document = document
         self.store = Persistence.open(document)
         self._restored = self.store.restore()
+        self._live = LiveDesk.of(document, publish)
         self._publish, self._mail = publish, mail
         self._pictures = CameraPictures(document.run.session)
-        self.jobs = JobControl(document, self.store, self._announce, mail.put, watch, compiles)
+        self.jobs = JobControl(
+            document, self.store, self._announce, mail.put, watch, compiles, self._live
+        )
         self._clouds = CloudService(document, render_thread)
         self._wanted = commands.WantPictures(True, None, "plain")
         self._stale_pictures, self._painted = False, 0.0
+        self._counted, self._told = False, set[str]()
         self._unsaved: int | None = None
         self._edited = 0.0
 
@@ -94,8 +106,7 @@ class OpenSession:
             say("warning", "Nothing to track by yet", blind)
         elif document.run.first is None:
             say("info", "No first pose yet", _NO_POSE[document.model.kind])
-        for warning in filter(None, (self.store.warning, *document.run.session.warnings)):
-            say("warning", "About this session", warning)
+        self._say_warnings(self.store.warning)
         self._say_notes(document.run.session.warnings)
         self.jobs.show_progress()
 
@@ -104,6 +115,8 @@ class OpenSession:
     def serve(self, request: Request) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
         document, jobs = self.document, self.jobs
+        if self._live is not None and isinstance(request, _KEEPS):
+            raise HandtrackError(KEEPS_NOTHING)
         if isinstance(request, _EDITS):
             document.version = max(document.version, request.version)
         match request:
@@ -133,6 +146,13 @@ class OpenSession:
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm()
                 jobs.track(request)
+            case commands.TrackLive():
+                self.accept_edit()
+                self._see_arm()
+                jobs.track_live()
+            case commands.Record():
+                if self._live is not None:
+                    self._live.record(request.on, request.folder)
             case commands.FitSize():
                 jobs.fit_size()
             case commands.Pause():
@@ -219,6 +239,12 @@ class OpenSession:
             if note not in known:
                 self._say("warning", "About the settings", note)
 
+    def _say_warnings(self, *more: str) -> None:
+        for warning in filter(None, (*more, *self.document.run.session.warnings)):
+            if warning not in self._told:
+                self._told.add(warning)
+                self._say("warning", "About this session", warning)
+
     def _see_arm(self) -> None:
         if self.document.see_arm():
             self._show_session()
@@ -272,15 +298,48 @@ class OpenSession:
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
         if not self._stale_pictures:
-            return 0.1
+            return 0.0 if self._live is not None and self._live.recording else 0.1
         return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
 
     def idle(self) -> None:
         """Do what waits while no command does."""
+        if self._live is not None:
+            self._watch_live(self._live)
+        elif not self._counted and self.document.run.session.is_counted:
+            self._take_count()
         if self._stale_pictures:
             self._show_pictures()
         else:
             self.jobs.tick()
+
+    def close(self) -> list[str]:
+        """Keep the last edit and end what runs; return what is to be said at the end."""
+        self.accept_edit()
+        said = [] if self._live is None else self._live.close()
+        self.store.close()
+        return said
+
+    def _watch_live(self, live: LiveDesk) -> None:
+        """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
+        if live.tell() and not self.jobs.busy:
+            self._publish(timeline_snapshot(self.document))
+        follow = self.jobs.follow
+        if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
+            self._show_pose()
+
+    def _take_count(self) -> None:
+        """Go by the videos' true frames, now that they are counted, and say what is odd about them."""
+        document, self._counted = self.document, True
+        if document.see_frames():
+            document.show(document.frame)
+            self._show_session()
+            self._show_all()
+        self._say_warnings()
+        if document.first_frame not in document.frames:
+            raise HandtrackError(
+                f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
+                f"{len(document.frames) - 1} only. Pose the hand in one of these, and save the first-frame pose anew."
+            )
 
     def _show_pictures(self) -> None:
         """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""

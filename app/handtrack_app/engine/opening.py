@@ -15,6 +15,7 @@ from handtrack.session import bundled
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.video_audits import count_beside
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import scene_centre
 from handtrack_app.engine.run import Run
@@ -29,6 +30,7 @@ def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
     """
     session = Session.open(folder)
+    count_beside(session.folder, session.videos)
     run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
     wanted = session.settings.model.fit_size
     run = run.with_values({"model.fit_size": wanted})
@@ -62,7 +64,7 @@ def _middle_of_cloud(session: Session) -> Floats | None:
     if not session.has_clouds:
         return None
     try:
-        cloud = session.cloud(session.frame_range.start)[0]
+        cloud = session.cloud(session.known_frames.start)[0]
     except HandtrackError:  # said when the cloud is shown; the hand stands elsewhere till then
         return None
     if cloud is None or not len(cloud):

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 from handtrack.arrays import D3, Array, Bytes, C, Floats, H, P, W
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
@@ -55,6 +56,12 @@ class RunSession(Protocol):
     def views(self) -> Sequence[CameraSource]: ...
     @property
     def frame_range(self) -> range: ...
+    @property
+    def known_frames(self) -> range: ...
+    @property
+    def is_counted(self) -> bool: ...
+    @property
+    def live(self) -> LiveFeed | None: ...
     @property
     def truth(self) -> Truth | None: ...
     @property

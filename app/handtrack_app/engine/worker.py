@@ -60,6 +60,8 @@ class Worker:
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self._render_thread = RenderThread(publish)
         self._failure: Exception | None = None
+        self.last_words: list[str] = []
+        """what is to be said once the worker has ended, in sentences"""
         self._session: OpenSession | None = None
         self._compiles = CompileWatch(self._compiling)
         self._wishes: dict[type, commands.WantCloud | commands.WantSurface] = {}
@@ -123,8 +125,7 @@ class Worker:
             if session is not None:
                 self._guarded(session.accept_settled_edit)
         if session is not None:
-            self._guarded(session.accept_edit)
-            self._guarded(session.store.close)
+            self._guarded(lambda: self.last_words.extend(session.close()))
 
     def _guarded(self, action: Callable[[], None]) -> None:
         try:
