@@ -72,8 +72,10 @@ def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
             yield found
             continue
         after = _next_record(file, begin)
-        yield Gap(begin, after - begin, not file.read(1))
         file.seek(after)
+        at_end = not file.read(1)
+        file.seek(after)
+        yield Gap(begin, after - begin, at_end)
 
 
 def _record(line: bytes, file: BinaryIO, payloads: bool) -> Record | None:

@@ -1,0 +1,200 @@
+"""`handtrack track` killed, stopped and given again: nothing that was tracked is lost, and the result is the same to the byte."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from handtrack.session.formats.tables import read_npz
+from handtrack.store.lease import Lease
+from handtrack.store.spans import Span
+from handtrack.store.store import Store, WritableStore
+from handtrack.store.take import TakeWriter
+from handtrack_app.cli import main
+from handtrack_app.commands import track as track_command
+from tests.app.command_line import FRAMES, CommandLine
+from tests.app.commands.test_cli_interrupts import Interrupter
+
+POSES = "tracks/poses.npz"
+
+
+@pytest.fixture
+def session(tracked: Path, tmp_path: Path) -> Path:
+    """A small recording, not tracked yet."""
+    return Path(
+        shutil.copytree(tracked, tmp_path / "session", ignore=shutil.ignore_patterns("tracks"))
+    )
+
+
+@pytest.fixture(scope="session")
+def whole(tracked: Path) -> bytes:
+    """The poses.npz of an undisturbed run."""
+    return (tracked / POSES).read_bytes()
+
+
+def frames_of(session: Path, take: int = 1) -> tuple[int, ...]:
+    return Store(session / "tracks").take(take).frames
+
+
+def in_child(work: Callable[[], object]) -> int:
+    """Run something in a copy of this process; return how that ended: minus the number of the signal that killed it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # other tests' threads are not in the copy
+        child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            signal.alarm(120)
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def killed_at_write(number: int, session: Path) -> int:
+    """Track in a child; its n-th write to a file of the store is cut in half, and the child killed there."""
+
+    def work() -> None:
+        left, really = [number], os.write
+
+        def write(handle: int, data) -> int:
+            left[0] -= handle > 2
+            if left[0] == 0 and handle > 2:
+                really(handle, bytes(data)[: len(data) // 2])
+                os.kill(os.getpid(), signal.SIGKILL)
+            return really(handle, data)
+
+        os.write = write
+        main(["track", str(session)])
+
+    return in_child(work)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are copied where they can be")
+def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
+    handtrack: CommandLine, session: Path, whole: bytes, monkeypatch
+) -> None:
+    monkeypatch.setenv("HANDTRACK_THREADS", "1")  # a copy of a process has none of its threads
+    moments = random.Random(11)
+    for _ in range(6):
+        before = frames_of(session) if (session / "tracks/takes").exists() else ()
+        writes = moments.randint(1, 4)
+        assert killed_at_write(writes, session) == -signal.SIGKILL
+        if writes > 2:  # the lease, then what the take is about, then frames
+            assert len(frames_of(session)) >= min(len(before) + writes - 3, FRAMES)
+        (lease,) = (session / "tracks").glob("lease-*.json")
+        assert set(before) <= set(frames_of(session)) if before else lease.exists()
+    left = frames_of(session)
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    assert f"resuming at frame {len(left)} of {FRAMES} (take 1" in ended.err
+    assert (session / POSES).read_bytes() == whole
+    assert not list((session / "tracks").glob("lease-*"))
+    assert [take.number for take in Store(session / "tracks").takes()] == [1]
+
+
+def test_a1_signals_to_end_are_clean_stops(
+    handtrack: CommandLine, session: Path, whole: bytes, monkeypatch
+) -> None:
+    class Ended(Interrupter):
+        def update(self, frames: int = 1) -> None:
+            self.left -= frames
+            if self.left == 0:
+                os.kill(os.getpid(), self.presses)
+
+    for frames, number in ((2, signal.SIGTERM), (3, signal.SIGHUP)):
+        handler = signal.getsignal(number)
+        with monkeypatch.context() as patch:
+            patch.setattr(track_command, "progress_bar", lambda *_: Ended(frames, number))  # noqa: B023
+            ended = handtrack("track", session)
+        assert signal.getsignal(number) is handler
+        assert ended.code == 130
+        assert read_npz(session / POSES).frame.tolist() == list(range(frames))
+    assert handtrack("track", session).code == 0
+    assert (session / POSES).read_bytes() == whole
+
+
+def test_what_is_finished_or_begun_anew_is_a_new_take(
+    handtrack: CommandLine, session: Path, monkeypatch
+) -> None:
+    words = ("track", session, "--frames", "0:2")
+    with monkeypatch.context() as patch:
+        patch.setattr(track_command, "progress_bar", lambda *_: Interrupter(1))
+        assert handtrack(*words).code == 130
+    for more in (["--restart"], []):
+        ended = handtrack(*words, *more)
+        assert ended.code == 0
+        assert "resuming" not in ended.err
+    takes = Store(session / "tracks").takes()
+    assert [take.is_finished for take in takes] == [False, True, True]
+    assert Store(session / "tracks").current() == (Span(3, 0, 2),)
+
+
+def test_a2_a_session_that_is_written_to_is_refused(handtrack: CommandLine, session: Path) -> None:
+    with WritableStore(session / "tracks", "handtrack open"):
+        ended = handtrack("track", session)
+    assert ended.code == 2
+    assert f"by `handtrack open` (process {os.getpid()} on " in ended.err
+    assert not (session / POSES).exists()
+
+
+def test_a2_who_was_taken_over_writes_no_result(
+    handtrack: CommandLine, session: Path, monkeypatch
+) -> None:
+    add, others = TakeWriter.add, []
+
+    def adding(writer: TakeWriter, step) -> None:
+        if step.result.frame == 2:
+            others.append(Lease.acquire(session / "tracks", "the other", take_over=True))
+        add(writer, step)
+
+    monkeypatch.setattr(TakeWriter, "add", adding)
+    ended = handtrack("track", session)
+    others[0].release()
+    assert ended.code == 2
+    assert "`the other`" in ended.err
+    assert "took over" in ended.err
+    assert not (session / POSES).exists()
+    assert frames_of(session) == (0, 1)
+
+
+def test_a_result_that_goes_elsewhere_leaves_the_session_alone(
+    handtrack: CommandLine, session: Path, tmp_path: Path, monkeypatch
+) -> None:
+    out = tmp_path / "results" / "one.npz"
+    words = ("track", session, "--frames", "0:2", "--out", out)
+    with monkeypatch.context() as patch:
+        patch.setattr(track_command, "progress_bar", lambda *_: Interrupter(1))
+        assert handtrack(*words).code == 130
+    assert (tmp_path / "results" / "one.npz.unfinished").is_dir()
+    ended = handtrack(*words)
+    assert "resuming at frame 1 of 2" in ended.err
+    assert not (session / "tracks").exists()
+    assert [path.name for path in (tmp_path / "results").iterdir()] == ["one.npz", "versions"]
+
+
+def test_damage_in_what_is_resumed_is_told_and_tracked_again(
+    handtrack: CommandLine, session: Path, whole: bytes, monkeypatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(track_command, "progress_bar", lambda *_: Interrupter(3))
+        assert handtrack("track", session).code == 130
+    log = session / "tracks/takes/0001/000001.log"
+    content = bytearray(log.read_bytes())
+    content[content.index(b'"frame":1') + 900] ^= 4
+    log.write_bytes(content)
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    assert f"note: {log}: " in ended.err
+    assert "hold no whole record; they are kept, and not used." in ended.err
+    assert (session / POSES).read_bytes() == whole

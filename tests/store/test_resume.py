@@ -1,0 +1,96 @@
+"""Tracking goes on from steps that were stored as if it had never stopped: every number is the same to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.arrays import Floats
+from handtrack.bench.silhouettes.binary_fist import scene
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.store.store import Store, WritableStore
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.state import Step
+from handtrack.tracking.tracker import Tracker
+from tests.store.made import about, same
+from tests.tracking import test_appearance as by_images
+
+SCENE = scene(2, 100, (160, 120), range(8, 14))
+
+
+def stored(folder: Path, steps: Sequence[Step]) -> list[Step]:
+    """Return steps as a store gives them back."""
+    with WritableStore(folder, "a test") as store:
+        writer = store.begin(about())
+        for step in steps:
+            writer.add(step)
+    return Store(folder).takes()[-1].steps()
+
+
+def check_every_cut(
+    folder: Path,
+    tracker: Tracker,
+    seen: Sequence[Observation],
+    poses: Sequence[Floats],
+    start: int,
+    frames: range,
+) -> list[FrameResult]:
+    """Track; then again from every step on. Return the results of the first time."""
+
+    def tracked(done: Sequence[Step] = ()) -> tuple[list[Step], list[FrameResult]]:
+        steps: list[Step] = []
+        control = Control(on_step=steps.append)
+        path = track_frames(
+            tracker, lambda f, _: seen[f], start, poses[start], frames, control, done
+        )
+        return steps, list(path)
+
+    steps, results = tracked()
+    for count in range(1, len(steps) + 1):
+        more, rest = tracked(stored(folder, steps[:count]))
+        assert same(tuple(more), tuple(steps[count:])), f"after {count} steps"
+        known = {s.result.frame: s.result for s in steps[:count]} | {r.frame: r for r in rest}
+        for frame, result in {r.frame: r for r in results}.items():
+            assert same(known[frame], result), f"frame {frame} after {count} steps"
+    return results
+
+
+@pytest.mark.parametrize(
+    ("start", "frames"), [(2, range(0, 5)), (0, range(2, 4)), (5, range(3, 5))]
+)
+def test_a1_both_ways_from_inside_and_outside_of_the_range(tmp_path, start, frames) -> None:
+    poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
+    check_every_cut(tmp_path, Tracker(SCENE.model), SCENE.observations, poses, start, frames)
+
+
+@pytest.mark.parametrize("sequence", ["best", "smooth"])
+def test_a1_hypotheses_are_carried_on(tmp_path, sequence: str) -> None:
+    ball = load_model("ball6")
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    pose = ball.rest_params()
+    seen = []
+    for frame in range(4):
+        moved = pose + 0.003 * frame * (np.arange(len(pose)) < 3)
+        pixels = camera.project(ball.joint_positions(ball.bones(moved)))
+        joints = ImageKeypoints(camera, ball.joint_names, pixels, 1.0)
+        seen.append(Observation(frame, frame / 25.0, keypoints=(joints,)))
+    several = {"tracker.hypotheses": 4, "mixture.sequence": sequence}
+    tracker = Tracker(ball, TrackerSettings().with_values(several))
+    results = check_every_cut(tmp_path, tracker, seen, [pose] * 4, 1, range(4))
+    assert all(result.alternatives for result in results)
+    assert len(results) == (4 if sequence == "best" else 8)
+
+
+def test_a1_texture_is_carried_on(tmp_path) -> None:
+    seen = by_images._pictures()[:3]
+    tracker = Tracker(by_images.MODEL, by_images.BOTH)
+    results = check_every_cut(tmp_path, tracker, seen, list(by_images.MOTION), 0, range(3))
+    assert "intensity" in results[2].energies
