@@ -12,7 +12,7 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.engine.live_desk import open_live_document
+from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.live_options import LiveOptions
 from handtrack_app.engine.opening import open_document, working_folder
 from handtrack_app.engine.worker import Opener, Worker

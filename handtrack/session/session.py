@@ -35,7 +35,6 @@ from handtrack.session.layout import (
     matching_files,
 )
 from handtrack.session.session_file import (
-    CameraSettings,
     CloudSettings,
     SessionFile,
     dotted,
@@ -69,7 +68,7 @@ class Session:
         """the session's cameras, in the order of session.toml."""
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
-        self.views = tuple(self._view(c) for c in file.cameras)
+        self.views = self._views()
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
         self.cloud_filters = self._filters(self.settings.tracker.seed)
@@ -121,12 +120,9 @@ class Session:
 
     @cached_property
     def frame_count(self) -> int:
-        """Frames run from 0 to the last that any camera or cloud has.
-
-        The first use counts videos by decoding; see `video_audits.count_beside`.
-        """
-        clouds = max(self.cloud_files, default=-1) + 1
-        return max(clouds, *(view.frame_count for view in self.views))
+        """Frames run from 0 to the last that any camera or cloud has. The first use counts those of videos by decoding."""
+        counts = [view.frame_count for view in self.views]
+        return max(max(self.cloud_files, default=-1) + 1, *counts)
 
     @property
     def frame_range(self) -> range:
@@ -136,8 +132,8 @@ class Session:
     @property
     def known_frames(self) -> range:
         """Every frame as far as is known without decoding: what videos announce, until their frames were counted."""
-        clouds = max(self.cloud_files, default=-1) + 1
-        return range(max(clouds, *(view.known_count for view in self.views)))
+        counts = [view.known_count for view in self.views]
+        return range(max(max(self.cloud_files, default=-1) + 1, *counts))
 
     @property
     def videos(self) -> list[VideoFile]:
@@ -146,10 +142,11 @@ class Session:
 
     @property
     def is_counted(self) -> bool:
+        """Whether `frame_count` is known."""
         return all(video.audit is not None for video in self.videos)
 
     def check_init(self, frames: range | None = None) -> None:
-        """Raise HandtrackError where init.json is about none of these frames (the session's), known once videos are counted."""
+        """Raise HandtrackError where init.json is about none of these frames, all of the session's unless given."""
         frames = self.frame_range if frames is None else frames
         if self.init is not None and self.init.frame not in frames:
             raise HandtrackError(
@@ -177,8 +174,7 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        met = [text for view in self.views for text in view.warnings] + clouds
-        return [*self.settings.notes, *met]
+        return [*self.settings.notes, *(text for v in self.views for text in v.warnings), *clouds]
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""
@@ -263,8 +259,8 @@ class Session:
         changed._observations = OrderedDict()
         return changed
 
-    def _view(self, camera: CameraSettings) -> View:
-        return View(self.folder, camera, self.rig[camera.name])
+    def _views(self) -> tuple[View, ...]:
+        return tuple(View(self.folder, c, self.rig[c.name]) for c in self.file.cameras)
 
     def _filters(self, seed: int) -> CloudFilters:
         clouds = self.file.clouds

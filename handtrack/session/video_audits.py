@@ -18,7 +18,7 @@ from handtrack.session.layout import VIDEOS_FILE
 _FORMAT = 1
 
 
-def kept_audit(folder: Path, video: Path) -> VideoAudit | None:
+def read_audit(folder: Path, video: Path) -> VideoAudit | None:
     """Return what is kept of a video; None where nothing is, or it is of a file that has changed since."""
     try:
         kept = json.loads((folder / VIDEOS_FILE).read_text(encoding="utf-8"))

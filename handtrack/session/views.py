@@ -27,7 +27,7 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen_keypoints import KeypointFiles
 from handtrack.session.session_file import CameraSettings
-from handtrack.session.video_audits import kept_audit
+from handtrack.session.video_audits import read_audit
 
 
 class View:
@@ -202,7 +202,7 @@ class View:
                 'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
                 "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
             )
-        return VideoFile(path, self.camera.size, f"{where}, {path}", kept_audit(folder, path))
+        return VideoFile(path, self.camera.size, f"{where}, {path}", read_audit(folder, path))
 
     def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
         pattern = self.settings.bayer

@@ -32,7 +32,7 @@ from handtrack_app.engine.jobs import (
     Watch,
     legs,
 )
-from handtrack_app.engine.live_desk import LiveDesk
+from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
@@ -84,7 +84,7 @@ class JobControl:
         post: Callable[[Report], None],
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
-        live: LiveDesk | None = None,
+        live: LiveControl | None = None,
     ) -> None:
         self.follow = True
         """each tracked frame is shown"""

@@ -15,7 +15,7 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
-from handtrack_app.engine.live_desk import KEEPS_NOTHING, LiveDesk
+from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudService
@@ -59,6 +59,10 @@ _NO_POSE = {
     "body": _BY_HAND.format(kind="body", pose="Pose"),
 }
 
+_LIVE = (
+    "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
+    "hand', or pose it, then 'Track live'."
+)
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 
 
@@ -77,7 +81,7 @@ class OpenSession:
         self.document = document
         self.store = Persistence.open(document)
         self._restored = self.store.restore()
-        self._live = LiveDesk.of(document, publish)
+        self._live = LiveControl.of(document, publish)
         self._publish, self._mail = publish, mail
         self._pictures = CameraPictures(document.run.session)
         self.jobs = JobControl(
@@ -104,6 +108,8 @@ class OpenSession:
         blind = nothing_seen(document.run)
         if blind:
             say("warning", "Nothing to track by yet", blind)
+        elif self._live is not None:
+            say("info", "Live", _LIVE)
         elif document.run.first is None:
             say("info", "No first pose yet", _NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
@@ -319,7 +325,7 @@ class OpenSession:
         self.store.close()
         return said
 
-    def _watch_live(self, live: LiveDesk) -> None:
+    def _watch_live(self, live: LiveControl) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
         if live.tell() and not self.jobs.busy:
             self._publish(timeline_snapshot(self.document))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Axes, H, W
+from handtrack.arrays import Array, Axes, F, Floats, H, W
 
 _SAMPLE_BYTES = 1 << 16  # of a file's beginning and of its end, for its stamp
 _UNEVEN = 1.5  # times the usual step between two frames
@@ -75,7 +75,7 @@ def file_stamp(path: Path) -> str:
     return f"{about.st_size}-{about.st_mtime_ns}-{digest:08x}"
 
 
-def oddities(announced: int, times_ms: Array) -> list[str]:
+def oddities(announced: int, times_ms: Floats[F]) -> list[str]:
     """Return what is odd about a video's frames, in sentences: cut off, or unevenly spaced. times_ms: of all frames."""
     found: list[str] = []
     count = len(times_ms)

@@ -89,11 +89,11 @@ class LiveSession(Session):
         assert self.live is not None
         return self.live
 
-    def _view(self, camera: CameraSettings) -> View:
+    def _views(self) -> tuple[View, ...]:
         feed = self._feed
-        source = next((c for c in feed.cameras if c.name == camera.name), None)
-        images = None if source is None else LiveImages(feed, source)
-        return View(self.folder, camera, self.rig[camera.name], images)
+        live = {camera.name: LiveImages(feed, camera) for camera in feed.cameras}
+        cameras = self.file.cameras
+        return tuple(View(self.folder, c, self.rig[c.name], live[c.name]) for c in cameras)
 
     def _read_times(self) -> FrameTimes:
         return FrameTimes(self.file.session.fps or _USUAL_FPS)

@@ -30,6 +30,7 @@ def open_live_document(
     try:
         assert session.live is not None
         session.live.reach(0)
+        session.live.begin_counting()
         run = TrackingRun.open(session, {**overrides, "model.fit_size": False}, use_init=False)
         first = session.init
         if first is None or first.pixels:
@@ -41,11 +42,11 @@ def open_live_document(
         raise
 
 
-class LiveDesk:
+class LiveControl:
     """Lives on the worker's thread; only frames are recorded from others."""
 
     def __init__(self, document: Document, publish: Callable[[Snapshot], None]) -> None:
-        """Use `LiveDesk.of`."""
+        """Use `LiveControl.of`."""
         self._document, self._publish = document, publish
         self._recording: LiveRecording | None = None
         self._told: LiveSnapshot | None = None
@@ -53,8 +54,8 @@ class LiveDesk:
         self._known_gone: set[str] = set()
 
     @classmethod
-    def of(cls, document: Document, publish: Callable[[Snapshot], None]) -> LiveDesk | None:
-        """Return the desk of a live session; None for a recording."""
+    def of(cls, document: Document, publish: Callable[[Snapshot], None]) -> LiveControl | None:
+        """Return the control of a live session; None for a recording."""
         return None if document.run.session.live is None else cls(document, publish)
 
     @property
