@@ -114,16 +114,43 @@ def _begin_block(typing, buffer, u, is_open, full):
 
 
 @intrinsic
-def _open_blocks(typing, marks, word):
-    """Return a bit for each of 64 blocks: whether one of its 8 marks, from marks[word] on, is missing."""
+def _mark(typing, marks, word, lo, hi):
+    """Set bits lo to hi − 1 of the 512 from marks[word] on; either may lie beyond them."""
+    signature = types.void(marks, word, lo, hi)
+
+    def generate(context, builder, signature, values):
+        array, at, begin, end = values
+        ends = []
+        for place in (begin, end):  # bits below it, in each word
+            base = ir.Constant(_LONGS, [WORD * i for i in range(8)])
+            inside = builder.sub(_splat(builder, place), base)
+            above = builder.icmp_signed(">=", inside, ir.Constant(_LONGS, [WORD] * 8))
+            below = builder.icmp_signed("<=", inside, ir.Constant(_LONGS, [0] * 8))
+            kept = builder.and_(inside, ir.Constant(_LONGS, [WORD - 1] * 8))
+            open_ = builder.shl(ir.Constant(_LONGS, [-1] * 8), kept)
+            open_ = builder.select(above, ir.Constant(_LONGS, [0] * 8), open_)
+            ends.append(builder.select(below, ir.Constant(_LONGS, [-1] * 8), open_))
+        between = builder.and_(ends[0], builder.not_(ends[1]))
+        old = _load(context, builder, signature.args[0], array, at, _LONGS)
+        _store(context, builder, builder.or_(old, between), signature.args[0], array, at)
+
+    return signature, generate
+
+
+@intrinsic
+def _take_open_blocks(typing, marks, word):
+    """Return a bit for each of 64 blocks: whether one of its 8 marks, from marks[word] on, is missing. Marks are taken away."""
     signature = types.int64(marks, word)
 
     def generate(context, builder, signature, values):
+        found = _load(context, builder, signature.args[0], *values, _LONGS)
+        nothing = ir.Constant(_LONGS, [0] * 8)
+        _store(context, builder, nothing, signature.args[0], *values)
         many = ir.VectorType(ir.IntType(8), WORD)
-        found = _load(context, builder, signature.args[0], *values, many)
-        return builder.bitcast(
-            builder.icmp_unsigned("!=", found, ir.Constant(many, [255] * WORD)), _LONG
+        missing = builder.icmp_unsigned(
+            "!=", builder.bitcast(found, many), ir.Constant(many, [255] * WORD)
         )
+        return builder.bitcast(missing, _LONG)
 
     return signature, generate
 
@@ -223,10 +250,9 @@ def _move_sums(typing, moments, k, sums, s, heights, y):
 
 @numba.njit(cache=True, nogil=True)
 def mark(marks, lo, hi):  # pragma: no cover - compiled
-    """Set the bits lo to hi − 1 of the numbers `marks`."""
-    for word in range(lo // WORD, (hi - 1) // WORD + 1):
-        first, last = max(lo - WORD * word, 0), min(hi - 1 - WORD * word, WORD - 1)
-        marks[word] |= (-1 << first) & ~(-2 << last)
+    """Set the bits lo to hi − 1 of the numbers `marks`; none if lo ≥ hi."""
+    for word in range(lo // (WORD * BLOCK), (hi - 1) // (WORD * BLOCK) + 1):
+        _mark(marks, BLOCK * word, lo - BLOCK * WORD * word, hi - BLOCK * WORD * word)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -237,13 +263,14 @@ def begin_row(buffer, lo, hi, marks, opened, core):  # pragma: no cover - compil
     """
     full = _BITS_OF_TWO | core
     for word in range(lo // (BLOCK * WORD), (hi - 1) // (BLOCK * WORD) + 1):
-        opened[word] = _open_blocks(marks, BLOCK * word)
-        for n in range(BLOCK * word, BLOCK * word + BLOCK):
-            marks[n] = 0
+        bits = _take_open_blocks(marks, BLOCK * word)
+        opened[word] = bits
         first = max(lo // BLOCK, WORD * word)
         last = min((hi - 1) // BLOCK, WORD * word + WORD - 1)
+        bits >>= first - WORD * word
         for block in range(first, last + 1):
-            _begin_block(buffer, BLOCK * block, (opened[word] >> (block - WORD * word)) & 1, full)
+            _begin_block(buffer, BLOCK * block, bits & 1, full)
+            bits >>= 1
 
 
 @numba.njit(cache=True, nogil=True)

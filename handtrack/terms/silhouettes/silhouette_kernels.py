@@ -207,9 +207,7 @@ def _sum_rows(
             painted[found, 0], painted[found, 1] = e, at
             painted[found, 2], painted[found, 3] = a, b
             found += 1
-            a, b = max(np.int64(spans[at + 32]), begin), min(np.int64(spans[at + 40]), end)
-            if a < b:
-                mark(marks, a, b)
+            mark(marks, max(np.int64(spans[at + 32]), begin), min(np.int64(spans[at + 40]), end))
         if low >= high:
             continue
         begin_row(buffer, low, high, marks, opened, core)
@@ -252,7 +250,8 @@ def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no c
     """
     middle_u, middle_v, slant, across = line[MIDDLE_U], line[MIDDLE_V], line[SLANT], line[ACROSS]
     down, most, factor = line[DOWN], line[ROOM], line[FACTOR]
-    spared = limit / factor
+    spared, right = limit / factor, float(width)
+    out = np.empty(SPANS)  # of its own: only so can LLVM see that nothing overlaps
     for group in range((rows + BLOCK - 1) // BLOCK):
         for i in range(BLOCK):
             dy = top + step * float(BLOCK * group + i) - middle_v
@@ -261,11 +260,13 @@ def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no c
             core = np.sqrt(max(room - spared, 0.0) * across)
             core -= _SURELY * (1.0 + core)
             middle = middle_u + slant * dy
-            spans[at + i], spans[at + 8 + i] = middle, factor * room
-            spans[at + 16 + i] = min(max(np.ceil(middle - half), 0.0), float(width))
-            spans[at + 24 + i] = min(max(np.floor(middle + half) + 1.0, 0.0), float(width))
-            spans[at + 32 + i] = min(max(np.ceil(middle - core), 0.0), float(width))
-            spans[at + 40 + i] = min(max(np.floor(middle + core) + 1.0, 0.0), float(width))
+            out[i], out[8 + i] = middle, factor * room
+            out[16 + i] = min(max(np.ceil(middle - half), 0.0), right)
+            out[24 + i] = min(max(np.floor(middle + half) + 1.0, 0.0), right)
+            out[32 + i] = min(max(np.ceil(middle - core), 0.0), right)
+            out[40 + i] = min(max(np.floor(middle + core) + 1.0, 0.0), right)
+        for i in range(SPANS):
+            spans[at + i] = out[i]
         at += SPANS
 
 
