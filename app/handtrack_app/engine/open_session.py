@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -16,17 +16,15 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
 from handtrack_app.protocol import commands
-from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import (
     Download,
     Notice,
-    PictureSnapshot,
     PoseSnapshot,
     Snapshot,
 )
@@ -38,7 +36,6 @@ CloudChange = (
 _EDITS = (
     commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
 )
-_PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
 
 _BY_HAND = (
@@ -61,20 +58,20 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        mail: Mailbox[Request],
+        post: Callable[[Report], None],
+        waiting: Sized,
         render_thread: RenderThread,
         watch: Watch | None,
         compiles: CompileWatch,
     ) -> None:
+        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it."""
         self.document = document
         self.store = Persistence.open(document)
         self._restored = self.store.restore()
-        self._publish, self._mail = publish, mail
-        self._pictures = CameraPictures(document.run.session)
-        self.jobs = JobControl(document, self.store, self._announce, mail.put, watch, compiles)
+        self._publish = publish
+        self.painter = Painter(document, publish, waiting)
+        self.jobs = JobControl(document, self.store, self._announce, post, watch, compiles)
         self._clouds = CloudService(document, render_thread)
-        self._wanted = commands.WantPictures(True, None, "plain")
-        self._stale_pictures, self._painted = False, 0.0
         self._unsaved: int | None = None
         self._edited = 0.0
 
@@ -127,7 +124,7 @@ class OpenSession:
                 self.store.note("forget", {"frame": request.frame})
                 self._show_all()
             case commands.WantPictures():
-                self._wanted, self._stale_pictures = request, True
+                self.painter.want(request)
             case commands.Track():
                 self.accept_edit()
                 if request.stop - request.start == 1 and document.frame == request.first:
@@ -252,7 +249,7 @@ class OpenSession:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
         if isinstance(snapshot, PoseSnapshot):
-            self._stale_pictures = True
+            self.painter.is_stale = True
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)
@@ -271,36 +268,11 @@ class OpenSession:
     @property
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
-        if not self._stale_pictures:
-            return 0.1
-        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+        return self.painter.rest_s
 
     def idle(self) -> None:
         """Do what waits while no command does."""
-        if self._stale_pictures:
-            self._show_pictures()
+        if self.painter.is_stale:
+            self.painter.paint()
         else:
             self.jobs.tick()
-
-    def _show_pictures(self) -> None:
-        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
-        self._stale_pictures, self._painted = False, time.monotonic()
-        document, maker, wanted = self.document, self._pictures, self._wanted
-        session, frame = document.run.session, document.frame
-        bones = document.model.bones(params_of(document.model, document.shown))
-        flesh = document.model.flesh["fine"].posed(bones)
-        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
-        if screen is not None:
-            residual = wanted.paint == "residual"
-            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
-            mask = next((s.mask for s in seen if s.camera.name == screen), None)
-            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
-            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
-        small = {}
-        for name in session.rig.names if wanted.thumbnails else ():
-            if len(self._mail):
-                self._stale_pictures = True
-                return
-            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
-        if small:
-            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))
