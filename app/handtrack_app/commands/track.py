@@ -27,6 +27,7 @@ from handtrack_app.commands.terminal.progress import (
     progress_bar,
     say,
     saying_compiling,
+    sizing_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -49,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     overrides: dict[str, object] = dict(parse_settings(args.set))
     if args.seed is not None:
         overrides["tracker.seed"] = args.seed
+    if args.size_later:
+        overrides["model.fit_size"] = "later"
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
@@ -63,13 +66,16 @@ def run(args: argparse.Namespace) -> int:
     out = writable(args.out, session.folder)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
-    fits = session.hand_scale == "fit" and settings.model.fit_size
+    fits = session.hand_scale == "fit" and settings.model.fit_size != "false"
+    later = fits and settings.model.fit_size == "later"
+    if args.size_later and not later:
+        say("note: --size-later has no effect: the hand's size is given, and not fitted.")
     with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given)
-        run_ = None if stop() else _opened(session, overrides, first, fits, stop)
+        run_ = None if stop() else _opened(session, overrides, first, fits and not later, stop)
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
@@ -82,6 +88,9 @@ def run(args: argparse.Namespace) -> int:
             reports: list[SearchReport] = []
             control = Control(stop, on_search=None if args.explain is None else reports.append)
             results, problem = _track(run_, frames, recorder, stop, control)
+            if later and not problem and not stop():
+                reports.clear()
+                run_, results = _track_again(run_, results, frames, recorder, stop, control)
             code = _save(run_, results, frames, out, stop(), problem)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
@@ -106,7 +115,8 @@ def _opened(
     if fits:
         say("fitting the hand's size …")
     try:
-        run_ = TrackingRun.open(session, overrides, first, stop)
+        with sizing_bar() as tell:
+            run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
     except KeyboardInterrupt:
         return None
     return None if stop() else run_
@@ -143,6 +153,39 @@ def _track(
             problem = str(error)
         stop.shielded = True  # from here on it is saved
     return list(results.values()), problem
+
+
+def _track_again(
+    run_: TrackingRun,
+    before: list[FrameResult],
+    frames: range,
+    recorder: ResidualRecorder | None,
+    stop: Stop,
+    control: Control,
+) -> tuple[TrackingRun, list[FrameResult]]:
+    """Return the run for the size that explains the tracked frames best, and what tracking again gave; what was there
+    before, where that was not finished.
+    """
+    say(f"fitting the hand's size to the {len(before)} frames that were tracked …")
+    with sizing_bar() as tell:
+        sized = run_.fit_size(stop, tell=tell, tracked=before)
+    if stop():
+        say("note: the hand's size is not fitted.")
+        return run_, before
+    if sized is run_:
+        say("note: no frame was seen well enough to tell the hand's size; it stays as it is.")
+        return run_, before
+    old, new = run_.scale.overall, sized.scale.overall
+    say(
+        f"the hand is {new:.3f} of a mean adult's, not {old:.3f}; tracking again from the first pose …"
+    )
+    if recorder is not None:
+        recorder.go_on_with(sized)
+    results, problem = _track(sized, frames, recorder, stop, control)
+    if stop() or problem:
+        say(f"note: tracking again was not finished; the result is of a hand of {old:.3f}.")
+        return run_, before
+    return sized, results
 
 
 def _save(

@@ -132,6 +132,9 @@ class OpenSession:
                 jobs.track(request)
             case commands.FitSize():
                 jobs.fit_size()
+            case commands.TakeSize():
+                self.accept_edit()
+                jobs.take_size(request.first)
             case commands.Pause():
                 jobs.show_progress()
             case commands.Cancel():

@@ -100,7 +100,8 @@ class Run(Protocol):
         self,
         should_stop: Callable[[], bool] | None = None,
         *,
-        tell: Callable[[int, int], None] | None = None,
+        tell: Callable[[float, str], None] | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> Run: ...
     def track(
         self,
