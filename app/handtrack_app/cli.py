@@ -167,6 +167,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET,
         _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
+        _option("--size-later", action="store_true",
+                help="where the hand's size is to be fitted: track at once, fit it to what was tracked, track again"),
         _option("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"),
         _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),

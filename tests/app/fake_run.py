@@ -162,10 +162,11 @@ class FakeRun:
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
-        tell: Callable[[int, int], None] | None = None,
+        tell: Callable[[float, str], None] | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> FakeRun:
         if tell is not None:
-            tell(5, 10)
+            tell(0.5, "5 of 10 frames tracked")
         time.sleep(self.sizing_s)  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 

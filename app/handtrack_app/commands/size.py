@@ -13,7 +13,12 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.commands.terminal.first_pose import found_first_pose
 from handtrack_app.commands.terminal.output import output_file
-from handtrack_app.commands.terminal.progress import say, saying_compiling, stoppable
+from handtrack_app.commands.terminal.progress import (
+    say,
+    saying_compiling,
+    sizing_bar,
+    stoppable,
+)
 from handtrack_app.commands.terminal.track_options import (
     check_seen,
     first_pose,
@@ -48,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
-            after = before.fit_size(stop, frames, args.count)
+            with sizing_bar() as tell:
+                after = before.fit_size(stop, frames, args.count, tell)
         if stop() or after is None:
             say("handtrack size: interrupted; nothing was saved.")
             return _INTERRUPTED

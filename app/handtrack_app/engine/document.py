@@ -100,7 +100,9 @@ class Document:
         self.saved_clouds = self.clouds
         """the settings of [clouds] as session.toml has them"""
         self.size_pending = size_pending
-        """the hand's size is to be fitted before the first tracking"""
+        """the hand's size is to be fitted before the first tracking, or after it"""
+        self.offered_scale: HandScale | None = None
+        """the size that was fitted after tracking, and is not taken yet"""
 
     @property
     def model(self) -> ArticulatedModel:
@@ -273,7 +275,7 @@ class Document:
         """Change the hand's size. The first pose is fitted anew, unless the user set it. pending: it is to be fitted."""
         untouched = self.start
         self.replace_run(self.run.with_scale(scale))
-        self.size_pending = pending
+        self.size_pending, self.offered_scale = pending, None
         if self.run.first is not None and self.first_frame == self.run.first.frame:
             self.start = self.model.joint_params(self.run.initial()[1])
             if self.shown is untouched or np.allclose(self.shown, untouched):

@@ -148,7 +148,8 @@ class JobControl:
                 f"No frames to track: {order.start} to {order.stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.size_pending and len(frames) > 1:
+        later = document.run.settings.model.fit_size == "later"
+        if document.size_pending and not later and len(frames) > 1:
             document.begin_at(order.first)
             if document.run.first is not None:
                 self.fit_size(order)
@@ -188,6 +189,20 @@ class JobControl:
         self._then = then
         self._begin(SizingJob(self._next(), self._document.run, self._post))
 
+    def take_size(self, first: int) -> None:
+        """Take the size that was fitted after tracking, and begin to track everything again from a frame's pose."""
+        self._refuse()
+        document = self._document
+        if document.offered_scale is None:
+            raise HandtrackError(
+                "No size was fitted since the last tracking: there is none to take."
+            )
+        document.set_scale(document.offered_scale)
+        self._store.note_scale()
+        self._publish(session_snapshot(document))
+        anew = first == document.first_frame and first not in document.by_hand
+        self.track(Track(document.frames.start, document.frames.stop, first, anew))
+
     def find(self, frame: int | None) -> None:
         """Begin to look for the hand, in a frame or in the surest of several."""
         self._refuse()
@@ -222,10 +237,7 @@ class JobControl:
             case Tracked():
                 self._tracked(report)
             case Sized():
-                self._document.set_scale(report.scale)
-                self._store.note_scale()
-                self._publish(session_snapshot(self._document))
-                self._publish(pose_snapshot(self._document))
+                self._sized(job, report)
             case Found():
                 self._found(report)
             case Ended():
@@ -250,6 +262,19 @@ class JobControl:
             self._stripped = now
             self._publish(timeline_snapshot(document))
         self.show_progress()
+
+    def _sized(self, job: BackgroundJob, sized: Sized) -> None:
+        document = self._document
+        if not isinstance(job, SizingJob) or not job.is_late:
+            document.set_scale(sized.scale)
+            self._store.note_scale()
+            self._publish(session_snapshot(document))
+            self._publish(pose_snapshot(document))
+        elif (
+            sized.scale != document.run.scale
+        ):  # what was tracked stays as it is until the user takes it
+            document.offered_scale = sized.scale
+            self._publish(session_snapshot(document))
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
@@ -281,8 +306,19 @@ class JobControl:
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
             self.track(then)
+        elif self._sizes_now(job, end):
+            self._begin(
+                SizingJob(self._next(), document.run, self._post, list(document.results.values()))
+            )
         else:
             self.show_progress()
+
+    def _sizes_now(self, job: BackgroundJob, end: Ended) -> bool:
+        """Whether the hand's size, put off before, is to be fitted to what has just been tracked."""
+        document = self._document
+        wanted = document.size_pending and document.run.settings.model.fit_size == "later"
+        done = job.kind == "tracking" and job.total > 1 and not end.cancelled and not end.error
+        return wanted and done
 
     def _report_end(self, job: BackgroundJob, end: Ended) -> None:
         if end.internal:
@@ -293,10 +329,8 @@ class JobControl:
             if end.cancelled:
                 self._publish(Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
-            size = self._document.model.scale.overall
-            text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
             title = "Cancelled" if end.cancelled else "Hand size fitted"
-            self._publish(Notice("done", title, text))
+            self._publish(Notice("done", title, "" if end.cancelled else self._size_words(job)))
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
@@ -311,6 +345,18 @@ class JobControl:
                 [*self._tracked_now.values()], job.total, len(job.frames) - job.total, took
             )
             self._publish(Notice("done", title, text))
+
+    def _size_words(self, job: BackgroundJob) -> str:
+        document = self._document
+        size, offered = document.run.scale.overall, document.offered_scale
+        if offered is not None:
+            return (
+                f"The hand is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
+                "Track, 'Track again' takes the new size."
+            )
+        if isinstance(job, SizingJob) and job.is_late:
+            return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+        return f"The hand is {size:.2f} times an adult's mean."
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -17,17 +17,15 @@ from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
 from handtrack_app.protocol import commands
-from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import (
     Download,
     Notice,
-    PictureSnapshot,
     PoseSnapshot,
     Snapshot,
 )
@@ -45,8 +43,8 @@ _KEEPS = (
     | commands.SaveSettings
     | commands.SaveClouds
     | commands.FitSize
+    | commands.TakeSize
 )
-_PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
 
 _BY_HAND = (
@@ -73,23 +71,23 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        mail: Mailbox[Request],
+        post: Callable[[Report], None],
+        waiting: Sized,
         render_thread: RenderThread,
         watch: Watch | None,
         compiles: CompileWatch,
     ) -> None:
+        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it."""
         self.document = document
         self.store = Persistence.open(document)
         self._restored = self.store.restore()
         self._live = LiveControl.of(document, publish)
-        self._publish, self._mail = publish, mail
-        self._pictures = CameraPictures(document.run.session)
+        self._publish = publish
+        self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
-            document, self.store, self._announce, mail.put, watch, compiles, self._live
+            document, self.store, self._announce, post, watch, compiles, self._live
         )
         self._clouds = CloudService(document, render_thread)
-        self._wanted = commands.WantPictures(True, None, "plain")
-        self._stale_pictures, self._painted = False, 0.0
         self._counted, self._told = False, set[str]()
         self._unsaved: int | None = None
         self._edited = 0.0
@@ -146,7 +144,7 @@ class OpenSession:
                 self.store.note("forget", {"frame": request.frame})
                 self._show_all()
             case commands.WantPictures():
-                self._wanted, self._stale_pictures = request, True
+                self.painter.want(request)
             case commands.Track():
                 self.accept_edit()
                 if request.stop - request.start == 1 and document.frame == request.first:
@@ -161,6 +159,9 @@ class OpenSession:
                     self._live.record(request.on, request.folder)
             case commands.FitSize():
                 jobs.fit_size()
+            case commands.TakeSize():
+                self.accept_edit()
+                jobs.take_size(request.first)
             case commands.Pause():
                 jobs.show_progress()
             case commands.Cancel():
@@ -284,7 +285,7 @@ class OpenSession:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
         if isinstance(snapshot, PoseSnapshot):
-            self._stale_pictures = True
+            self.painter.is_stale = True
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)
@@ -303,9 +304,9 @@ class OpenSession:
     @property
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
-        if not self._stale_pictures:
-            return 0.0 if self._live is not None and self._live.recording else 0.1
-        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+        if self._live is not None and self._live.recording and not self.painter.is_stale:
+            return 0.0
+        return self.painter.rest_s
 
     def idle(self) -> None:
         """Do what waits while no command does."""
@@ -313,8 +314,8 @@ class OpenSession:
             self._watch_live(self._live)
         elif not self._counted and self.document.run.session.is_counted:
             self._take_count()
-        if self._stale_pictures:
-            self._show_pictures()
+        if self.painter.is_stale:
+            self.painter.paint()
         else:
             self.jobs.tick()
 
@@ -346,26 +347,3 @@ class OpenSession:
                 f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
                 f"{len(document.frames) - 1} only. Pose the hand in one of these, and save the first-frame pose anew."
             )
-
-    def _show_pictures(self) -> None:
-        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
-        self._stale_pictures, self._painted = False, time.monotonic()
-        document, maker, wanted = self.document, self._pictures, self._wanted
-        session, frame = document.run.session, document.frame
-        bones = document.model.bones(params_of(document.model, document.shown))
-        flesh = document.model.flesh["fine"].posed(bones)
-        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
-        if screen is not None:
-            residual = wanted.paint == "residual"
-            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
-            mask = next((s.mask for s in seen if s.camera.name == screen), None)
-            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
-            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
-        small = {}
-        for name in session.rig.names if wanted.thumbnails else ():
-            if len(self._mail):
-                self._stale_pictures = True
-                return
-            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
-        if small:
-            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))

@@ -108,7 +108,8 @@ class Run(Protocol):
         self,
         should_stop: Callable[[], bool] | None = None,
         *,
-        tell: Callable[[int, int], None] | None = None,
+        tell: Callable[[float, str], None] | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> Run: ...
     def track_with(
         self, control: Control, frames: range, start_frame: int, start_params: Floats[P]

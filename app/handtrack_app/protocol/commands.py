@@ -95,6 +95,13 @@ class FitSize:
 
 
 @dataclass(frozen=True)
+class TakeSize:
+    """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
+
+    first: int
+
+
+@dataclass(frozen=True)
 class Follow:
     """Whether each frame is shown as it is tracked."""
 
@@ -233,7 +240,7 @@ class RestoreClouds:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record
 )  # fmt: skip

@@ -87,6 +87,12 @@ class SessionSnapshot:
     """how far the model extends around its middle: what is drawn is sized by it"""
     live: bool = False
     """whether its frames come from running cameras"""
+    size_pending: bool = False
+    """the hand's size is still to be fitted"""
+    size: float = 1.0
+    """of a mean adult's; that of the model in force"""
+    offered_size: float | None = None
+    """likewise, fitted after tracking and not taken yet"""
 
 
 @dataclass(frozen=True)

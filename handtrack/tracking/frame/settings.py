@@ -58,9 +58,9 @@ class ModelSettings:
         level="user", about="hand",
         words={"auto": "doubt depths", "glove9": "glove9", "ball6": "ball6", "none": "nothing"},
     )  # fmt: skip
-    fit_size: bool = setting(
-        True, 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone.',
-        about="hand",
+    fit_size: Literal["true", "later", "false"] = setting(
+        "true", 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone; `later`: '
+        "track first, fit it to what was tracked, then track again.", about="hand",
     )  # fmt: skip
 
     @property

@@ -78,7 +78,7 @@ def test_interrupted_size_fit_saves_nothing(
 ) -> None:
     seen = track_command.TrackingRun.fit_size
 
-    def fit(run, should_stop):
+    def fit(run, should_stop, tell):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         return seen(run, should_stop)
