@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array
+from handtrack.arrays import D3, Array, H, W
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
@@ -33,7 +33,7 @@ _STILL_S = 15.0  # the first pose is held, while the program opens and begins to
 _ROUNDS = 3  # of the recording, forward and backward
 
 
-def pace(folder: Path, images: dict[str, list[Array]], fps: float) -> dict[str, object]:
+def pace(folder: Path, images: dict[str, list[Array[H, W, D3]]], fps: float) -> dict[str, object]:
     """Return the figures of tracking the bundled hand, its videos played as cameras of so many images a second."""
     devices = {name: _played(folder, name, fps, shown) for name, shown in images.items()}
     seen: list[tuple[float, FrameResult]] = []
