@@ -26,7 +26,7 @@ def open_live_document(
     options: LiveOptions, folder: Path, overrides: Mapping[str, object]
 ) -> Document:
     """Return the document of running cameras, with the hand as the folder's first pose has it. Raises HandtrackError."""
-    session = open_live(folder, options.devices, options.tolerance_s)
+    session = open_live(folder, options.devices, options.tolerance_s, options.rate)
     try:
         assert session.live is not None
         session.live.reach(0)

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -29,13 +30,13 @@ from handtrack_app.engine.run import Run
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 
-_STILL_S = 15.0  # the first pose is held, while the program opens and begins to track
-_ROUNDS = 3  # of the recording, forward and backward
+_FPS = 30.0
+_STILL_S = 10.0  # the first pose is held, while the program opens and begins to track
+_ROUNDS = 2  # of the recording, forward and backward
 
 
-def pace(folder: Path, images: dict[str, list[Array[H, W, D3]]], fps: float) -> dict[str, object]:
-    """Return the figures of tracking the bundled hand, its videos played as cameras of so many images a second."""
-    devices = {name: _played(folder, name, fps, shown) for name, shown in images.items()}
+def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
+    """Return the figures of tracking the bundled hand, videos played as cameras at so many times their pace."""
     seen: list[tuple[float, FrameResult]] = []
     opened, idle = threading.Event(), threading.Event()
     shown: dict[str, int] = {}
@@ -49,7 +50,7 @@ def pace(folder: Path, images: dict[str, list[Array[H, W, D3]]], fps: float) -> 
     def watch(_: Run, result: FrameResult) -> None:
         seen.append((time.monotonic(), result))
 
-    opener = partial(open_live_document, LiveOptions(devices, 0.05))
+    opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
     worker = Worker(bundled_session(), publish, opener, watch)
     worker.start()
     opened.wait(120.0)
@@ -62,7 +63,7 @@ def pace(folder: Path, images: dict[str, list[Array[H, W, D3]]], fps: float) -> 
     assert feed is not None
     counts, zero_s = list(feed.counts.values()), feed.zero_s
     worker.stop(20.0)
-    moving = [(when, result) for when, result in seen if result.time_s > _STILL_S]
+    moving = [(when, result) for when, result in seen if result.time_s > _STILL_S / rate]
     if len(moving) < 3:
         raise HandtrackError(
             f"as_if_live: {len(moving)} frames were solved while the hand moved: this machine is too busy to be measured."
@@ -88,34 +89,33 @@ def pace(folder: Path, images: dict[str, list[Array[H, W, D3]]], fps: float) -> 
     }
 
 
-def _played(folder: Path, name: str, fps: float, images: list[Array]) -> str:
-    """Write the images to and fro as a video; return its path."""
-    path = folder / f"{name}_{fps:g}.avi"
+def _played(path: Path, images: Sequence[Array[H, W, D3]]) -> str:
+    """Write the images to and fro as a video, the first one held; return its path."""
     size = images[0].shape[1::-1]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
-    still = round(_STILL_S * fps)
-    for image in [*[images[0]] * still, *[*images, *images[::-1]] * _ROUNDS]:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), _FPS, size)
+    held = [images[0]] * round(_STILL_S * _FPS)
+    for image in [*held, *[*images, *images[::-1]] * _ROUNDS]:
         writer.write(image)
     writer.release()
     return str(path)
 
 
 def main(rates: list[float]) -> int:
-    """Print the figures by rate as JSON."""
+    """Print the figures by images a second as JSON."""
     session = Session.open(bundled_session())
     run = TrackingRun.open(session, {"model.fit_size": False})
     start, params = run.initial()
     for _ in run.track(range(start, start + 4), start, params):
         pass  # kernels are loaded before the clock runs
-    names = session.rig.names
-    images = {
-        name: [image for f in session.frame_range if (image := session.image(name, f)) is not None]
-        for name in names
-    }
     figures: dict[str, object] = {"load_before": os.getloadavg()[0]}
     with tempfile.TemporaryDirectory() as folder:
+        devices: dict[str, str] = {}
+        for name in session.rig.names:
+            seen = [session.image(name, frame) for frame in session.frame_range]
+            images = [image for image in seen if image is not None]
+            devices[name] = _played(Path(folder) / f"{name}.avi", images)
         for rate in rates:
-            found = pace(Path(folder), images, rate)
+            found = pace(devices, rate / _FPS)
             figures |= {f"at_{rate:g}_fps_{name}": value for name, value in found.items()}
     print(json.dumps(figures))
     return 0
