@@ -74,12 +74,19 @@ class LiveFeed:
     def close(self) -> None:
         """End reading."""
         for camera in self.cameras:
+            camera.stop(0.0)  # all of them are asked before one is waited for
+        for camera in self.cameras:
             camera.stop()
 
     @property
     def known(self) -> range:
         """The frames made so far; the oldest are forgotten."""
         return range(max(self._made - _KEPT_TIMES, 0), self._made)
+
+    @property
+    def with_images(self) -> range:
+        """Those of them whose images are still there."""
+        return range(max(self._made - _KEPT_IMAGES, 0), self._made)
 
     @property
     def gone(self) -> tuple[str, ...]:
