@@ -32,6 +32,7 @@ _QUICK = {
 _LONG = {
     "cloud_frame_vs_blas": "speed.frames",
     "two_cores": "speed.frames",
+    "as_if_live": "speed.as_if_live",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
     "field_recovery": "silhouettes.field_recovery",
