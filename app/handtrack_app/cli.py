@@ -167,6 +167,14 @@ COMMANDS: dict[str, _Command] = {
         _TAKE_OVER,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
+    "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
+        _SESSION,
+        _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
+        _option("--compare", type=int, nargs=2, metavar="TAKE", help="how far two takes differ"),
+        _option("--prune", type=int, metavar="TAKE", help="remove a take that is not current, for good"),
+        _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
+        _TAKE_OVER, _JSON,
+    )),
     "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),

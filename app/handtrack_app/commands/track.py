@@ -75,13 +75,13 @@ def run(args: argparse.Namespace) -> int:
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
-        done = keeper.begin(run_, frames)
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
         try:
+            done = keeper.begin(run_, frames)
             reports: list[SearchReport] = []
             on_search = None if args.explain is None else reports.append
             control = Control(stop, on_search=on_search, on_step=keeper.keep)

@@ -41,9 +41,12 @@ class TakeKeeper:
         self._finished = False
 
     def __enter__(self) -> TakeKeeper:
-        if not self._out.exists() or self._out.is_file():  # a device keeps nothing
-            self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
+        if not self._own:
+            self._open()  # before hours of work that could not be saved
         return self
+
+    def _open(self) -> None:
+        self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
 
     def __exit__(self, *_: object) -> None:
         if self._store is None:
@@ -54,8 +57,10 @@ class TakeKeeper:
 
     def begin(self, run: TrackingRun, frames: range) -> list[Step]:
         """Begin a take, or go on with one; return the frames that are there, in the order of tracking."""
+        if self._store is None and (self._out.is_file() or not self._out.exists()):
+            self._open()
         if self._store is None:
-            return []
+            return []  # a device keeps nothing
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:

@@ -1,0 +1,126 @@
+"""`handtrack takes`: what was tracked of a session, one take after another; compared, made current again, removed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from handtrack.diagnostics.metrics import evaluate
+from handtrack.diagnostics.take_comparison import compared
+from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import write_result
+from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.session.session import Session
+from handtrack.store.lease import holder_of
+from handtrack.store.spans import Span
+from handtrack.store.store import Store, WritableStore
+from handtrack.store.take import Take
+from handtrack.tracking.frame.result import Status
+from handtrack_app.commands.terminal.progress import say
+from handtrack_app.commands.terminal.track_options import parse_frames
+
+_PROGRAM = "handtrack takes"
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the takes, or do with them what the options say."""
+    session = Session.open(args.session)
+    folder = session.folder / TRACKS_FOLDER
+    frames = None if args.frames is None else parse_frames(args.frames, session)
+    if frames is not None and args.restore is None and args.compare is None:
+        raise HandtrackError("--frames goes with --restore or --compare.")
+    if args.restore is not None:
+        _restore(session.folder, args, frames)
+    elif args.prune is not None:
+        with WritableStore(folder, _PROGRAM, args.take_over) as store:
+            freed = store.prune(args.prune)
+        print(f"take {args.prune} is removed; {_megabytes(freed)} are free.")
+    elif args.compare is not None:
+        _compare(Store(folder), session, args, frames)
+    else:
+        _list(Store(folder), args)
+    return 0
+
+
+def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
+    with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
+        store.restore(args.restore, frames)
+        track = store.current_track()
+        assert track is not None
+        write_result(folder / POSES_FILE, track)
+        spans = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
+        print(f"current: frames {spans}. Saved to {folder / POSES_FILE}")
+
+
+def _compare(
+    store: Store, session: Session, args: argparse.Namespace, frames: range | None
+) -> None:
+    takes = [store.take(number) for number in args.compare]
+    found = compared(*(take.track(frames) for take in takes))
+    if session.truth is not None:
+        for take in takes:
+            error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
+            found[f"take_{take.number}_error_mm"] = error
+    if args.json:
+        print(json.dumps(found, indent=1))
+        return
+    for name, value in found.items():
+        print(f"{name:28s} {'-' if value is None else f'{value:.4g}'}")
+
+
+def _list(store: Store, args: argparse.Namespace) -> None:
+    spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
+    entries = [_entry(take, spans) for take in store.takes()]
+    if args.json:
+        told = {"takes": entries, "damage": damage, "writer": holder and str(holder)}
+        print(json.dumps(told, indent=1))
+        return
+    if not entries:
+        print(f"{store.folder}: no takes yet; `handtrack track` makes one.")
+    for entry in entries:
+        print(_line(entry))
+    if holder is not None:
+        say(f"note: {holder} is writing here.")
+    for text in damage:
+        say(f"note: {text}")
+
+
+def _entry(take: Take, spans: Sequence[Span]) -> dict[str, Any]:
+    """Return what is told of a take."""
+    current = [[span.first, span.stop] for span in spans if span.take == take.number]
+    known: dict[str, Any] = {"take": take.number, "current": current, "bytes": take.bytes}
+    try:
+        about = take.about
+    except HandtrackError as error:
+        return known | {"damage": str(error)}
+    statuses = list(take.statuses.values())
+    return known | {
+        "begun": about.begun,
+        "by": about.by,
+        "frames": list(about.frames),
+        "finished": take.is_finished,
+        **{status.name.lower(): statuses.count(status) for status in Status},
+        "model": about.labels.model,
+        "settings": json.loads(about.labels.settings or "{}"),
+        "versions": dict(about.versions),
+    }
+
+
+def _line(entry: dict[str, Any]) -> str:
+    size = _megabytes(entry["bytes"])
+    if "damage" in entry:
+        return f"take {entry['take']}: {size}, damaged"
+    first, stop = entry["frames"]
+    counts = [f"{entry[s.name.lower()]} {s.name.lower()}" for s in Status if entry[s.name.lower()]]
+    state = [] if entry["finished"] else ["not finished"]
+    current = ", ".join(f"{a}:{b}" for a, b in entry["current"])
+    state += [f"current for {current}"] if current else []
+    words = ", ".join([f"frames {first}:{stop}", *(counts or ["none tracked"]), size, *state])
+    return f"take {entry['take']}: {entry['begun']} by {entry['by']}, {words}"
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"
