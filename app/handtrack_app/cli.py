@@ -214,7 +214,7 @@ COMMANDS: dict[str, _Command] = {
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
     )),
-    "calibrate": _Command("calibrate", "Calibrate cameras from images or videos of a moving board.", (
+    "calibrate": _Command("calibration.calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
         _BOARD,
         _option("--camera", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
@@ -230,7 +230,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _option("--json", action="store_true", help="print the report as JSON"),
     )),
-    "board": _Command("board", "Write a calibration board to print, in its true size.", (
+    "board": _Command("calibration.board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"),

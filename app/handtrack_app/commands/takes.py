@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.diagnostics.take_comparison import compared
@@ -18,7 +19,6 @@ from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
-from handtrack.tracking.frame.result import Status
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.commands.terminal.track_options import parse_frames
 
@@ -53,6 +53,8 @@ def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> No
         write_result(folder / POSES_FILE, track)
         spans = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
         print(f"current: frames {spans}. Saved to {folder / POSES_FILE}")
+        for text in store.damage():
+            say(f"note: {text}")
 
 
 def _compare(
@@ -73,53 +75,71 @@ def _compare(
 
 def _list(store: Store, args: argparse.Namespace) -> None:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
-    entries = [_entry(take, spans) for take in store.takes()]
+    listed = [_listed(take, spans) for take in store.takes()]
     if args.json:
-        told = {"takes": entries, "damage": damage, "writer": holder and str(holder)}
+        takes = [asdict(entry) for entry in listed]
+        told = {"takes": takes, "damage": damage, "writer": holder and str(holder)}
         print(json.dumps(told, indent=1))
         return
-    if not entries:
+    if not listed:
         print(f"{store.folder}: no takes yet; `handtrack track` makes one.")
-    for entry in entries:
-        print(_line(entry))
+    for entry in listed:
+        print(entry)
     if holder is not None:
         say(f"note: {holder} is writing here.")
     for text in damage:
         say(f"note: {text}")
 
 
-def _entry(take: Take, spans: Sequence[Span]) -> dict[str, Any]:
-    """Return what is told of a take."""
-    current = [[span.first, span.stop] for span in spans if span.take == take.number]
-    known: dict[str, Any] = {"take": take.number, "current": current, "bytes": take.bytes}
+@dataclass(frozen=True)
+class _Listed:
+    """What is told of a take."""
+
+    take: int
+    bytes: int
+    current: list[tuple[int, int]]
+    """spans of frames, half-open"""
+    begun: str = ""
+    by: str = ""
+    frames: tuple[int, int] = (0, 0)
+    statuses: dict[str, int] = field(default_factory=dict)
+    """how many frames there are of each"""
+    finished: bool = False
+    settings: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    damage: str = ""
+    """what keeps it from being used"""
+
+    def __str__(self) -> str:
+        if self.damage:
+            return f"take {self.take}: {_megabytes(self.bytes)}, damaged"
+        counts = [f"{count} {status}" for status, count in self.statuses.items()]
+        state = [] if self.finished else ["not finished"]
+        if self.current:
+            state.append("current for " + ", ".join(f"{a}:{b}" for a, b in self.current))
+        first, stop = self.frames
+        words = [f"frames {first}:{stop}", *(counts or ["none tracked"]), _megabytes(self.bytes)]
+        return f"take {self.take}: {self.begun} by {self.by}, {', '.join([*words, *state])}"
+
+
+def _listed(take: Take, spans: Sequence[Span]) -> _Listed:
+    current = [(span.first, span.stop) for span in spans if span.take == take.number]
+    entry = _Listed(take.number, take.bytes, current)
     try:
         about = take.about
     except HandtrackError as error:
-        return known | {"damage": str(error)}
-    statuses = list(take.statuses.values())
-    return known | {
-        "begun": about.begun,
-        "by": about.by,
-        "frames": list(about.frames),
-        "finished": take.is_finished,
-        **{status.name.lower(): statuses.count(status) for status in Status},
-        "model": about.labels.model,
-        "settings": json.loads(about.labels.settings or "{}"),
-        "versions": dict(about.versions),
-    }
-
-
-def _line(entry: dict[str, Any]) -> str:
-    size = _megabytes(entry["bytes"])
-    if "damage" in entry:
-        return f"take {entry['take']}: {size}, damaged"
-    first, stop = entry["frames"]
-    counts = [f"{entry[s.name.lower()]} {s.name.lower()}" for s in Status if entry[s.name.lower()]]
-    state = [] if entry["finished"] else ["not finished"]
-    current = ", ".join(f"{a}:{b}" for a, b in entry["current"])
-    state += [f"current for {current}"] if current else []
-    words = ", ".join([f"frames {first}:{stop}", *(counts or ["none tracked"]), size, *state])
-    return f"take {entry['take']}: {entry['begun']} by {entry['by']}, {words}"
+        return replace(entry, damage=str(error))
+    counts = Counter(status.name.lower() for status in take.statuses.values())
+    return replace(
+        entry,
+        begun=about.begun,
+        by=about.by,
+        frames=about.frames,
+        statuses=dict(counts),
+        finished=take.is_finished,
+        settings=json.loads(about.labels.settings or "{}"),
+        versions=dict(about.versions),
+    )
 
 
 def _megabytes(size: int) -> str:

@@ -30,7 +30,6 @@ from handtrack_app.commands.terminal.progress import (
     saying_compiling,
     stoppable,
 )
-from handtrack_app.commands.terminal.take_keeper import TakeKeeper
 from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
@@ -40,6 +39,7 @@ from handtrack_app.commands.terminal.track_options import (
     parse_sources,
     writable,
 )
+from handtrack_app.commands.terminal.tracked_take import TrackedTake
 from handtrack_app.rerun.recorder import ResidualRecorder
 
 _INTERRUPTED = 130
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size
-    with stoppable() as stop, saying_compiling(), TakeKeeper(out, session, args) as keeper:
+    with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
@@ -81,12 +81,12 @@ def run(args: argparse.Namespace) -> int:
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
         try:
-            done = keeper.begin(run_, frames)
+            done = take.begin(run_, frames)
             reports: list[SearchReport] = []
             on_search = None if args.explain is None else reports.append
-            control = Control(stop, on_search=on_search, on_step=keeper.keep)
-            results, problem = _track(run_, frames, recorder, stop, control, done, keeper)
-            code = _save(run_, results, frames, out, stop(), problem, keeper)
+            control = Control(stop, on_search=on_search, on_step=take.add)
+            results, problem = _track(run_, frames, recorder, stop, control, done, take)
+            code = _save(run_, results, frames, out, stop(), problem, take)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
                 print("\n".join(explained(args.explain, reports, there)), flush=True)
@@ -123,7 +123,7 @@ def _track(
     stop: Stop,
     control: Control,
     done: Sequence[Step],
-    keeper: TakeKeeper,
+    take: TrackedTake,
 ) -> tuple[list[FrameResult], str]:
     """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
     used, and what was wrong with that. done: what an earlier run of this tracking left.
@@ -140,7 +140,7 @@ def _track(
                 is_new = result.frame not in results
                 results[result.frame] = result
                 if not is_new:
-                    keeper.replace(result)
+                    take.replace(result)
                 if recorder is not None:
                     recorder.show(result)
                 bar.update(is_new)
@@ -161,15 +161,15 @@ def _save(
     out: Path,
     stopped: bool,
     ended_by: str,
-    keeper: TakeKeeper,
+    take: TrackedTake,
 ) -> int:
-    keeper.check()
+    take.check()
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
         return _INTERRUPTED
     place, problem = _write(out, run_.result(results))
     if not problem:
-        keeper.saved([result.frame for result in results], finished=not (stopped or ended_by))
+        take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = [sum(r.status == status for r in results) for status in Status]
     print(
         f"{len(results)} of {len(frames)} frames: {counts[0]} tracked, {counts[1]} doubtful, {counts[2]} lost. "

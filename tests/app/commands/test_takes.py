@@ -36,7 +36,7 @@ def test_takes_are_listed_with_their_size(handtrack: CommandLine, session: Path)
     assert " by another, frames 1:4, 3 tracked, 0.0 MB, not finished" in shown[1]
     told = json.loads(handtrack("takes", session, "--json").out)
     assert [take["take"] for take in told["takes"]] == [1, 2]
-    assert told["takes"][1]["tracked"] == 3
+    assert told["takes"][1]["statuses"] == {"tracked": 3}
     assert told["takes"][0]["settings"]["silhouettes.weight"] == 1.0
     assert set(told["takes"][0]["versions"]) == {"handtrack", "numpy", "numba", "python"}
     assert told["damage"] == []

@@ -1,4 +1,4 @@
-"""Keeps what `handtrack track` tracks as a take, frame by frame, and finds what an earlier run of the same command left."""
+"""The take that `handtrack track` makes, frame by frame, or goes on with where an earlier run of the same command left it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PROGRAM = "handtrack track"
 _UNFINISHED = ".unfinished"
 
 
-class TakeKeeper:
+class TrackedTake:
     """The store of one run of the command; a context, in which no other program writes there.
 
     That is the session's, where its tracks/poses.npz is written. A result that goes elsewhere has a store of its own beside
@@ -40,7 +40,7 @@ class TakeKeeper:
         self._writer: TakeWriter | None = None
         self._finished = False
 
-    def __enter__(self) -> TakeKeeper:
+    def __enter__(self) -> TrackedTake:
         if not self._own:
             self._open()  # before hours of work that could not be saved
         return self
@@ -77,7 +77,7 @@ class TakeKeeper:
         )
         return done
 
-    def keep(self, step: Step) -> None:
+    def add(self, step: Step) -> None:
         """Keep a tracked frame."""
         if self._writer is not None:
             self._writer.add(step)
