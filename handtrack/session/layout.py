@@ -12,6 +12,8 @@ TRUTH_FILE = "truth.npz"
 INIT_FILE = "init.json"
 TRACKS_FOLDER = "tracks"
 POSES_FILE = "tracks/poses.npz"
+WORK_FILE = "tracks/workbench.npz"
+"""what the workbench has tracked and posed so far"""
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path

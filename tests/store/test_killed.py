@@ -12,6 +12,7 @@ import random
 import select
 import signal
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -89,8 +90,11 @@ def work(folder: Path, tell: int, rng: random.Random) -> None:
     with WritableStore(folder, "a test") as store:
         left[0] = rng.randint(1, 60)
         numbers = [take.number for take in store.takes() if not take.is_finished]
-        go_on = numbers and rng.random() < 0.5
-        writer = store.go_on(store.take(numbers[-1])) if go_on else store.begin(about(range(99)))
+        go_on, writer = numbers and rng.random() < 0.5, None
+        while writer is None:
+            with suppress(HandtrackError):
+                last = store.take(numbers[-1]) if go_on else None
+                writer = store.begin(about(range(99))) if last is None else store.go_on(last)
         number = writer.take.number
         frame = len(store.take(number).frames)
         while True:
@@ -127,6 +131,8 @@ def killed(folder: Path, rng: random.Random) -> list[list]:
             os.close(hear)
             signal.alarm(60)
             work(folder, tell, rng)
+        except BaseException as error:
+            os.write(2, f"the child ended by {error!r}\n".encode())
         finally:
             os._exit(1)
     os.close(tell)

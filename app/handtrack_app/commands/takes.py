@@ -15,6 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
+from handtrack.session.track_files import file_digest, import_tracks
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
@@ -47,10 +48,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
     with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
+        for text in import_tracks(store, folder):
+            say(f"note: {text}")
         store.restore(args.restore, frames)
         track = store.current_track()
         assert track is not None
         write_result(folder / POSES_FILE, track)
+        store.know_file(file_digest(folder / POSES_FILE))
         spans = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
         print(f"current: frames {spans}. Saved to {folder / POSES_FILE}")
         for text in store.damage():

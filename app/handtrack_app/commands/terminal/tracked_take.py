@@ -12,6 +12,7 @@ from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.take_about import about_take
+from handtrack.session.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter
@@ -61,6 +62,9 @@ class TrackedTake:
             self._open()
         if self._store is None:
             return []  # a device keeps nothing
+        if not self._own:
+            for text in import_tracks(self._store, run.session.folder):
+                say(f"note: {text}")
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:
@@ -98,6 +102,7 @@ class TrackedTake:
             return
         if not self._own:
             number = self._writer.take.number
+            self._store.know_file(file_digest(self._out))
             self._store.make_current([Span(number, min(frames), max(frames) + 1)])
         if finished:
             self._writer.finish()
