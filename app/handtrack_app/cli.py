@@ -177,6 +177,14 @@ COMMANDS: dict[str, _Command] = {
         _TAKE_OVER,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
+    "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
+        _SESSION,
+        _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
+        _option("--compare", type=int, nargs=2, metavar="TAKE", help="how far two takes differ"),
+        _option("--prune", type=int, metavar="TAKE", help="remove a take that is not current, for good"),
+        _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
+        _TAKE_OVER, _JSON,
+    )),
     "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
@@ -216,7 +224,7 @@ COMMANDS: dict[str, _Command] = {
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
     )),
-    "calibrate": _Command("calibrate", "Calibrate cameras from images or videos of a moving board.", (
+    "calibrate": _Command("calibration.calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
         _BOARD,
         _option("--camera", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
@@ -232,7 +240,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _option("--json", action="store_true", help="print the report as JSON"),
     )),
-    "board": _Command("board", "Write a calibration board to print, in its true size.", (
+    "board": _Command("calibration.board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"),

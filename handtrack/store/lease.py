@@ -193,8 +193,9 @@ def _process_start(pid: int) -> str:
 def _lives(holder: Holder, path: Path) -> bool:
     if holder.machine == _machine() and os.name == "posix":
         return _runs(holder)
+    silent = SILENT_S if holder.pid else BEAT_S  # without a number it was torn while it was written
     with suppress(OSError):
-        return _now_there(path.parent) - path.stat().st_mtime < SILENT_S
+        return _now_there(path.parent) - path.stat().st_mtime < silent
     return path.exists()
 
 

@@ -84,7 +84,7 @@ def _record(line: bytes, file: BinaryIO, payloads: bool) -> Record | None:
     if space != b" " or line[-1:] != b"\n" or crc != b"%08x" % zlib.crc32(text):
         return None
     try:
-        read = json.loads(text)
+        read = json.loads(text.decode())
         size, sum_ = read.get("payload", (0, 0))
         record = Record(int(read["seq"]), str(read["kind"]), dict(read["data"]))
     except (ValueError, KeyError, TypeError, RecursionError):

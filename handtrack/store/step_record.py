@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ _RESULT = (
     "joint_positions",
     "keypoints21",
 )
+_STATE = ("belief", "hypothesis")
+"""arrays that begin so are of the tracker's state"""
 _Content = tuple[dict[str, Any], bytes]
 """data and payload of a record"""
 
@@ -46,7 +49,7 @@ def result_content(result: FrameResult) -> _Content:
 
 def read_result(record: Record) -> FrameResult:
     """Return the frame of a record. Raises ValueError, KeyError or TypeError for one that holds none."""
-    return _result(record.data, _arrays(record))
+    return _result(record.data, _arrays(record, passed_over=_STATE))
 
 
 def read_step(record: Record) -> Step:
@@ -75,12 +78,13 @@ class _Packed:
         return data | {"arrays": self._heads}, b"".join(self._parts)
 
 
-def _arrays(record: Record) -> dict[str, Array]:
+def _arrays(record: Record, passed_over: tuple[str, ...] = ()) -> dict[str, Array]:
     found, at = {}, 0
     for name, order, *shape in record.data["arrays"]:
-        count = int(np.prod(shape, dtype=int))
-        flat = np.frombuffer(record.payload, "<f8", count, at).astype(float)
-        found[str(name)] = flat.reshape(shape[::-1]).T if order == "F" else flat.reshape(shape)
+        count = prod(shape)
+        if not (passed_over and name.startswith(passed_over)):
+            flat = np.frombuffer(record.payload, "<f8", count, at).astype(float)
+            found[name] = flat.reshape(shape[::-1]).T if order == "F" else flat.reshape(shape)
         at += 8 * count
     return found
 

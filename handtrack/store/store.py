@@ -18,13 +18,13 @@ from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.store.lease import BEAT_S, Lease
-from handtrack.store.log import LogWriter, make_folders, read_log, segments
+from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
 from handtrack.store.spans import Span, with_span
 from handtrack.store.take import Take, TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 
 _ACTIONS, _TAKES = "actions", "takes"
-_CURRENT, _PRUNED = "current", "pruned"
+_CURRENT, _PRUNED, _FILE = "current", "pruned", "file"
 _SYNC_S = 0.5
 
 
@@ -74,6 +74,10 @@ class Store:
             frames += takes[span.take].results(range(span.first, span.stop))
         return labels.track(frames) if frames else None
 
+    def known_files(self) -> set[str]:
+        """Return digests of track files whose frames are all in takes; `session.track_files` makes them."""
+        return {str(data["digest"]) for data in self._actions(_FILE)}
+
     def damage(self) -> list[str]:
         """Return a sentence for each part that is damaged or missing. Reads everything."""
         found: list[str] = []
@@ -92,7 +96,7 @@ class Store:
     def _all_takes(self) -> list[Take]:
         folder = self.folder / _TAKES
         found = folder.iterdir() if folder.is_dir() else ()
-        takes = [Take(path) for path in found if path.name.isdigit() and segments(path)]
+        takes = [Take(path) for path in found if path.name.isdigit() and size_of(path)]
         return sorted(takes, key=lambda take: take.number)
 
     def _actions(self, kind: str) -> list[dict[str, Any]]:
@@ -140,6 +144,10 @@ class WritableStore(Store):
     def make_current(self, spans: Sequence[Span]) -> None:
         """Say what the current track is composed of."""
         self._act(_CURRENT, {"spans": [[s.take, s.first, s.stop] for s in spans]})
+
+    def know_file(self, digest: str) -> None:
+        """Say that the frames of a track file are all in takes."""
+        self._act(_FILE, {"digest": digest})
 
     def restore(self, number: int, frames: range | None = None) -> tuple[Span, ...]:
         """Make a take, or some frames of it, current again; the rest of the current track stays. Return its spans."""

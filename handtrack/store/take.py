@@ -14,7 +14,7 @@ from handtrack.errors import HandtrackError
 from handtrack.store.log import LogWriter, read_log, size_of
 from handtrack.store.record import Record
 from handtrack.store.step_record import read_result, read_step, result_content, step_content
-from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.state import Step
 
 _ABOUT, _STEP, _POSE, _END = "take", "step", "pose", "end"
@@ -41,37 +41,47 @@ class TakeAbout:
     """of the programs that made it"""
 
 
+@dataclass(frozen=True)
+class _Heads:
+    about: TakeAbout | None
+    statuses: dict[int, Status]
+    is_finished: bool
+
+
 class Take:
-    """A take as it stands on disk. Reads when asked; holds no frames."""
+    """A take as it stands on disk. Reads when asked, and holds no frames."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.number = int(folder.name)
 
-    @cached_property
+    @property
     def about(self) -> TakeAbout:
         """Raises HandtrackError when all of its descriptions are damaged."""
-        for record in self._records(payloads=False):
-            if record.kind in (_ABOUT, _END) and (about := _about(record)) is not None:
-                return about
-        raise HandtrackError(
-            f"{self.folder}: what this take is about is damaged, so its frames cannot be used. The files are kept."
-        )
+        about = self._heads.about
+        if about is None:
+            raise HandtrackError(
+                f"{self.folder}: what this take is about is damaged, or of a later version of handtrack, so its frames "
+                "cannot be used. The files are kept."
+            )
+        return about
 
-    @cached_property
-    def frames(self) -> tuple[int, ...]:
-        """The frames of its range that are there, in order."""
+    @property
+    def statuses(self) -> dict[int, Status]:
+        """The frames of its range that are there, ascending, with how far each can be trusted."""
         wanted = range(*self.about.frames)
-        found = {
-            int(r.data["frame"]) for r in self._records(payloads=False) if r.kind in (_STEP, _POSE)
-        }
-        return tuple(sorted(frame for frame in found if frame in wanted))
+        known = self._heads.statuses
+        return {frame: known[frame] for frame in sorted(known) if frame in wanted}
 
-    @cached_property
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames of its range that are there, ascending."""
+        return tuple(self.statuses)
+
+    @property
     def is_finished(self) -> bool:
         """Whether it was tracked to its end."""
-        kinds = [record.kind for record in self._records(payloads=False)]
-        return bool(kinds) and kinds[-1] == _END
+        return self._heads.is_finished
 
     @property
     def bytes(self) -> int:
@@ -111,6 +121,18 @@ class Take:
         if not found:
             raise HandtrackError(f"{self.folder}: take {self.number} has no such frames.")
         return self.about.labels.track(found)
+
+    @cached_property
+    def _heads(self) -> _Heads:
+        """What can be told without any frame's arrays."""
+        about, kind, statuses = None, "", dict[int, Status]()
+        for record in self._records(payloads=False):
+            kind = record.kind
+            if kind in (_STEP, _POSE):
+                statuses[int(record.data["frame"])] = Status(record.data["status"])
+            elif kind in (_ABOUT, _END):
+                about = about or _about(record)
+        return _Heads(about, statuses, kind == _END)
 
     def _records(self, payloads: bool = True) -> Iterator[Record]:
         return read_log(self.folder, [], payloads)

@@ -30,7 +30,6 @@ from handtrack_app.commands.terminal.progress import (
     sizing_bar,
     stoppable,
 )
-from handtrack_app.commands.terminal.take_keeper import TakeKeeper
 from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
@@ -40,6 +39,7 @@ from handtrack_app.commands.terminal.track_options import (
     parse_sources,
     writable,
 )
+from handtrack_app.commands.terminal.tracked_take import TrackedTake
 from handtrack_app.commands.terminal.tracking_passes import TrackingPasses
 from handtrack_app.rerun.recorder import ResidualRecorder
 
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     later = fits and settings.model.fit_size == "later"
     if args.size_later and not later:
         say("note: --size-later has no effect: the hand's size is given, and not fitted.")
-    with stoppable() as stop, saying_compiling(), TakeKeeper(out, session, args) as keeper:
+    with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             reports: list[SearchReport] = []
             on_search = None if args.explain is None else reports.append
-            passes = TrackingPasses(stop, keeper, recorder, on_search)
+            passes = TrackingPasses(stop, take, recorder, on_search)
             results, problem = passes.track(run_, frames)
             counted = frames if stop() else _counted(args, session, settings)
             if counted != frames:
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
             if later and not problem and not stop():
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
-            code = _save(run_, results, frames, out, stop(), problem, keeper)
+            code = _save(run_, results, frames, out, stop(), problem, take)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
                 print("\n".join(explained(args.explain, reports, there)), flush=True)
@@ -152,15 +152,15 @@ def _save(
     out: Path,
     stopped: bool,
     ended_by: str,
-    keeper: TakeKeeper,
+    take: TrackedTake,
 ) -> int:
-    keeper.check()
+    take.check()
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
         return _INTERRUPTED
     place, problem = _write(out, run_.result(results))
     if not problem:
-        keeper.saved([result.frame for result in results], finished=not (stopped or ended_by))
+        take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = [sum(r.status == status for r in results) for status in Status]
     print(
         f"{len(results)} of {len(frames)} frames: {counts[0]} tracked, {counts[1]} doubtful, {counts[2]} lost. "

@@ -10,7 +10,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
 from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, sizing_bar
-from handtrack_app.commands.terminal.take_keeper import TakeKeeper
+from handtrack_app.commands.terminal.tracked_take import TrackedTake
 from handtrack_app.rerun.recorder import ResidualRecorder
 
 
@@ -20,20 +20,20 @@ class TrackingPasses:
     def __init__(
         self,
         stop: Stop,
-        keeper: TakeKeeper,
+        take: TrackedTake,
         recorder: ResidualRecorder | None = None,
         on_search: Callable[[SearchReport], None] | None = None,
     ) -> None:
-        self._stop, self._keeper, self._recorder = stop, keeper, recorder
-        control = Control(stop, on_search=on_search, on_step=keeper.keep)
+        self._stop, self._take, self._recorder = stop, take, recorder
+        control = Control(stop, on_search=on_search, on_step=take.add)
         self._control = control if recorder is None else recorder.watching(control)
 
     def track(self, run: TrackingRun, frames: range) -> tuple[list[FrameResult], str]:
         """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
         used, and what was wrong with that.
         """
-        stop, keeper = self._stop, self._keeper
-        done = keeper.begin(run, frames)
+        stop, take = self._stop, self._take
+        done = take.begin(run, frames)
         start_frame, start = run.initial()
         results = {step.result.frame: step.result for step in done if step.result.frame in frames}
         problem, known = "", run.session.known_frames
@@ -44,7 +44,7 @@ class TrackingPasses:
                     is_new = result.frame not in results
                     results[result.frame] = result
                     if not is_new:
-                        keeper.replace(result)
+                        take.replace(result)
                     if self._recorder is not None:
                         self._recorder.show(result)
                     bar.update(is_new)
@@ -84,7 +84,7 @@ class TrackingPasses:
             self._recorder.go_on_with(sized)
         results, problem = self.track(sized, frames)
         if stop() or problem:
-            self._keeper.leave_pass()
+            self._take.leave_pass()
             say(f"note: tracking again was not finished; the result is of a hand of {old:.3f}.")
             return run, before
         return sized, results

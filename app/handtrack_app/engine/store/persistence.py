@@ -18,13 +18,13 @@ from handtrack.session.clouds_settings import read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal
-from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
+from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, WORK_FILE
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_track
 
 log = logging.getLogger(__name__)
-WORK_FILE = f"{TRACKS_FOLDER}/workbench.npz"
+
 HAND_FILE = "hand.json"
 _SETTINGS = "a session's settings"
 _FLUSH_S = 1.0  # tracked frames reach the disk at most this late

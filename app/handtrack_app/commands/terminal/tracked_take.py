@@ -1,4 +1,4 @@
-"""Keeps what `handtrack track` tracks as a take, frame by frame, and finds what an earlier run of the same command left."""
+"""The take that `handtrack track` makes, frame by frame, or goes on with where an earlier run of the same command left it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.take_about import about_take
+from handtrack.session.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter
@@ -23,7 +24,7 @@ _PROGRAM = "handtrack track"
 _UNFINISHED = ".unfinished"
 
 
-class TakeKeeper:
+class TrackedTake:
     """The store of one run of the command; a context, in which no other program writes there.
 
     That is the session's, where its tracks/poses.npz is written. A result that goes elsewhere has a store of its own beside
@@ -40,10 +41,13 @@ class TakeKeeper:
         self._writers: list[TakeWriter] = []  # one a pass
         self._finished = False
 
-    def __enter__(self) -> TakeKeeper:
-        if not self._out.exists() or self._out.is_file():  # a device keeps nothing
-            self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
+    def __enter__(self) -> TrackedTake:
+        if not self._own:
+            self._open()  # before hours of work that could not be saved
         return self
+
+    def _open(self) -> None:
+        self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
 
     def __exit__(self, *_: object) -> None:
         if self._store is None:
@@ -54,8 +58,13 @@ class TakeKeeper:
 
     def begin(self, run: TrackingRun, frames: range) -> list[Step]:
         """Begin a take, or go on with one; return the frames that are there, in the order of tracking."""
+        if self._store is None and (self._out.is_file() or not self._out.exists()):
+            self._open()
         if self._store is None:
-            return []
+            return []  # a device keeps nothing
+        if not self._own:
+            for text in import_tracks(self._store, run.session.folder):
+                say(f"note: {text}")
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:
@@ -72,7 +81,7 @@ class TakeKeeper:
         )
         return done
 
-    def keep(self, step: Step) -> None:
+    def add(self, step: Step) -> None:
         """Keep a tracked frame."""
         if self._writers:
             self._writers[-1].add(step)
@@ -98,6 +107,7 @@ class TakeKeeper:
             return
         if not self._own:
             number = self._writers[-1].take.number
+            self._store.know_file(file_digest(self._out))
             self._store.make_current([Span(number, min(frames), max(frames) + 1)])
         if finished:
             for writer in self._writers:  # not before: the later ones follow from the earlier

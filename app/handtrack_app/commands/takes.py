@@ -1,0 +1,150 @@
+"""`handtrack takes`: what was tracked of a session, one take after another; compared, made current again, removed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from handtrack.diagnostics.metrics import evaluate
+from handtrack.diagnostics.take_comparison import compared
+from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import write_result
+from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.session.session import Session
+from handtrack.session.track_files import file_digest, import_tracks
+from handtrack.store.lease import holder_of
+from handtrack.store.spans import Span
+from handtrack.store.store import Store, WritableStore
+from handtrack.store.take import Take
+from handtrack_app.commands.terminal.progress import say
+from handtrack_app.commands.terminal.track_options import parse_frames
+
+_PROGRAM = "handtrack takes"
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the takes, or do with them what the options say."""
+    session = Session.open(args.session)
+    folder = session.folder / TRACKS_FOLDER
+    frames = None if args.frames is None else parse_frames(args.frames, session)
+    if frames is not None and args.restore is None and args.compare is None:
+        raise HandtrackError("--frames goes with --restore or --compare.")
+    if args.restore is not None:
+        _restore(session.folder, args, frames)
+    elif args.prune is not None:
+        with WritableStore(folder, _PROGRAM, args.take_over) as store:
+            freed = store.prune(args.prune)
+        print(f"take {args.prune} is removed; {_megabytes(freed)} are free.")
+    elif args.compare is not None:
+        _compare(Store(folder), session, args, frames)
+    else:
+        _list(Store(folder), args)
+    return 0
+
+
+def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
+    with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
+        for text in import_tracks(store, folder):
+            say(f"note: {text}")
+        store.restore(args.restore, frames)
+        track = store.current_track()
+        assert track is not None
+        write_result(folder / POSES_FILE, track)
+        store.know_file(file_digest(folder / POSES_FILE))
+        spans = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
+        print(f"current: frames {spans}. Saved to {folder / POSES_FILE}")
+        for text in store.damage():
+            say(f"note: {text}")
+
+
+def _compare(
+    store: Store, session: Session, args: argparse.Namespace, frames: range | None
+) -> None:
+    takes = [store.take(number) for number in args.compare]
+    found = compared(*(take.track(frames) for take in takes))
+    if session.truth is not None:
+        for take in takes:
+            error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
+            found[f"take_{take.number}_error_mm"] = error
+    if args.json:
+        print(json.dumps(found, indent=1))
+        return
+    for name, value in found.items():
+        print(f"{name:28s} {'-' if value is None else f'{value:.4g}'}")
+
+
+def _list(store: Store, args: argparse.Namespace) -> None:
+    spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
+    listed = [_listed(take, spans) for take in store.takes()]
+    if args.json:
+        takes = [asdict(entry) for entry in listed]
+        told = {"takes": takes, "damage": damage, "writer": holder and str(holder)}
+        print(json.dumps(told, indent=1))
+        return
+    if not listed:
+        print(f"{store.folder}: no takes yet; `handtrack track` makes one.")
+    for entry in listed:
+        print(entry)
+    if holder is not None:
+        say(f"note: {holder} is writing here.")
+    for text in damage:
+        say(f"note: {text}")
+
+
+@dataclass(frozen=True)
+class _Listed:
+    """What is told of a take."""
+
+    take: int
+    bytes: int
+    current: list[tuple[int, int]]
+    """spans of frames, half-open"""
+    begun: str = ""
+    by: str = ""
+    frames: tuple[int, int] = (0, 0)
+    statuses: dict[str, int] = field(default_factory=dict)
+    """how many frames there are of each"""
+    finished: bool = False
+    settings: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    damage: str = ""
+    """what keeps it from being used"""
+
+    def __str__(self) -> str:
+        if self.damage:
+            return f"take {self.take}: {_megabytes(self.bytes)}, damaged"
+        counts = [f"{count} {status}" for status, count in self.statuses.items()]
+        state = [] if self.finished else ["not finished"]
+        if self.current:
+            state.append("current for " + ", ".join(f"{a}:{b}" for a, b in self.current))
+        first, stop = self.frames
+        words = [f"frames {first}:{stop}", *(counts or ["none tracked"]), _megabytes(self.bytes)]
+        return f"take {self.take}: {self.begun} by {self.by}, {', '.join([*words, *state])}"
+
+
+def _listed(take: Take, spans: Sequence[Span]) -> _Listed:
+    current = [(span.first, span.stop) for span in spans if span.take == take.number]
+    entry = _Listed(take.number, take.bytes, current)
+    try:
+        about = take.about
+    except HandtrackError as error:
+        return replace(entry, damage=str(error))
+    counts = Counter(status.name.lower() for status in take.statuses.values())
+    return replace(
+        entry,
+        begun=about.begun,
+        by=about.by,
+        frames=about.frames,
+        statuses=dict(counts),
+        finished=take.is_finished,
+        settings=json.loads(about.labels.settings or "{}"),
+        versions=dict(about.versions),
+    )
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"

@@ -1,0 +1,64 @@
+"""Tracks that lie in a session's folder as files become takes, once: nothing that is written over is lost."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from hashlib import blake2b
+from pathlib import Path
+
+from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import POSES_FILE, WORK_FILE
+from handtrack.store.spans import Span
+from handtrack.store.store import WritableStore
+from handtrack.store.take import TakeAbout
+from handtrack.tracking.frame.result import TrackLabels, TrackResult
+
+
+def import_tracks(store: WritableStore, folder: Path) -> list[str]:
+    """Make takes of a session's track files that the store does not know: those of earlier versions, of other programs, and
+    of the workbench. Return a sentence for each.
+
+    The files stay. One that cannot be read is told, and no take.
+    """
+    said = []
+    for name in (WORK_FILE, POSES_FILE):
+        path = folder / name
+        if not path.is_file() or path.is_symlink():
+            continue
+        digest = file_digest(path)
+        if digest in store.known_files():
+            continue
+        try:
+            number = _imported(store, read_npz(path), name)
+        except HandtrackError as error:
+            said.append(f"{error} It is kept as it is in versions/ when it is written over.")
+            continue
+        store.know_file(digest)
+        said.append(f"{path} is kept as take {number}.")
+    return said
+
+
+def file_digest(path: Path) -> str:
+    """Return what tells a file's content from any other."""
+    total = blake2b(digest_size=16)
+    with path.open("rb") as file:
+        while chunk := file.read(1 << 20):
+            total.update(chunk)
+    return total.hexdigest()
+
+
+def _imported(store: WritableStore, track: TrackResult, name: str) -> int:
+    first, stop = int(track.frame[0]), int(track.frame[-1]) + 1
+    labels = TrackLabels(
+        track.parameter_names, track.bone_names, track.joint_names,
+        track.model, track.side, track.scale, track.session, track.settings, track.version,
+    )  # fmt: skip
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    writer = store.begin(TakeAbout(name, now, (first, stop), labels))
+    for result in track.frames():
+        writer.replace(result)
+    writer.finish()
+    if not store.current() and name == POSES_FILE:
+        store.make_current([Span(writer.take.number, first, stop)])
+    return writer.take.number

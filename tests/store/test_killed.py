@@ -1,0 +1,164 @@
+"""Killed at random moments, the disk full at others: all that was acknowledged is there, unchanged, and no file is left over.
+
+`HANDTRACK_KILLS=300 pytest tests/store/test_killed.py` is the nightly measure.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import select
+import signal
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.store.spans import Span
+from handtrack.store.store import Store, WritableStore
+from tests.store.made import about, files_of, same, step
+
+KILLS = int(os.environ.get("HANDTRACK_KILLS", "40"))
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "fork"), reason="processes are copied where they can be"
+)
+
+
+@dataclass
+class Known:
+    """What the store must hold: what was acknowledged. And what was only begun: that may be there or not."""
+
+    frames: set[tuple[int, int, int]] = field(default_factory=set)
+    """take, frame, seed of its numbers"""
+    spans: list[tuple[Span, ...]] = field(default_factory=lambda: [()])
+    """the current track, and those that may be it"""
+    pruned: set[int] = field(default_factory=set)
+    may_be_pruned: set[int] = field(default_factory=set)
+    failed: int = 0
+
+    def hear(self, line: list) -> None:
+        what, state, *told = line
+        if what == "frame" and state == "done":
+            self.frames.add(tuple(told))
+        elif what == "current":
+            spans = tuple(Span(*span) for span in told[0])
+            self.spans = [spans] if state == "done" else [*self.spans, spans]
+        elif what == "prune":
+            (self.pruned if state == "done" else self.may_be_pruned).add(told[0])
+        self.failed += what == "failed"
+
+    def check(self, folder: Path) -> None:
+        store = Store(folder)
+        takes = {take.number: take for take in store.takes()}
+        assert not self.pruned & takes.keys()
+        assert store.current() in self.spans
+        found = {
+            number: {step.result.frame: step for step in take.steps()}
+            for number, take in takes.items()
+        }
+        for take, frame, seed in self.frames:
+            if take not in self.pruned | self.may_be_pruned:
+                assert same(found[take][frame], step(np.random.default_rng(seed), frame))
+
+
+def work(folder: Path, tell: int, rng: random.Random) -> None:
+    """Do whatever a program does with a store, telling before and after each deed."""
+
+    def told(*line: object) -> None:
+        really_write(tell, (json.dumps(line) + "\n").encode())
+
+    really_write, left = os.write, [0]
+    way = rng.choice(("half a write", "full", "any time"))
+
+    def write(handle: int, data) -> int:
+        left[0] -= 1
+        if left[0] == 0 and way != "any time":
+            really_write(handle, bytes(data)[: rng.randrange(len(data))])
+            if way == "full":
+                left[0] = rng.randint(1, 20)
+                raise OSError(errno.ENOSPC, "No space left on device")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return really_write(handle, data)
+
+    os.write = write
+    with WritableStore(folder, "a test") as store:
+        left[0] = rng.randint(1, 60)
+        numbers = [take.number for take in store.takes() if not take.is_finished]
+        go_on, writer = numbers and rng.random() < 0.5, None
+        while writer is None:
+            with suppress(HandtrackError):
+                last = store.take(numbers[-1]) if go_on else None
+                writer = store.begin(about(range(99))) if last is None else store.go_on(last)
+        number = writer.take.number
+        frame = len(store.take(number).frames)
+        while True:
+            told("begun", "")
+            try:
+                deed = rng.random()
+                if deed < 0.7:
+                    seed = rng.randrange(1 << 30)
+                    writer.add(step(np.random.default_rng(seed), frame))
+                    told("frame", "done", number, frame, seed)
+                    frame += 1
+                elif deed < 0.9:
+                    spans = [(number, 0, rng.randint(1, 99))]
+                    told("current", "begun", spans)
+                    store.make_current([Span(*span) for span in spans])
+                    told("current", "done", spans)
+                else:
+                    others = {take.number for take in store.takes()} - {number}
+                    others -= {span.take for span in store.current()}
+                    if others:
+                        told("prune", "begun", min(others))
+                        store.prune(min(others))
+                        told("prune", "done", min(others))
+            except HandtrackError:
+                told("failed", "")
+
+
+def killed(folder: Path, rng: random.Random) -> list[list]:
+    """Let a child work until it kills itself, or is killed; return what it told."""
+    hear, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(hear)
+            signal.alarm(60)
+            work(folder, tell, rng)
+        except BaseException as error:
+            os.write(2, f"the child ended by {error!r}\n".encode())
+        finally:
+            os._exit(1)
+    os.close(tell)
+    if rng.random() < 0.8:  # else it may be opening the store still
+        select.select([hear], [], [], 30.0)
+    time.sleep(rng.uniform(0.0, 0.1))
+    os.kill(child, signal.SIGKILL)
+    status = os.waitpid(child, 0)[1]
+    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL, "it ended by itself"
+    with os.fdopen(hear) as lines:
+        return [json.loads(line) for line in lines if line.endswith("\n")]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
+    rng, known = random.Random(5), Known()
+    for number in range(KILLS):
+        for line in killed(tmp_path, random.Random(rng.random())):
+            known.hear(line)
+        known.check(tmp_path)
+        known.spans = [Store(tmp_path).current()]
+        assert len(list(tmp_path.glob("lease-*"))) <= 2, f"after {number + 1} kills"
+    with WritableStore(tmp_path, "the last"):
+        pass
+    assert {Path(name).suffix for name in files_of(tmp_path)} == {".log"}
+    assert len(known.frames) > KILLS
+    print(
+        f"{KILLS} kills, {len(known.frames)} frames acknowledged, {known.failed} writes failed, 0 lost"
+    )
