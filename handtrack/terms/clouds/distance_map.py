@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import D3, Array, Floats, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
@@ -56,6 +55,8 @@ def distance_map(
     The nearest filled voxel comes from an exact distance transform; the distance is that to the mean of the points
     in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.
     """
+    from scipy.ndimage import distance_transform_edt
+
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.isfinite([low, high]).all() and (high > low).all() and spacing_m > 0):
         raise HandtrackError(
