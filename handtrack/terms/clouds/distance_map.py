@@ -56,7 +56,6 @@ def distance_map(
     The nearest filled voxel is found exactly; the distance is that to the mean of the points
     in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.
     """
-    from scipy.ndimage import distance_transform_edt
 
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.isfinite([low, high]).all() and (high > low).all() and spacing_m > 0):
