@@ -258,7 +258,7 @@ def run_workbench(
         print(f"handtrack: {warning}", file=sys.stderr)
     log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = working_folder(session_folder) if live is None else Path(session_folder)
+    folder = working_folder(session_folder)
     opener = None if live is None else partial(open_live_document, live)
     bench = Workbench(
         folder, host, chosen, opener, rerun=rerun, demo=demo, open_pages=open_browser

@@ -28,6 +28,8 @@ from handtrack.session.session_file import (
 )
 from handtrack.session.views import View
 
+LIVE_SETTINGS: dict[str, object] = {"model.fit_size": False}
+"""in place of the usual ones: a search for lost fingers takes as long as many frames, and motion has gone on by then"""
 _USUAL_FPS = 30.0
 
 
