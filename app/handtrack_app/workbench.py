@@ -12,8 +12,8 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_control import open_live_document
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import Opening, working_folder
 from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning

@@ -15,7 +15,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import dotted
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.protocol.snapshots import LiveCameraCard, LiveSnapshot, Notice, Snapshot
 
