@@ -34,9 +34,15 @@ def in_parallel(function: Callable[[Item], Result], items: Iterable[Item]) -> li
     return list(_pool(thread_count()).map(function, items))
 
 
-@lru_cache(maxsize=1)
-def _pool(threads: int) -> ThreadPoolExecutor:
+def workers(threads: int, name: str = "handtrack") -> ThreadPoolExecutor:
+    """Return a pool in which each piece of work has one thread: `in_parallel` within it runs where it is."""
+
     def mark() -> None:
         _inside.is_worker = True
 
-    return ThreadPoolExecutor(threads, "handtrack", initializer=mark)
+    return ThreadPoolExecutor(threads, name, initializer=mark)
+
+
+@lru_cache(maxsize=1)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return workers(threads)

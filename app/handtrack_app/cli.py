@@ -138,7 +138,15 @@ _SERVER = (
 
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
-        _option("session", nargs="?", type=Path, help="session folder"), *_SERVER,
+        _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
+        _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
+        _option("--camera", action="append", default=[], metavar="NAME=DEVICE",
+                help="with --live: a camera's number, path or address, or a video to be played as if it were one; once per "
+                "camera (default: 0, 1, 2 … in the session's order)"),
+        _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
+        _option("--tolerance-ms", type=float, default=50.0, metavar="T",
+                help="with --live: how far apart the images of one frame may be (50)"),
+        *_SERVER,
     )),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "new": _Command("new", "Make a session folder from videos and a calibration.", (
@@ -159,6 +167,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET,
         _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
+        _option("--size-later", action="store_true",
+                help="where the hand's size is to be fitted: track at once, fit it to what was tracked, track again"),
         _option("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"),
         _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),

@@ -7,11 +7,14 @@ import sys
 import threading
 import time
 import webbrowser
+from functools import partial
 from pathlib import Path
 
 import viser
 
-from handtrack_app.engine.opening import open_document, working_folder
+from handtrack_app.engine.live_control import open_live_document
+from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.opening import Opening, working_folder
 from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.page.layout import PageLayout
@@ -35,12 +38,12 @@ class Workbench:
         session_folder: Path,
         host: str = "127.0.0.1",
         port: int = 8080,
-        opener: Opener = open_document,
+        opener: Opener | None = None,
         rerun: bool = False,
         demo: bool = False,
         open_pages: bool = False,
     ) -> None:
-        """rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
+        """opener: what opens the folder instead of `Opening`. rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
         open_pages: open rerun's viewer in the browser, too.
         """
         self._open_pages = open_pages
@@ -53,7 +56,11 @@ class Workbench:
         )
         self._recorder = LiveRecorder(self._snapshots.put) if rerun else None
         watch = None if self._recorder is None else self._recorder.show
-        self.worker = Worker(self.folder, self._snapshots.put, opener, watch)
+        opening = Opening()
+        self.worker = Worker(
+            self.folder, self._snapshots.put, opener or opening.document, watch,
+            opening.preview if opener is None else None,
+        )  # fmt: skip
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
@@ -179,7 +186,12 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.LiveSnapshot():
+                self.layout.live.show(snapshot)
             case snapshots.TimelineSnapshot():
+                with self.state.lock:
+                    self.state.start = snapshot.start
+                    self.state.stop = snapshot.start + len(snapshot.status)
                 self.layout.show_timeline(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
@@ -233,31 +245,42 @@ def run_workbench(
     open_browser: bool = True,
     rerun: bool = False,
     demo: bool = False,
+    live: LiveOptions | None = None,
 ) -> None:
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: track at once. A bundled session is opened as the user's own copy.
+    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
     log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = working_folder(session_folder)
-    bench = Workbench(folder, host, chosen, rerun=rerun, demo=demo, open_pages=open_browser).start()
+    folder = working_folder(session_folder) if live is None else Path(session_folder)
+    opener = None if live is None else partial(open_live_document, live)
+    bench = Workbench(
+        folder, host, chosen, opener, rerun=rerun, demo=demo, open_pages=open_browser
+    ).start()
     try:
-        failure = bench.worker.wait_opened(_PATIENCE_S)
+        failure = bench.worker.wait_shown(_PATIENCE_S)
         if failure is not None:
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+        if live is not None and live.record is not None:
+            bench.send(commands.Record(True, str(live.record)))
         if folder != Path(session_folder) or demo:
             print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
         if open_browser:
             webbrowser.open(bench.url)
+        failure = bench.worker.wait_opened(None)
+        if failure is not None:
+            raise failure
         while True:
             time.sleep(3600)
     except KeyboardInterrupt:
         pass
     finally:
         bench.stop()
+        for words in bench.worker.last_words:
+            print(words, flush=True)

@@ -162,7 +162,7 @@ class FileClouds(CloudSource):
 
 def _length_warning(first: View, second: View) -> str:
     """Return that a pair's recordings end at different frames; empty when they do not."""
-    lengths = [0 if v.images is None else len(v.images.frames) for v in (first, second)]
+    lengths = [0 if v.images is None else len(v.images.known_frames) for v in (first, second)]
     if lengths[0] == lengths[1]:
         return ""
     return (

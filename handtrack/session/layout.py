@@ -14,6 +14,7 @@ TRACKS_FOLDER = "tracks"
 POSES_FILE = "tracks/poses.npz"
 WORK_FILE = "tracks/workbench.npz"
 """what the workbench has tracked and posed so far"""
+VIDEOS_FILE = "tracks/videos.json"
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path

@@ -22,19 +22,19 @@ class LookAhead:
         observe: Callable[[int, BonePoses | None], Observation],
         prepare: Callable[[int], object],
         frames: range,
+        start: int,
     ) -> None:
-        self._observe, self._prepare, self._frames = observe, prepare, frames
+        """start: of `frames`, where tracking begins: forward from there, and backward before it."""
+        self._observe, self._prepare, self._frames, self._start = observe, prepare, frames, start
         self._beside = ThreadPoolExecutor(1, "look-ahead") if thread_count() > 1 else None
         self._next: tuple[int, Future[object]] | None = None
-        self._last: int | None = None
 
     def __call__(self, frame: int, bones: BonePoses | None) -> Observation:
         """Return what is seen of a frame; see tracking.sequence.Observe."""
         if self._next is not None and self._next[0] == frame:
             self._next[1].exception()  # waits; what failed is tried, and told of, below
         seen = self._observe(frame, bones)
-        way = -1 if self._last is not None and frame < self._last else 1
-        self._last = frame
+        way = 1 if frame >= self._start else -1
         if self._beside is not None and frame + way in self._frames:
             self._next = frame + way, self._beside.submit(self._prepare, frame + way)
         return seen

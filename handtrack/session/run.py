@@ -9,8 +9,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from handtrack.arrays import Floats, P
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
@@ -26,6 +24,13 @@ from handtrack.session.idle_settings import idle_settings
 from handtrack.session.look_ahead import LookAhead
 from handtrack.session.seen_keypoints import of_model
 from handtrack.session.session import Session
+from handtrack.session.sizing import (
+    MOST_FRAMES,
+    TRACKED_SHARE,
+    Tell,
+    size_of_frames,
+    stretch_after,
+)
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
@@ -33,13 +38,8 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.size.size import refine_scale
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
-
-_SIZE_STRETCH = 40  # frames tracked to fit the hand's size
-_SIZE_ANGLE = np.deg2rad(20.0)  # between two lines of sight
-_SIZE_FRAMES = 8  # of them are used: neighbours show the same
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,13 @@ class TrackingRun:
         first: FirstPose | None = None,
         should_stop: Callable[[], bool] | None = None,
         use_init: bool = True,
+        tell: Tell | None = None,
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
         use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first
-        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`); a forearm is modelled where
-        silhouettes show one beyond the wrist. Raises HandtrackError.
+        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`, which tells how far it is), unless
+        that is put off; a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = session.settings.with_values(overrides or {})
         session = session.with_seed(settings.tracker.seed)
@@ -78,51 +79,53 @@ class TrackingRun:
         forearm = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, forearm)
         run = cls(session, first, settings, scale, forearm, model)
-        if session.hand_scale == "fit" and settings.model.fit_size and first is not None:
-            return run.fit_size(should_stop)
+        if run.size_is_open and settings.model.fit_size == "true" and first is not None:
+            return run.fit_size(should_stop, tell=tell)
         return run
+
+    @property
+    def size_is_open(self) -> bool:
+        """Whether session and settings ask for the hand's size to be fitted."""
+        return self.session.hand_scale == "fit" and self.settings.model.fit_size != "false"
 
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
         frames: range | None = None,
-        most: int = _SIZE_FRAMES,
-        tell: Callable[[int, int], None] | None = None,
+        most: int = MOST_FRAMES,
+        tell: Tell | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> TrackingRun:
         """Return the run for the hand size that explains some frames best; the same run where none can tell it.
 
-        Tracks `frames` (a stretch after the first pose unless given) with the size at hand, then fits size and poses of
-        at most `most` of them, evenly spread, together. Seen from around, every finger has a size of its own; clouds
-        are one-sided and tell the whole hand's only. tell: is called with how many frames are tracked, and of how many.
+        Takes frames that are tracked, or tracks `frames` (a stretch after the first pose unless given) with the size at
+        hand; then fits size and poses of at most `most` of them, evenly spread, together. tell: is called with the share
+        that is done, 0 to 1, and what is done in words.
         """
+        say = tell or (lambda share, words: None)
+        share = 0.0
+        if tracked is None:
+            share = TRACKED_SHARE
+            tracked = self._tracked_for_size(frames, should_stop, say)
+        scale = size_of_frames(
+            self, tracked, most, should_stop, lambda done, words: say(share + (1 - share) * done, words)
+        )  # fmt: skip
+        return self if scale is None else self.with_scale(scale)
+
+    def _tracked_for_size(
+        self, frames: range | None, should_stop: Callable[[], bool] | None, tell: Tell
+    ) -> list[FrameResult]:
         start, params = self.initial()
-        if frames is None:
-            count = self.session.frame_count
-            after = range(start, min(start + _SIZE_STRETCH, count))
-            frames = after if len(after) > 1 else range(max(count - _SIZE_STRETCH, 0), count)
+        frames = frames or stretch_after(start, self.session.frame_count)
         results: dict[int, FrameResult] = {}
         for result in self.track(frames, start, params, should_stop):
             results[result.frame] = result
-            if tell is not None:
-                tell(len(results), len(frames))
-        tracked = sorted((r for r in results.values() if r.fits), key=lambda r: r.frame)
-        seen = [(result, self._seen_at(result)) for result in _spread(tracked, most)]
-        around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
-        used = around or [pair for pair in seen if pair[1].cloud is not None]
-        if not used:
-            return self
-        scale = refine_scale(
-            lambda size: _model(self.session, self.settings, size, self.forearm),
-            self.settings,
-            self.scale,
-            [known for _, known in used],
-            [self.model.transform.solver_params(result.parameters) for result, _ in used],
-            should_stop,
-            parts=bool(around),
-        )
-        return self.with_scale(scale)
+            done, count = len(results), len(frames)
+            tell(TRACKED_SHARE * done / count, f"{done} of {count} frames tracked")
+        return list(results.values())
 
-    def _seen_at(self, result: FrameResult) -> Observation:
+    def seen_at(self, result: FrameResult) -> Observation:
+        """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
         return _seen(self.session, self.settings, result.frame, self._near(bones))
 
@@ -241,7 +244,7 @@ class TrackingRun:
     ) -> Iterator[FrameResult]:
         """Yield results as `track` does, stopped, watched and told as control says; done: gone on from, if given."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
-        observe = LookAhead(self.observation, self._prepare, on_the_way)
+        observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_frames(
                 self.tracker, observe, start_frame, start_params, frames, control, done
@@ -285,25 +288,6 @@ def _version() -> str:
         return version("handtrack")
     except PackageNotFoundError:
         return "unknown"
-
-
-def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
-    """Return at most so many, evenly spread."""
-    if len(results) <= most:
-        return list(results)
-    return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
-
-
-def _seen_around(seen: Observation, result: FrameResult) -> bool:
-    """Return whether silhouettes show the hand from directions that differ enough to tell its size.
-
-    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
-    """
-    middle = result.joint_positions.mean(axis=0)
-    sights = [middle - silhouette.camera.centre for silhouette in seen.silhouettes]
-    sights = [sight / np.linalg.norm(sight) for sight in sights]
-    least = min((float(a @ b) for a in sights for b in sights), default=1.0)
-    return least < np.cos(_SIZE_ANGLE)
 
 
 def _seen(

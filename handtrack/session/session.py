@@ -16,6 +16,8 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.images.video import VideoFile
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
@@ -40,17 +42,23 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.views import View
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
-_OBSERVATIONS_KEPT = 24  # two a frame: with a cloud, and without
-_CLOUDS_KEPT = 12  # before filtering
+_FRAMES_KEPT = SEARCH_EVERY + 4  # those that a search may have solved anew are at hand
+_OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
+_CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
+_PIXELS_KEPT = 400_000_000  # of all masks kept
 _POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
 class Session:
     """An opened session folder. Reading frames is safe from several threads."""
+
+    live: LiveFeed | None = None
+    """the cameras of a live session; None of a recording"""
 
     def __init__(self, folder: Path, file: SessionFile, rig: CameraRig) -> None:
         """Use `Session.open`."""
@@ -60,7 +68,7 @@ class Session:
         """the session's cameras, in the order of session.toml."""
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
-        self.views = tuple(View(folder, c, rig[c.name]) for c in file.cameras)
+        self.views = self._views()
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
         self.cloud_filters = self._filters(self.settings.tracker.seed)
@@ -71,6 +79,7 @@ class Session:
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
+        self.check_init(self.known_frames)
         self._observations: OrderedDict[tuple[int, bool, bool], Observation] = OrderedDict()
         self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
         self._lock = threading.Lock()
@@ -94,16 +103,7 @@ class Session:
                 "new` makes one from videos and a calibration."
             )
         file = read_session_file(folder / SESSION_FILE)
-        everything = read_rig(
-            inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m
-        )
-        for camera in file.cameras:
-            if camera.name not in everything:
-                raise HandtrackError(
-                    f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
-                    f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
-                )
-        return cls(folder, file, CameraRig(tuple(everything[c.name] for c in file.cameras)))
+        return cls(folder, file, session_rig(folder, file))
 
     @property
     def name(self) -> str:
@@ -120,17 +120,39 @@ class Session:
 
     @cached_property
     def frame_count(self) -> int:
-        """Frames run from 0 to the last that any camera or cloud has.
-
-        The first use counts videos by decoding.
-        """
-        clouds = max(self.cloud_files, default=-1) + 1
-        return max(clouds, *(view.frame_count for view in self.views))
+        """Frames run from 0 to the last that any camera or cloud has. The first use counts those of videos by decoding."""
+        counts = [view.frame_count for view in self.views]
+        return max(max(self.cloud_files, default=-1) + 1, *counts)
 
     @property
     def frame_range(self) -> range:
         """Every frame of the session."""
         return range(self.frame_count)
+
+    @property
+    def known_frames(self) -> range:
+        """Every frame as far as is known without decoding: what videos announce, until their frames were counted."""
+        counts = [view.known_count for view in self.views]
+        return range(max(max(self.cloud_files, default=-1) + 1, *counts))
+
+    @property
+    def videos(self) -> list[VideoFile]:
+        """The views' videos."""
+        return [s for view in self.views for s in view.sources if isinstance(s, VideoFile)]
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether `frame_count` is known."""
+        return all(video.audit is not None for video in self.videos)
+
+    def check_init(self, frames: range | None = None) -> None:
+        """Raise HandtrackError where init.json is about none of these frames, all of the session's unless given."""
+        frames = self.frame_range if frames is None else frames
+        if self.init is not None and self.init.frame not in frames:
+            raise HandtrackError(
+                f"{self.folder / INIT_FILE}: frame = {self.init.frame}, but the session has the frames 0 to "
+                f"{len(frames) - 1}."
+            )
 
     @property
     def hand_model(self) -> str | Path:
@@ -152,8 +174,7 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        met = [text for view in self.views for text in view.warnings] + clouds
-        return [*self.settings.notes, *met]
+        return [*self.settings.notes, *(text for v in self.views for text in v.warnings), *clouds]
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""
@@ -238,6 +259,9 @@ class Session:
         changed._observations = OrderedDict()
         return changed
 
+    def _views(self) -> tuple[View, ...]:
+        return tuple(View(self.folder, c, self.rig[c.name]) for c in self.file.cameras)
+
     def _filters(self, seed: int) -> CloudFilters:
         clouds = self.file.clouds
         return replace(CloudFilters() if clouds is None else clouds.filters, seed=seed)
@@ -256,7 +280,7 @@ class Session:
         crops the cloud to a hand before it is thinned, see `cloud`. Raises HandtrackError outside
         the session's frames.
         """
-        if frame not in self.frame_range:
+        if frame not in self.known_frames and frame not in self.frame_range:
             raise HandtrackError(
                 f"{self.folder}: no frame {frame}; the session has the frames 0 to "
                 f"{self.frame_count - 1}."
@@ -284,7 +308,9 @@ class Session:
             known = self._observations.get(key)
         if known is None:
             known = self._observe(*key)
-        _remember(self._observations, key, known, _OBSERVATIONS_KEPT, self._lock)
+        pixels = sum(silhouette.mask.size for silhouette in known.silhouettes)
+        most = min(_PIXELS_KEPT // max(pixels, 1) + 2, _OBSERVATIONS_KEPT)
+        _remember(self._observations, key, known, most, self._lock)
         return known
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
@@ -326,13 +352,7 @@ class Session:
         return read_timestamps(path, self.camera_names, recording.fps)
 
     def _read_init(self, path: Path) -> FirstPose:
-        pose = read_first_pose(path, self._parameter_names())
-        if pose.frame not in self.frame_range:
-            raise HandtrackError(
-                f"{path}: frame = {pose.frame}, but the session has the frames 0 to "
-                f"{self.frame_count - 1}."
-            )
-        return pose
+        return read_first_pose(path, self._parameter_names())
 
     def _parameter_names(self) -> tuple[str, ...] | None:
         """Return the names that init.json may use; None when the model is a file, which is not read here."""
@@ -348,6 +368,18 @@ class Session:
     def _hand_file(self, key: str, setting: str) -> Path:
         where = f"{self.folder / SESSION_FILE}, [hand], {key}"
         return matching_files(self.folder, setting, where)[0]
+
+
+def session_rig(folder: Path, file: SessionFile) -> CameraRig:
+    """Return the calibration of a session's cameras, in their order. Raises HandtrackError for one that has none."""
+    everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
+    for camera in file.cameras:
+        if camera.name not in everything:
+            raise HandtrackError(
+                f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
+                f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
+            )
+    return CameraRig(tuple(everything[camera.name] for camera in file.cameras))
 
 
 def _sources(clouds: CloudSettings) -> tuple[object, ...]:

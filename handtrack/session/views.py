@@ -27,6 +27,7 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen_keypoints import KeypointFiles
 from handtrack.session.session_file import CameraSettings
+from handtrack.session.video_audits import read_audit
 
 
 class View:
@@ -35,13 +36,22 @@ class View:
     Opening checks that files exist and the first ones fit the calibration.
     """
 
-    def __init__(self, folder: Path, settings: CameraSettings, camera: Camera) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        settings: CameraSettings,
+        camera: Camera,
+        live: FrameSource | None = None,
+    ) -> None:
+        """live: gives the images in place of the recording, which then only teaches the mask method."""
         self.settings = settings
         self.camera = camera
         self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
         self._learning = threading.Lock()
         self._check_roi()
-        self.images = self._source(folder, settings.images, COLOUR)
+        recorded = self._source(folder, settings.images, COLOUR)
+        self.images = recorded if live is None else live
+        self._taught_by = recorded
         masks = settings.masks if isinstance(settings.masks, str) else None
         self.mask_files = self._source(folder, masks, MASK)
         self.depth = self._source(folder, settings.depth, DEPTH)
@@ -68,6 +78,12 @@ class View:
         """One more than the last frame of any source."""
         joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
         return max([joints, *(len(source.frames) for source in self.sources)])
+
+    @property
+    def known_count(self) -> int:
+        """The same as far as is known without decoding videos."""
+        joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
+        return max([joints, *(len(source.known_frames) for source in self.sources)])
 
     @property
     def warnings(self) -> list[str]:
@@ -136,6 +152,8 @@ class View:
         method, source = self.settings.masks, self._segmented_source
         assert method is not None
         assert not isinstance(method, str)
+        if self._taught_by is not None and source is self.images:
+            source = self._taught_by
         assert source is not None
         try:
             return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)
@@ -184,7 +202,7 @@ class View:
                 'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
                 "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
             )
-        return VideoFile(path, self.camera.size, f"{where}, {path}")
+        return VideoFile(path, self.camera.size, f"{where}, {path}", read_audit(folder, path))
 
     def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
         pattern = self.settings.bayer

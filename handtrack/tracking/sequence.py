@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 
 from handtrack.arrays import Floats, P
-from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
+from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
-
-Observe = Callable[[int, BonePoses | None], Observation]
-"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
-None where that is not known"""
 
 
 def track_frames(
@@ -40,31 +35,37 @@ def track_frames(
     done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
     would have; they are not yielded again.
     """
+    control = _shown_within(frames, control)
     known = {step.result.frame: step for step in done}
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
     begun: list[Step] = []
     for path in (forward, backward):
         steps = [*begun, *_already(known, path)]
-        state = (
-            _state_after(steps, tracker, observe)
-            if steps
-            else TrackerState.beginning_at(start_params)
-        )
-        for frame in path[len(steps) - len(begun) :]:
-            bones = (
-                tracker.expected_bones(state, frame) if steps else tracker.model.bones(start_params)
-            )
-            state, result = tracker.step(state, observe(frame, bones), control)
-            if control.should_stop():
-                return
-            steps.append(state.step)
+        state = TrackerState.beginning_at(start_params)
+        if steps:
+            state = _state_after(steps, tracker, observe)
+        todo = path[len(steps) - len(begun) :]
+        for after, result in Pursuit(tracker, observe, state, control).frames(todo):
+            if not steps or tracker.settings.chooses_at_the_end:
+                steps.append(after.step)
             if control.on_step is not None:
-                control.on_step(state.step)
-            if frame in frames:
+                control.on_step(after.step)
+            if result.frame in frames:
                 yield result
-        yield from _chosen(tracker, steps[path is backward :], frames)
+        if control.should_stop():
+            return
+        if tracker.settings.chooses_at_the_end:
+            yield from _chosen(tracker, steps[path is backward :], frames)
         begun = steps[:1]
+
+
+def _shown_within(frames: range, control: Control) -> Control:
+    """Return the control, shown only what is yielded too."""
+    show = control.on_early
+    if show is None:
+        return control
+    return replace(control, on_early=lambda result: result.frame in frames and show(result))
 
 
 def _already(known: Mapping[int, Step], path: range) -> list[Step]:

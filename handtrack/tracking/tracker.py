@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from handtrack.arrays import Floats
@@ -12,6 +12,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -40,6 +41,20 @@ class Tracker:
         state: `TrackerState.beginning_at(pose)` for a first frame, then the one that was returned last. A step that is
         stopped returns what it has; its state is not to be stepped from.
         """
+        after, solved = self._stepped(state, observation, control)
+        return after, solved.result
+
+    def glance(
+        self, state: TrackerState, observation: Observation, control: Control = Control()
+    ) -> tuple[TrackerState, FrameResult, bool]:
+        """Return what `step` does if its searches find nothing, without making them; and whether any is due."""
+        control = replace(control, searches=False)
+        after, solved = self._stepped(state, observation, control)
+        return after, solved.result, solved.search_due
+
+    def _stepped(
+        self, state: TrackerState, observation: Observation, control: Control
+    ) -> tuple[TrackerState, Solved]:
         task = self._task(state, observation, control)
         hypotheses: tuple[MovingHypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
@@ -48,12 +63,12 @@ class Tracker:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
                 solved = with_hand_found(task, solved)
-        return state.after(
-            solved, self.seen_with(observation, solved.result), hypotheses
-        ), solved.result
+        return state.after(solved, self.seen_with(observation, solved.result), hypotheses), solved
 
     def expected_bones(self, state: TrackerState, frame: int) -> BonePoses | None:
-        """Return the hand where `step` will look for it; None where it was lost, or nothing came before."""
+        """Return the hand where `step` will look for it; None where it was lost."""
+        if state.start is not None:
+            return self.model.bones(state.start)
         expected = self._expected(state, frame)
         if expected is None or state.results[-1].status == Status.LOST:
             return None

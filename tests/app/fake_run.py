@@ -14,6 +14,7 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
@@ -30,6 +31,7 @@ from handtrack.session.session_file import (
     RecordingSettings,
     SessionFile,
 )
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.document import Document
@@ -87,6 +89,8 @@ class FakeSession:
     has_clouds: bool = False
     cloud_filters: CloudFilters = field(default_factory=CloudFilters)
     cloud_camera_centres: Floats | None = None
+    is_counted: bool = True
+    live: LiveFeed | None = None
 
     @property
     def views(self) -> tuple[FakeView, ...]:
@@ -105,6 +109,10 @@ class FakeSession:
 
     @property
     def frame_range(self) -> range:
+        return range(FRAMES)
+
+    @property
+    def known_frames(self) -> range:
         return range(FRAMES)
 
     def time_s(self, frame: int) -> float:
@@ -154,10 +162,11 @@ class FakeRun:
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
-        tell: Callable[[int, int], None] | None = None,
+        tell: Callable[[float, str], None] | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> FakeRun:
         if tell is not None:
-            tell(5, 10)
+            tell(0.5, "5 of 10 frames tracked")
         time.sleep(self.sizing_s)  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 
@@ -171,15 +180,24 @@ class FakeRun:
         start_params: Floats,
         should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
+        control = Control() if should_stop is None else Control(should_stop)
+        return self.track_with(control, frames, start_frame, start_params)
+
+    def track_with(
+        self, control: Control, frames: range, start_frame: int, start_params: Floats
+    ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
         for frame in path:
             for _ in range(10):
                 busy_for(self.step_s / 10)
-                if should_stop is not None and should_stop():
+                if control.should_stop():
                     return
             if self.broken and frame > start_frame:
                 raise ValueError("a mistake of ours")
-            yield self._result(frame, start_params, start_frame)
+            result = self._result(frame, start_params, start_frame)
+            if control.on_early is not None:
+                control.on_early(result)
+            yield result
 
     def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
         joint = self.model.joint_params(params)

@@ -11,6 +11,7 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack.capture.images.video import VideoFile
+from handtrack.capture.images.video_audit import oddities
 from handtrack.errors import HandtrackError
 
 FRAMES = 90
@@ -156,7 +157,7 @@ def test_two_readers_at_once_get_their_own_frames(clip: Path) -> None:
 
 def test_uneven_times_are_reported() -> None:
     times = np.array([0, 33, 67, 100, 200, 233, 267], dtype=float)
-    (text,) = video_module._oddities("v.mp4", 7, times)
+    (text,) = oddities(7, times)
     assert "1 steps between frames are longer than the usual 33" in text
     assert "after frame 3" in text
-    assert video_module._oddities("v.mp4", 7, np.arange(7) * 33.3) == []
+    assert oddities(7, np.arange(7) * 33.3) == []

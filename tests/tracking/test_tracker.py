@@ -168,9 +168,13 @@ def test_an_empty_mask_is_no_hand():
 
 
 def test_stopping_leaves_what_is_done():
-    asked = iter([False] * 40 + [True] * 100_000)
-    results = followed(should_stop=lambda: next(asked))
-    assert 0 < len(results) < COUNT
+    results = []
+    control = Control(should_stop=lambda: len(results) == 2)
+    seen = SCENE.observations
+    for result in track_frames(TRACKER, lambda f, _: seen[f], 0, START, range(COUNT), control):
+        results.append(result)
+    assert 2 <= len(results) < COUNT
+    assert [r.frame for r in results] == list(range(len(results)))
     assert errors_mm(results).max() < 0.4
     assert followed(should_stop=lambda: True) == []
 

@@ -7,12 +7,15 @@ import argparse
 from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES
 from handtrack.session.session import Session
+from handtrack.session.video_audits import keep_audits
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the findings, the gravest first."""
     session = Session.open(args.session)
+    session.check_init()
     findings = examine(session)
+    keep_audits(session.folder, session.videos)
     for finding in sorted(findings, key=lambda found: -SEVERITIES.index(found.severity)):
         print(f"{finding.severity}: {finding.text}")
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}

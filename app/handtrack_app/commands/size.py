@@ -13,7 +13,12 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.commands.terminal.first_pose import found_first_pose
 from handtrack_app.commands.terminal.output import output_file
-from handtrack_app.commands.terminal.progress import say, saying_compiling, stoppable
+from handtrack_app.commands.terminal.progress import (
+    say,
+    saying_compiling,
+    sizing_bar,
+    stoppable,
+)
 from handtrack_app.commands.terminal.track_options import (
     check_seen,
     first_pose,
@@ -35,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
     first = first_pose(args.init, session, settings)
-    frames = parse_frames(args.frames, session)
+    frames = parse_frames(args.frames, session.frame_range, session.folder)
     if args.count < 1:
         raise HandtrackError(
             f"--count {args.count}: expected at least one frame to fit the size to."
@@ -48,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
-            after = before.fit_size(stop, frames, args.count)
+            with sizing_bar() as tell:
+                after = before.fit_size(stop, frames, args.count, tell)
         if stop() or after is None:
             say("handtrack size: interrupted; nothing was saved.")
             return _INTERRUPTED

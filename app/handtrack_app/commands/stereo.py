@@ -27,7 +27,7 @@ _INTERRUPTED = 130
 def run(args: argparse.Namespace) -> int:
     """Match the pairs of every frame asked for and write their merged clouds."""
     session = Session.open(args.session)
-    frames = parse_frames(args.frames, session)
+    frames = parse_frames(args.frames, session.frame_range, session.folder)
     out = args.out or session.folder / _FOLDER
     if out.is_dir() and any(out.glob("*.ply")):
         raise HandtrackError(

@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     """List the takes, or do with them what the options say."""
     session = Session.open(args.session)
     folder = session.folder / TRACKS_FOLDER
-    frames = None if args.frames is None else parse_frames(args.frames, session)
+    frames = None if args.frames is None else parse_frames(args.frames, session.frame_range, session.folder)
     if frames is not None and args.restore is None and args.compare is None:
         raise HandtrackError("--frames goes with --restore or --compare.")
     if args.restore is not None:

@@ -17,17 +17,17 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracking.frame.control import Control
+from handtrack.session.video_audits import count_beside
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
-from handtrack.tracking.state import Step
 from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
 from handtrack_app.commands.terminal.progress import (
     Stop,
-    progress_bar,
     say,
     saying_compiling,
+    sizing_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -40,6 +40,7 @@ from handtrack_app.commands.terminal.track_options import (
     writable,
 )
 from handtrack_app.commands.terminal.tracked_take import TrackedTake
+from handtrack_app.commands.terminal.tracking_passes import TrackingPasses
 from handtrack_app.rerun.recorder import ResidualRecorder
 
 _INTERRUPTED = 130
@@ -51,12 +52,17 @@ def run(args: argparse.Namespace) -> int:
     overrides: dict[str, object] = dict(parse_settings(args.set))
     if args.seed is not None:
         overrides["tracker.seed"] = args.seed
+    if args.size_later:
+        overrides["model.fit_size"] = "later"
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings)
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
+    count_beside(session.folder if args.out is None else None, session.videos)
     first = first_pose(args.init, session, settings)
-    frames = parse_frames(args.frames, session)
+    # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
+    known = session.frame_range if args.init == "auto" else session.known_frames
+    frames = parse_frames(args.frames, known, session.folder)
     check_recording(args, frames)
     if args.explain is not None and args.explain not in frames:
         raise HandtrackError(
@@ -65,13 +71,16 @@ def run(args: argparse.Namespace) -> int:
     out = writable(args.out, session.folder)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
-    fits = session.hand_scale == "fit" and settings.model.fit_size
+    fits = session.hand_scale == "fit" and settings.model.fit_size != "false"
+    later = fits and settings.model.fit_size == "later"
+    if args.size_later and not later:
+        say("note: --size-later has no effect: the hand's size is given, and not fitted.")
     with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given)
-        run_ = None if stop() else _opened(session, overrides, first, fits, stop)
+        run_ = None if stop() else _opened(session, overrides, first, fits and not later, stop)
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
@@ -81,11 +90,21 @@ def run(args: argparse.Namespace) -> int:
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
         try:
-            done = take.begin(run_, frames)
             reports: list[SearchReport] = []
             on_search = None if args.explain is None else reports.append
-            control = Control(stop, on_search=on_search, on_step=take.add)
-            results, problem = _track(run_, frames, recorder, stop, control, done, take)
+            passes = TrackingPasses(stop, take, recorder, on_search)
+            results, problem = passes.track(run_, frames)
+            counted = frames if stop() else _counted(args, session, settings)
+            if counted != frames:
+                say(
+                    "note: the videos have not as many frames as they announce; tracking begins anew."
+                )
+                stop.shielded, frames = False, counted
+                reports.clear()
+                results, problem = passes.track(run_, frames)
+            if later and not problem and not stop():
+                reports.clear()
+                run_, results = passes.track_again(run_, results, frames)
             code = _save(run_, results, frames, out, stop(), problem, take)
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
@@ -110,48 +129,20 @@ def _opened(
     if fits:
         say("fitting the hand's size …")
     try:
-        run_ = TrackingRun.open(session, overrides, first, stop)
+        with sizing_bar() as tell:
+            run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
     except KeyboardInterrupt:
         return None
     return None if stop() else run_
 
 
-def _track(
-    run_: TrackingRun,
-    frames: range,
-    recorder: ResidualRecorder | None,
-    stop: Stop,
-    control: Control,
-    done: Sequence[Step],
-    take: TrackedTake,
-) -> tuple[list[FrameResult], str]:
-    """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
-    used, and what was wrong with that. done: what an earlier run of this tracking left.
-    """
-    start_frame, start = run_.initial()
-    if recorder is not None:
-        control = recorder.watching(control)
-    results = {step.result.frame: step.result for step in done if step.result.frame in frames}
-    problem = ""
-    with progress_bar(len(frames), "tracking") as bar:
-        bar.update(len(results))
-        try:
-            for result in run_.track_with(control, frames, start_frame, start, done):
-                is_new = result.frame not in results
-                results[result.frame] = result
-                if not is_new:
-                    take.replace(result)
-                if recorder is not None:
-                    recorder.show(result)
-                bar.update(is_new)
-        except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
-            stop.asked = True
-        except HandtrackError as error:
-            if not results:
-                raise
-            problem = str(error)
-        stop.shielded = True  # from here on it is saved
-    return list(results.values()), problem
+def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettings) -> range:
+    """Return the frames asked for once those of videos are counted. Raises HandtrackError where there are none such."""
+    counted = session.frame_range
+    if args.init is None:
+        session.check_init()
+    first_pose(args.init, session, settings)
+    return parse_frames(args.frames, counted, session.folder)
 
 
 def _save(

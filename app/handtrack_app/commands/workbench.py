@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.layout import SESSION_FILE
+from handtrack_app.commands.terminal.output import check_new
 from handtrack_app.commands.terminal.progress import say
+from handtrack_app.engine.live_options import LiveOptions
 from handtrack_app.page.access import FIRST_PORT, choose_port
 
 
@@ -15,7 +18,8 @@ def run(args: argparse.Namespace) -> int:
     """Serve the workbench until Ctrl-C."""
     demo = args.command == "demo"
     folder = bundled_session() if demo or args.session is None else args.session
-    if not (folder / SESSION_FILE).is_file():
+    live = None if demo else live_options(args)
+    if live is None and not (folder / SESSION_FILE).is_file():
         _refuse(folder)
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
@@ -29,8 +33,40 @@ def run(args: argparse.Namespace) -> int:
         open_browser=not args.no_browser,
         rerun=args.rerun,
         demo=demo,
+        live=live,
     )
     return 0
+
+
+def live_options(args: argparse.Namespace) -> LiveOptions | None:
+    """Return what was said of running cameras; None without --live. Raises HandtrackError."""
+    if not args.live:
+        if args.camera or args.record is not None:
+            raise HandtrackError(
+                "--camera and --record go with --live only: add it, or leave them away."
+            )
+        return None
+    if args.session is None:
+        raise HandtrackError(
+            "--live needs calibrated cameras: name a session folder, or a folder with a calibration.toml, as in "
+            "`handtrack open FOLDER --live`."
+        )
+    if not 0 < args.tolerance_ms <= 10_000:
+        raise HandtrackError(
+            f"--tolerance-ms {args.tolerance_ms:g}: expected milliseconds above 0, such as 50."
+        )
+    if args.record is not None:
+        check_new(args.record, "--record")
+    devices: dict[str, str] = {}
+    for pair in args.camera:
+        name, equals, device = pair.partition("=")
+        if not (name and equals and device) or name in devices:
+            raise HandtrackError(
+                f"--camera {pair}: expected NAME=DEVICE, each camera once, as in --camera cam0=0 --camera cam1=2, with the "
+                "cameras' names in the calibration."
+            )
+        devices[name] = device
+    return LiveOptions(devices, args.tolerance_ms * 1e-3, args.record)
 
 
 def _refuse(folder: Path) -> None:

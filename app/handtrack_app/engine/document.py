@@ -81,7 +81,7 @@ class Document:
         self, run: Run, first_frame: int, first_params: Floats[P], size_pending: bool = False
     ) -> None:
         self.run = run
-        self.frames: range = run.session.frame_range
+        self.frames: range = run.session.known_frames
         self.first_frame = int(first_frame)
         self.start = run.model.joint_params(first_params)
         self.by_hand: dict[int, Floats] = {}
@@ -100,11 +100,26 @@ class Document:
         self.saved_clouds = self.clouds
         """the settings of [clouds] as session.toml has them"""
         self.size_pending = size_pending
-        """the hand's size is to be fitted before the first tracking"""
+        """the hand's size is to be fitted before the first tracking, or after it"""
+        self.offered_scale: HandScale | None = None
+        """the size that was fitted after tracking, and is not taken yet"""
 
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    # ---- frames
+
+    def see_frames(self) -> bool:
+        """Take the session's frames as they are known by now; what lies outside of them goes. Return whether they changed."""
+        known = self.run.session.known_frames
+        if known == self.frames:
+            return False
+        self.frames = known
+        self.results = {f: result for f, result in self.results.items() if f in known}
+        self.by_hand = {f: pose for f, pose in self.by_hand.items() if f in known}
+        self.found = {f: pose for f, pose in self.found.items() if f in known}
+        return True
 
     # ---- poses
 
@@ -260,7 +275,7 @@ class Document:
         """Change the hand's size. The first pose is fitted anew, unless the user set it. pending: it is to be fitted."""
         untouched = self.start
         self.replace_run(self.run.with_scale(scale))
-        self.size_pending = pending
+        self.size_pending, self.offered_scale = pending, None
         if self.run.first is not None and self.first_frame == self.run.first.frame:
             self.start = self.model.joint_params(self.run.initial()[1])
             if self.shown is untouched or np.allclose(self.shown, untouched):

@@ -74,6 +74,10 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         kind=model.kind,
         parts=part_cards(model),
         reach_m=model_reach(model),
+        live=session.live is not None,
+        size_pending=document.size_pending,
+        size=model.scale.overall,
+        offered_size=None if document.offered_scale is None else document.offered_scale.overall,
     )
 
 

@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document
+from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -22,6 +23,7 @@ from handtrack_app.engine.jobs import (
     Ended,
     FindingJob,
     Found,
+    Leg,
     Report,
     Sized,
     SizingJob,
@@ -30,6 +32,7 @@ from handtrack_app.engine.jobs import (
     Watch,
     legs,
 )
+from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
@@ -37,6 +40,8 @@ from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
+_COMES_AGAIN = 2 * Control().ahead  # frames before a live one that may still change
+_ENDLESS = 1 << 40  # frames
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
@@ -79,14 +84,15 @@ class JobControl:
         post: Callable[[Report], None],
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
+        live: LiveControl | None = None,
     ) -> None:
         self.follow = True
         """each tracked frame is shown"""
-        self._document, self._store = document, store
+        self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: Track | None = None
-        self._tracked_now: list[FrameResult] = []
+        self._tracked_now: dict[int, FrameResult] = {}
         self._first = document.first_frame
         self._count = 0
         self._shown = self._stripped = 0.0
@@ -133,6 +139,7 @@ class JobControl:
         document = self._document
         self._refuse()
         self._first = order.first
+        document.see_frames()
         frames = range(
             max(order.start, document.frames.start), min(order.stop, document.frames.stop)
         )
@@ -141,7 +148,8 @@ class JobControl:
                 f"No frames to track: {order.start} to {order.stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.size_pending and len(frames) > 1:
+        later = document.run.settings.model.fit_size == "later"
+        if document.size_pending and not later and len(frames) > 1:
             document.begin_at(order.first)
             if document.run.first is not None:
                 self.fit_size(order)
@@ -157,6 +165,19 @@ class JobControl:
             )
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
+    def track_live(self) -> None:
+        """Begin to track what the cameras show from now on, from the pose shown, until it is cancelled."""
+        self._refuse()
+        document, feed = self._document, self._document.run.session.live
+        if feed is None:
+            raise HandtrackError("This is a recording, and no live source: track its frames.")
+        start = params_of(document.model, document.shown)
+        feed.begin_counting()
+        self._first = feed.known.stop
+        endless = range(self._first, self._first + _ENDLESS)
+        path = [Leg(endless, self._first, start)]
+        self._begin(TrackingJob(self._next(), document.run, endless, path, self._post, self._watch))
+
     def fit_size(self, then: Track | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
         self._refuse()
@@ -167,6 +188,20 @@ class JobControl:
             )
         self._then = then
         self._begin(SizingJob(self._next(), self._document.run, self._post))
+
+    def take_size(self, first: int) -> None:
+        """Take the size that was fitted after tracking, and begin to track everything again from a frame's pose."""
+        self._refuse()
+        document = self._document
+        if document.offered_scale is None:
+            raise HandtrackError(
+                "No size was fitted since the last tracking: there is none to take."
+            )
+        document.set_scale(document.offered_scale)
+        self._store.note_scale()
+        self._publish(session_snapshot(document))
+        anew = first == document.first_frame and first not in document.by_hand
+        self.track(Track(document.frames.start, document.frames.stop, first, anew))
 
     def find(self, frame: int | None) -> None:
         """Begin to look for the hand, in a frame or in the surest of several."""
@@ -186,7 +221,7 @@ class JobControl:
         return self._count
 
     def _begin(self, job: BackgroundJob) -> None:
-        self._job, self._tracked_now = job, []
+        self._job, self._tracked_now = job, {}
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -202,10 +237,7 @@ class JobControl:
             case Tracked():
                 self._tracked(report)
             case Sized():
-                self._document.set_scale(report.scale)
-                self._store.note_scale()
-                self._publish(session_snapshot(self._document))
-                self._publish(pose_snapshot(self._document))
+                self._sized(job, report)
             case Found():
                 self._found(report)
             case Ended():
@@ -213,8 +245,14 @@ class JobControl:
 
     def _tracked(self, done: Tracked) -> None:
         document, now = self._document, time.monotonic()
+        if self._tracked_now.get(done.result.frame) is done.result:
+            return  # it stands as it was solved
+        document.see_frames()
         document.accept(done.result, replaces_hand=done.result.frame == self._first)
-        self._tracked_now.append(done.result)
+        self._tracked_now[done.result.frame] = done.result
+        if self._live is not None:
+            self._live.note(done.result)
+            self._tracked_now.pop(done.result.frame - _COMES_AGAIN, None)
         self._store.note_result(done.result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
@@ -224,6 +262,19 @@ class JobControl:
             self._stripped = now
             self._publish(timeline_snapshot(document))
         self.show_progress()
+
+    def _sized(self, job: BackgroundJob, sized: Sized) -> None:
+        document = self._document
+        if not isinstance(job, SizingJob) or not job.is_late:
+            document.set_scale(sized.scale)
+            self._store.note_scale()
+            self._publish(session_snapshot(document))
+            self._publish(pose_snapshot(document))
+        elif (
+            sized.scale != document.run.scale
+        ):  # what was tracked stays as it is until the user takes it
+            document.offered_scale = sized.scale
+            self._publish(session_snapshot(document))
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
@@ -255,8 +306,19 @@ class JobControl:
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
             self.track(then)
+        elif self._sizes_now(job, end):
+            self._begin(
+                SizingJob(self._next(), document.run, self._post, list(document.results.values()))
+            )
         else:
             self.show_progress()
+
+    def _sizes_now(self, job: BackgroundJob, end: Ended) -> bool:
+        """Whether the hand's size, put off before, is to be fitted to what has just been tracked."""
+        document = self._document
+        wanted = document.size_pending and document.run.settings.model.fit_size == "later"
+        done = job.kind == "tracking" and job.total > 1 and not end.cancelled and not end.error
+        return wanted and done
 
     def _report_end(self, job: BackgroundJob, end: Ended) -> None:
         if end.internal:
@@ -267,19 +329,34 @@ class JobControl:
             if end.cancelled:
                 self._publish(Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
-            size = self._document.model.scale.overall
-            text = f"The hand is {size:.2f} times an adult's mean." if not end.cancelled else ""
             title = "Cancelled" if end.cancelled else "Hand size fitted"
-            self._publish(Notice("done", title, text))
+            self._publish(Notice("done", title, "" if end.cancelled else self._size_words(job)))
         else:
             took = time.monotonic() - job.began - job.waited
             title = "Cancelled" if end.cancelled else "Tracking finished"
+            if self._live is not None and job.total == 0:
+                self._publish(Notice("done", "Tracking ended", self._live.words()))
+                return
             one = self._document.results.get(job.frames.start) if len(job.frames) == 1 else None
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))
                 return
-            text = summary(self._tracked_now, job.total, len(job.frames) - job.total, took)
+            text = summary(
+                [*self._tracked_now.values()], job.total, len(job.frames) - job.total, took
+            )
             self._publish(Notice("done", title, text))
+
+    def _size_words(self, job: BackgroundJob) -> str:
+        document = self._document
+        size, offered = document.run.scale.overall, document.offered_scale
+        if offered is not None:
+            return (
+                f"The hand is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
+                "Track, 'Track again' takes the new size."
+            )
+        if isinstance(job, SizingJob) and job.is_late:
+            return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+        return f"The hand is {size:.2f} times an adult's mean."
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""

@@ -16,16 +16,16 @@ from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
-_TRACKED_SHARE = 0.8  # of the time that fitting a size takes; the rest goes into the size itself
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """One more frame is done."""
+    """A frame is solved, or its result is settled: the same result again, or a better one."""
 
     job: int
     result: FrameResult
@@ -72,9 +72,10 @@ class BackgroundJob:
         self.total = len(frames)
         """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
+        self._held = self.began
         self.share, self.words = 0.0, ""
         """of all the work, and what is done now; for jobs that do not count frames"""
-        self._first_done = self.began
+        self._first_done, self._first_share = self.began, 0.0
         self._post = post
         self._stop, self._hold = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
@@ -88,6 +89,10 @@ class BackgroundJob:
 
     def pause(self, on: bool) -> None:
         """Hold before the next solver step, or go on."""
+        if on and not self.paused:
+            self._held = time.monotonic()
+        elif self.paused and not on:
+            self.waited += time.monotonic() - self._held
         (self._hold.set if on else self._hold.clear)()
 
     def cancel(self) -> None:
@@ -99,9 +104,13 @@ class BackgroundJob:
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
-        if self.done < 2:
+        if not self.total and not self.share:
             return 0.0
         spent = time.monotonic() - self._first_done - self.waited
+        if self.share > self._first_share:
+            return spent / (self.share - self._first_share) * (1.0 - self.share)
+        if self.done < 2:
+            return 0.0
         return spent / (self.done - 1) * (self.total - self.done)
 
     def work(self) -> None:
@@ -109,12 +118,15 @@ class BackgroundJob:
         raise NotImplementedError
 
     def should_stop(self) -> bool:
-        if self._hold.is_set():
-            held = time.monotonic()
-            while self._hold.is_set() and not self._stop.wait(0.02):
-                pass
-            self.waited += time.monotonic() - held
+        while self._hold.is_set() and not self._stop.wait(0.02):
+            pass
         return self._stop.is_set()
+
+    def tell(self, share: float, words: str) -> None:
+        """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
+        if not self.share:
+            self._first_done, self._first_share, self.waited = time.monotonic(), share, 0.0
+        self.share, self.words = share, words
 
     def _work_guarded(self) -> None:
         error, internal = "", False
@@ -144,17 +156,15 @@ class TrackingJob(BackgroundJob):
     ) -> None:
         super().__init__(number, frames, post)
         self._run, self._path, self._watch = run, path, watch
-        self.total = sum(len(leg.frames) for leg in path)
+        self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
+        self._solved: set[int] = set()
 
     def work(self) -> None:
         run = self._run
+        recorded = run.session.live is None
+        control = Control(self.should_stop, on_early=self._early, waits=recorded)
         for leg in self._path:
-            seen: set[int] = set()  # frames may come again, with the poses that the last one chose
-            for result in run.track(leg.frames, leg.first, leg.params, self.should_stop):
-                self.done += result.frame not in seen
-                seen.add(result.frame)
-                if self.done == 1:
-                    self._first_done, self.waited = time.monotonic(), 0.0
+            for result in run.track_with(control, leg.frames, leg.first, leg.params):
                 self._post(Tracked(self.number, result))
                 if self._watch is not None:
                     self._watch(run, result)
@@ -163,24 +173,38 @@ class TrackingJob(BackgroundJob):
             if self.should_stop():
                 return
 
+    def _early(self, result: FrameResult) -> None:
+        self._solved.add(result.frame)  # frames may come again
+        self.done = len(self._solved)
+        if self.done == 1:
+            self._first_done, self.waited = time.monotonic(), 0.0
+        self._post(Tracked(self.number, result))
+
 
 class SizingJob(BackgroundJob):
-    """Fits the hand's size to the frames near the first pose."""
+    """Fits the hand's size to frames that are tracked, or to those near the first pose (None), which it tracks."""
 
     kind = "sizing"
 
-    def __init__(self, number: int, run: Run, post: Callable[[Report], None]) -> None:
+    def __init__(
+        self,
+        number: int,
+        run: Run,
+        post: Callable[[Report], None],
+        tracked: Sequence[FrameResult] | None = None,
+    ) -> None:
         super().__init__(number, range(0), post)
-        self._run = run
+        self._run, self._tracked = run, tracked
+        self.is_late = tracked is not None
+        """the frames were tracked with the size of before"""
 
     def work(self) -> None:
-        scale = self._run.fit_size(self.should_stop, tell=self._progress).scale
+        scale = self._run.fit_size(self.should_stop, tell=self._tell, tracked=self._tracked).scale
         if not self.should_stop():
             self._post(Sized(self.number, scale))
 
-    def _progress(self, done: int, total: int) -> None:
-        self.share = _TRACKED_SHARE * done / max(total, 1)
-        self.words = f"Fitting the hand's size, once a session: {done} of {total} frames looked at"
+    def _tell(self, share: float, words: str) -> None:
+        self.tell(share, f"Fitting the hand's size: {words}")
 
 
 class FindingJob(BackgroundJob):
@@ -196,12 +220,9 @@ class FindingJob(BackgroundJob):
 
     def work(self) -> None:
         run = cast(TrackingRun, self._run)  # only a session of files can be searched
-        found = find_first_poses(run, self._frame, self.should_stop, self._progress)
+        found = find_first_poses(run, self._frame, self.should_stop, self.tell)
         if not self.should_stop():
             self._post(Found(self.number, found))
-
-    def _progress(self, share: float, words: str) -> None:
-        self.share, self.words = share, words
 
 
 # ---- keyframes: poses set by hand stay as they are, and tracking starts again from each

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -15,18 +15,17 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
+from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
 from handtrack_app.protocol import commands
-from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import (
     Download,
     Notice,
-    PictureSnapshot,
     PoseSnapshot,
     Snapshot,
 )
@@ -38,7 +37,14 @@ CloudChange = (
 _EDITS = (
     commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
 )
-_PAINT_EVERY_S = 0.08  # pictures are painted at most this often: the hand itself comes first
+_KEEPS = (
+    commands.SavePose
+    | commands.SaveTrack
+    | commands.SaveSettings
+    | commands.SaveClouds
+    | commands.FitSize
+    | commands.TakeSize
+)
 _QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
 
 _BY_HAND = (
@@ -51,6 +57,10 @@ _NO_POSE = {
     "body": _BY_HAND.format(kind="body", pose="Pose"),
 }
 
+_LIVE = (
+    "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
+    "hand', or pose it, then 'Track live'."
+)
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 
 
@@ -61,20 +71,24 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        mail: Mailbox[Request],
+        post: Callable[[Report], None],
+        waiting: Sized,
         render_thread: RenderThread,
         watch: Watch | None,
         compiles: CompileWatch,
     ) -> None:
+        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it."""
         self.document = document
         self.store = Persistence.open(document)
         self._restored = self.store.restore()
-        self._publish, self._mail = publish, mail
-        self._pictures = CameraPictures(document.run.session)
-        self.jobs = JobControl(document, self.store, self._announce, mail.put, watch, compiles)
+        self._live = LiveControl.of(document, publish)
+        self._publish = publish
+        self.painter = Painter(document, publish, waiting)
+        self.jobs = JobControl(
+            document, self.store, self._announce, post, watch, compiles, self._live
+        )
         self._clouds = CloudService(document, render_thread)
-        self._wanted = commands.WantPictures(True, None, "plain")
-        self._stale_pictures, self._painted = False, 0.0
+        self._counted, self._told = False, set[str]()
         self._unsaved: int | None = None
         self._edited = 0.0
 
@@ -92,10 +106,11 @@ class OpenSession:
         blind = nothing_seen(document.run)
         if blind:
             say("warning", "Nothing to track by yet", blind)
+        elif self._live is not None:
+            say("info", "Live", _LIVE)
         elif document.run.first is None:
             say("info", "No first pose yet", _NO_POSE[document.model.kind])
-        for warning in filter(None, (self.store.warning, *document.run.session.warnings)):
-            say("warning", "About this session", warning)
+        self._say_warnings(self.store.warning)
         self._say_notes(document.run.session.warnings)
         self.jobs.show_progress()
 
@@ -104,6 +119,8 @@ class OpenSession:
     def serve(self, request: Request) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
         document, jobs = self.document, self.jobs
+        if self._live is not None and isinstance(request, _KEEPS):
+            raise HandtrackError(KEEPS_NOTHING)
         if isinstance(request, _EDITS):
             document.version = max(document.version, request.version)
         match request:
@@ -127,14 +144,24 @@ class OpenSession:
                 self.store.note("forget", {"frame": request.frame})
                 self._show_all()
             case commands.WantPictures():
-                self._wanted, self._stale_pictures = request, True
+                self.painter.want(request)
             case commands.Track():
                 self.accept_edit()
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm()
                 jobs.track(request)
+            case commands.TrackLive():
+                self.accept_edit()
+                self._see_arm()
+                jobs.track_live()
+            case commands.Record():
+                if self._live is not None:
+                    self._live.record(request.on, request.folder)
             case commands.FitSize():
                 jobs.fit_size()
+            case commands.TakeSize():
+                self.accept_edit()
+                jobs.take_size(request.first)
             case commands.Pause():
                 jobs.show_progress()
             case commands.Cancel():
@@ -219,6 +246,12 @@ class OpenSession:
             if note not in known:
                 self._say("warning", "About the settings", note)
 
+    def _say_warnings(self, *more: str) -> None:
+        for warning in filter(None, (*more, *self.document.run.session.warnings)):
+            if warning not in self._told:
+                self._told.add(warning)
+                self._say("warning", "About this session", warning)
+
     def _see_arm(self) -> None:
         if self.document.see_arm():
             self._show_session()
@@ -252,7 +285,7 @@ class OpenSession:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
         if isinstance(snapshot, PoseSnapshot):
-            self._stale_pictures = True
+            self.painter.is_stale = True
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)
@@ -271,36 +304,46 @@ class OpenSession:
     @property
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
-        if not self._stale_pictures:
-            return 0.1
-        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+        if self._live is not None and self._live.recording and not self.painter.is_stale:
+            return 0.0
+        return self.painter.rest_s
 
     def idle(self) -> None:
         """Do what waits while no command does."""
-        if self._stale_pictures:
-            self._show_pictures()
+        if self._live is not None:
+            self._watch_live(self._live)
+        elif not self._counted and self.document.run.session.is_counted:
+            self._take_count()
+        if self.painter.is_stale:
+            self.painter.paint()
         else:
             self.jobs.tick()
 
-    def _show_pictures(self) -> None:
-        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
-        self._stale_pictures, self._painted = False, time.monotonic()
-        document, maker, wanted = self.document, self._pictures, self._wanted
-        session, frame = document.run.session, document.frame
-        bones = document.model.bones(params_of(document.model, document.shown))
-        flesh = document.model.flesh["fine"].posed(bones)
-        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
-        if screen is not None:
-            residual = wanted.paint == "residual"
-            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
-            mask = next((s.mask for s in seen if s.camera.name == screen), None)
-            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
-            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
-        small = {}
-        for name in session.rig.names if wanted.thumbnails else ():
-            if len(self._mail):
-                self._stale_pictures = True
-                return
-            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
-        if small:
-            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))
+    def close(self) -> list[str]:
+        """Keep the last edit and end what runs; return what is to be said at the end."""
+        self.accept_edit()
+        said = [] if self._live is None else self._live.close()
+        self.store.close()
+        return said
+
+    def _watch_live(self, live: LiveControl) -> None:
+        """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
+        if live.tell() and not self.jobs.busy:
+            self._publish(timeline_snapshot(self.document))
+        follow = self.jobs.follow
+        if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
+            self._show_pose()
+
+    def _take_count(self) -> None:
+        """Go by the videos' true frames, now that they are counted, and say what is odd about them."""
+        document, self._counted = self.document, True
+        if document.see_frames():
+            document.show(document.frame)
+            self._show_session()
+            self._show_all()
+        self._say_warnings()
+        if document.first_frame not in document.frames:
+            raise HandtrackError(
+                f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
+                f"{len(document.frames) - 1} only. Pose the hand in one of these, and save the first-frame pose anew."
+            )

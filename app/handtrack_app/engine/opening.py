@@ -8,13 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import D3, Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
+from handtrack.model.articulated import keypoint_names
+from handtrack.observation.observation import Keypoints
 from handtrack.session import bundled
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.video_audits import count_beside
+from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import scene_centre
 from handtrack_app.engine.run import Run
@@ -23,28 +28,71 @@ from handtrack_app.engine.run import Run
 _NEAR, _DEEP_M = (0.02, 0.15)
 
 
-def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
-    """Return the document of a session folder. Raises HandtrackError.
+class Opening:
+    """The two steps in which a session folder is opened: what can be shown at once, then what needs fits."""
 
-    Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
-    """
+    def __init__(self) -> None:
+        self._session: Session | None = None
+
+    def preview(self, folder: Path, overrides: Mapping[str, object]) -> Document:
+        """Return a document to be looked at, its hand laid where the first pose is about. Raises HandtrackError.
+
+        Nothing is searched or fitted, and no image is read.
+        """
+        session = self._session = _opened(folder)
+        run = TrackingRun.open(session, overrides, use_init=False)
+        frame, params = near_first_pose(run, session.init)
+        return Document(run, frame, params)
+
+    def document(self, folder: Path, overrides: Mapping[str, object]) -> Document:
+        """Return the document of a session folder, its first pose fitted to what was given. Raises HandtrackError.
+
+        Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
+        """
+        session, self._session = self._session or _opened(folder), None
+        run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
+        wanted = session.settings.model.fit_size
+        run = run.with_values({"model.fit_size": wanted})
+        pending = run.size_is_open
+        if run.first is None:
+            middle = _middle_of_cloud(session)
+            return Document(run, 0, placed_in_view(run, middle), pending)
+        frame, params = run.initial()
+        return Document(run, frame, params, pending)
+
+
+def _opened(folder: Path) -> Session:
+    """Return a session whose videos are being counted."""
     session = Session.open(folder)
-    run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
-    wanted = session.settings.model.fit_size
-    run = run.with_values({"model.fit_size": wanted})
-    pending = wanted and session.hand_scale == "fit"
-    if run.first is None:
-        return Document(run, 0, placed_in_view(run), pending)
-    frame, params = run.initial()
-    return Document(run, frame, params, pending)
+    count_beside(session.folder, session.videos)
+    return session
 
 
-def placed_in_view(run: TrackingRun) -> Floats[P]:
-    """Return solver parameters of the relaxed hand in the first frame's cloud, or where the cameras look, its back to
-    the first one.
+def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+    """Return the document of a session folder, in one step. Raises HandtrackError."""
+    return Opening().document(folder, overrides)
+
+
+def near_first_pose(run: TrackingRun, first: FirstPose | None) -> tuple[int, Floats[P]]:
+    """Return a first pose's frame, and solver parameters of the hand about there: by its parameters as far as the model
+    has them, relaxed and laid on its points in space, or relaxed where the cameras look.
     """
+    frame, model = 0 if first is None else first.frame, run.model
+    if first is not None and first.xyz is not None and model.has_keypoints21:
+        seen = Keypoints(
+            keypoint_names(), first.xyz, 1.0
+        )  # [m] how sure they are counts for nothing
+        if np.isfinite(first.xyz).all(axis=1).sum() >= FEWEST:
+            return frame, model.clipped(placed_on_points(model, seen, model.rest))
+    if first is not None and first.parameters:
+        known = {n: v for n, v in first.parameters.items() if n in model.parameter_names}
+        return frame, model.params_from(known)
+    return frame, placed_in_view(run)
+
+
+def placed_in_view(run: TrackingRun, centre: Floats[D3] | None = None) -> Floats[P]:
+    """Return solver parameters of the relaxed hand around a point, or where the cameras look, its back to the first one."""
     cameras = list(run.session.rig.cameras)
-    centre = _middle_of_cloud(run.session)
     if centre is None:
         centre = scene_centre(cameras)
     first = cameras[0]
@@ -57,12 +105,12 @@ def placed_in_view(run: TrackingRun) -> Floats[P]:
     return run.model.clipped(run.model.transform.solver_params(joint))
 
 
-def _middle_of_cloud(session: Session) -> Floats | None:
-    """Return the middle (3,) [m] of what is nearest to the cameras in the first cloud; None without one."""
+def _middle_of_cloud(session: Session) -> Floats[D3] | None:
+    """Return the middle [m] of what is nearest to the cameras in the first cloud; None without one."""
     if not session.has_clouds:
         return None
     try:
-        cloud = session.cloud(session.frame_range.start)[0]
+        cloud = session.cloud(session.known_frames.start)[0]
     except HandtrackError:  # said when the cloud is shown; the hand stands elsewhere till then
         return None
     if cloud is None or not len(cloud):

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 from handtrack.arrays import D3, Array, Bytes, C, Floats, H, P, W
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
@@ -17,6 +18,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.session_file import CameraSettings, SessionFile
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -54,6 +56,12 @@ class RunSession(Protocol):
     def views(self) -> Sequence[CameraSource]: ...
     @property
     def frame_range(self) -> range: ...
+    @property
+    def known_frames(self) -> range: ...
+    @property
+    def is_counted(self) -> bool: ...
+    @property
+    def live(self) -> LiveFeed | None: ...
     @property
     def truth(self) -> Truth | None: ...
     @property
@@ -100,12 +108,9 @@ class Run(Protocol):
         self,
         should_stop: Callable[[], bool] | None = None,
         *,
-        tell: Callable[[int, int], None] | None = None,
+        tell: Callable[[float, str], None] | None = None,
+        tracked: Iterable[FrameResult] | None = None,
     ) -> Run: ...
-    def track(
-        self,
-        frames: range,
-        start_frame: int,
-        start_params: Floats[P],
-        should_stop: Callable[[], bool] | None = None,
+    def track_with(
+        self, control: Control, frames: range, start_frame: int, start_params: Floats[P]
     ) -> Iterator[FrameResult]: ...

@@ -5,21 +5,41 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.jobs import Watch
-from handtrack_app.engine.open_session import OpenSession, Request
+from handtrack_app.engine.open_session import OpenSession
+from handtrack_app.engine.open_session import Request as SessionRequest
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.preview import Preview
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 Opener = Callable[[Path, Mapping[str, object]], Document]
+
+
+@dataclass(frozen=True, eq=False)
+class _Previewed:
+    """There is something to be looked at."""
+
+    document: Document
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """The session can be worked in, or why it cannot."""
+
+    document: Document | Exception
+
+
+Request = SessionRequest | _Previewed | _Opened
 
 _LATEST_WINS = (
     commands.SetPose, commands.PullTip, commands.ShowFrame, commands.WantPictures, commands.WantCloud,
@@ -28,9 +48,7 @@ _LATEST_WINS = (
 _LOOKS_ELSEWHERE = (
     commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess,
 )  # fmt: skip
-_BEFORE_OPENING = (
-    commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.ShowFrame, commands.Cancel,
-)  # fmt: skip
+_PREPARING = "Preparing the first pose …"
 
 
 def _kind(request: Request) -> Hashable | None:
@@ -52,14 +70,21 @@ class Worker:
         publish: Callable[[Snapshot], None],
         opener: Opener = open_document,
         watch: Watch | None = None,
+        previewer: Opener | None = None,
     ) -> None:
+        """previewer: makes quickly what is shown while `opener` is at work."""
         self.folder = folder
         self._publish, self._opener, self._watch = publish, opener, watch
+        self._previewer = previewer
         self._mail: Mailbox[Request] = Mailbox(_kind)
         self._stopping, self._opened = threading.Event(), threading.Event()
+        self._shown = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self._render_thread = RenderThread(publish)
         self._failure: Exception | None = None
+        self.last_words: list[str] = []
+        """what is to be said once the worker has ended, in sentences"""
+        self._preview: Preview | None = None
         self._session: OpenSession | None = None
         self._compiles = CompileWatch(self._compiling)
         self._wishes: dict[type, commands.WantCloud | commands.WantSurface] = {}
@@ -70,8 +95,13 @@ class Worker:
         self._thread.start()
         self._render_thread.start()
 
-    def wait_opened(self, timeout: float) -> Exception | None:
-        """Wait for the session to open, a while at most; return why it could not."""
+    def wait_shown(self, timeout: float) -> Exception | None:
+        """Wait for the first picture, a while at most; return why the session could not be opened."""
+        self._shown.wait(timeout)
+        return self._failure
+
+    def wait_opened(self, timeout: float | None) -> Exception | None:
+        """Wait until the session can be worked in, a while at most; return why it could not be opened."""
         self._opened.wait(timeout)
         return self._failure
 
@@ -112,19 +142,34 @@ class Worker:
     # ---- on the worker's thread
 
     def _work(self) -> None:
-        self._guarded(self._open)
-        session = self._session
+        self._publish(ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
+        threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
-            request = self._mail.take(0.1 if session is None else session.rest_s)
+            desk = self._session or self._preview
+            request = self._mail.take(0.1 if desk is None else desk.rest_s)
             if request is not None:
                 self._guarded(lambda request=request: self._serve(request))
-            elif session is not None:
-                self._guarded(session.idle)
-            if session is not None:
-                self._guarded(session.accept_settled_edit)
+            elif desk is not None:
+                self._guarded(desk.idle)
+            if self._session is not None:
+                self._guarded(self._session.accept_settled_edit)
+            elif self._preview is not None and not self._preview.painter.is_stale:
+                self._shown.set()
+        session = self._session
         if session is not None:
-            self._guarded(session.accept_edit)
-            self._guarded(session.store.close)
+            self._guarded(lambda: self.last_words.extend(session.close()))
+
+    def _open(self) -> None:
+        """Open the session, on a thread of its own: what can be shown first, then what takes longer."""
+        try:
+            if self._previewer is not None:
+                self._mail.put(_Previewed(self._previewer(self.folder, {})))
+                while not self._shown.wait(0.1):  # nothing is fitted before the first picture
+                    if self._stopping.is_set():
+                        return
+            self._mail.put(_Opened(self._opener(self.folder, {})))
+        except Exception as error:
+            self._mail.put(_Opened(error))
 
     def _guarded(self, action: Callable[[], None]) -> None:
         try:
@@ -139,26 +184,47 @@ class Worker:
         if self._session is None:  # later on, it is told with the jobs' progress
             self._publish(ProgressSnapshot("opening", words))
 
-    def _open(self) -> None:
-        self._publish(ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
+    def _serve(self, request: Request) -> None:
+        session, preview = self._session, self._preview
+        match request:
+            case _Previewed():
+                self._preview = Preview(request.document, self._publish, self._mail)
+                self._preview.show_first()
+                self._publish(ProgressSnapshot("opening", _PREPARING))
+            case _Opened():
+                self._begin(request.document)
+            case _ if session is not None:
+                session.serve(request)
+            case commands.WantCloud() | commands.WantSurface():
+                self._wishes[type(request)] = request
+            case commands.Cancel():
+                pass
+            case _ if preview is not None:
+                preview.serve(request)
+            case commands.WantPictures() | commands.ShowFrame():
+                pass
+            case _:
+                raise HandtrackError("No session is open yet.")
+
+    def _begin(self, document: Document | Exception) -> None:
+        """Show the session and serve what was asked for meanwhile."""
         try:
+            if isinstance(document, Exception):
+                raise document
             session = OpenSession(
-                self._opener(self.folder, {}), self._publish, self._mail, self._render_thread,
-                self._watch, self._compiles,
+                document, self._publish, self._mail.put, self._mail, self._render_thread, self._watch,
+                self._compiles,
             )  # fmt: skip
         except Exception as error:
             self._failure = error
-            self._opened.set()
             self._publish(ProgressSnapshot("failed", "The session could not be opened."))
             raise
-        self._session = session
-        session.show_first(list(self._wishes.values()))
-        self._opened.set()
-
-    def _serve(self, request: Request) -> None:
-        if self._session is not None:
-            self._session.serve(request)
-        elif isinstance(request, commands.WantCloud | commands.WantSurface):
-            self._wishes[type(request)] = request
-        elif not isinstance(request, _BEFORE_OPENING):
-            raise HandtrackError("No session is open yet.")
+        else:
+            self._session = session
+            session.show_first(list(self._wishes.values()))
+        finally:
+            self._shown.set()
+            self._opened.set()
+        for command in () if self._preview is None else self._preview.later:
+            self._guarded(lambda command=command: session.serve(command))
+        self._preview = None

@@ -7,6 +7,7 @@ from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.guesses import GuessesPanel
+from handtrack_app.page.panels.live import LivePanel
 from handtrack_app.page.panels.nudging import NudgePanel
 from handtrack_app.page.panels.pose import PosePanel, certainty_table
 from handtrack_app.page.panels.session import SessionPanel, head
@@ -45,6 +46,7 @@ class PageLayout:
         self._add_keys(page)
         self.session = SessionPanel(page, tabs.add_tab("View"), stage.look, self.keys)
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
+        self.live = LivePanel(page, self.tracking.tab)
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
@@ -84,6 +86,7 @@ class PageLayout:
             self.pose,
             self.limits,
             self.tracking,
+            self.live,
             self.settings,
             self.timeline,
         ):

@@ -76,8 +76,29 @@ class Track:
 
 
 @dataclass(frozen=True)
+class TrackLive:
+    """Track what the cameras show from now on, from the pose shown."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record what the cameras show and what is tracked to a new session folder, or end that."""
+
+    on: bool
+    folder: str | None = None
+    """None: a new one beside the session's"""
+
+
+@dataclass(frozen=True)
 class FitSize:
     """Fit the hand's size to the frames near the first pose."""
+
+
+@dataclass(frozen=True)
+class TakeSize:
+    """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
+
+    first: int
 
 
 @dataclass(frozen=True)
@@ -219,7 +240,7 @@ class RestoreClouds:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack | FindHand | TakeGuess
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record
 )  # fmt: skip

@@ -85,6 +85,14 @@ class SessionSnapshot:
     """what is drawn of a body instead of ellipsoids"""
     reach_m: float = HAND_REACH_M
     """how far the model extends around its middle: what is drawn is sized by it"""
+    live: bool = False
+    """whether its frames come from running cameras"""
+    size_pending: bool = False
+    """the hand's size is still to be fitted"""
+    size: float = 1.0
+    """of a mean adult's; that of the model in force"""
+    offered_size: float | None = None
+    """likewise, fitted after tracking and not taken yet"""
 
 
 @dataclass(frozen=True)
@@ -159,6 +167,31 @@ class ProgressSnapshot:
     eta_s: float = 0.0
     job: str = ""
     """`tracking`, `sizing` or `finding`, while one runs"""
+
+
+@dataclass(frozen=True)
+class LiveCameraCard:
+    """What became of one running camera's images since tracking began."""
+
+    name: str
+    used: int
+    dropped: int
+    """came while an earlier frame was still worked on"""
+    missing: int
+    """frames in which it showed nothing in time"""
+    gone: str
+    """why it gives no more images; empty while it does"""
+
+
+@dataclass(frozen=True)
+class LiveSnapshot:
+    """How it goes with running cameras."""
+
+    cameras: tuple[LiveCameraCard, ...]
+    recording: str
+    """the folder; empty while nothing is recorded"""
+    recorded: int
+    """frames"""
 
 
 @dataclass(frozen=True)
@@ -299,5 +332,5 @@ class CloudCard:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
     | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | GuessesSnapshot
+    | GuessesSnapshot | LiveSnapshot
 )  # fmt: skip

@@ -44,6 +44,14 @@ class Step(NamedTuple):
     cost: float
 
 
+class _Entry(NamedTuple):
+    """A tracked frame that waits to be painted."""
+
+    run: Run
+    result: FrameResult
+    steps: list[Step]
+
+
 class ResidualRecorder:
     """Records a run's frames for rerun: live, in a file, or both. Never makes tracking wait."""
 
@@ -64,7 +72,7 @@ class ResidualRecorder:
         self._closely = closely
         self._steps: list[Step] = []
         self._failure = ""
-        self._waiting: deque[FrameResult] = deque()
+        self._waiting: deque[_Entry] = deque()
         self._closing = False
         self._changed = threading.Condition()
         self._stream = RerunStream(path, live, queue=_ENTRIES)
@@ -99,8 +107,12 @@ class ResidualRecorder:
         """Hand in a tracked frame; returns at once."""
         with self._changed:
             if not self._closing:
-                self._waiting.append(result)
+                self._waiting.append(_Entry(self._run, result, self._steps))
                 self._changed.notify()
+
+    def go_on_with(self, run: Run) -> None:
+        """Record what is handed in from now on as frames of another run of the same session."""
+        self._run, self._steps = run, []
 
     def close(self, keep_viewer: bool = False) -> None:
         """Record what waits and end. keep_viewer: leave the live viewer running until closed again."""
@@ -114,28 +126,28 @@ class ResidualRecorder:
 
     def _paint_all(self) -> None:
         try:
-            for result in self._results():
-                self._record(result)
+            for entry in self._entries():
+                self._record(entry)
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
             self._failure = f"recording residuals stopped: {error}"
             self._waiting.clear()
 
-    def _results(self) -> Iterator[FrameResult]:
+    def _entries(self) -> Iterator[_Entry]:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closing)
                 if not self._waiting:
                     return
-                result = self._waiting.popleft()
-            yield result
+                entry = self._waiting.popleft()
+            yield entry
 
-    def _record(self, result: FrameResult) -> None:
-        model = self._run.model
+    def _record(self, entry: _Entry) -> None:
+        model, result = entry.run.model, entry.result
         painter = None
         if result.frame == self._closely or not self._is_behind():
             params = model.transform.solver_params(result.parameters)
-            painter = _Painter(self._run, result.frame, params)
+            painter = _Painter(entry.run, result.frame, params)
         else:
             self.without_pictures += 1
         self._stream.log(
@@ -152,7 +164,7 @@ class ResidualRecorder:
         )
         if painter is None or result.frame != self._closely:
             return
-        for count, step in enumerate(self._steps, start=1):
+        for count, step in enumerate(entry.steps, start=1):
             while self._stream.waiting > _BEHIND and not self._stream.problem:
                 threading.Event().wait(_PAUSE_S)  # every iteration was asked for: here we can wait
             self._stream.log(

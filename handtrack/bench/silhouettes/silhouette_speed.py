@@ -18,7 +18,7 @@ def measure(rounds: int = 60) -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
-    problem = scene.problem(scene.prepared())
+    problem = scene.problem(scene.prepared(), all_rows=True)
     ours, *reference = alternating_medians(
         [lambda: problem.linearize(scene.start), *normal_equations(rows, width)], rounds
     )

@@ -25,6 +25,7 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.state import TrackerState
 
 FRAMES = 60
@@ -40,7 +41,9 @@ def frame_vs_blas() -> dict[str, Any]:
 
 
 def frame_p99_vs_median() -> dict[str, Any]:
-    """Return how much longer the slowest frames take than the usual one, by the clock, on all cores."""
+    """Return how much longer the slowest frames take than the usual one, by the clock, on all cores, as a user meets
+    them: from one solved frame to the next, reading and searches beside, those that a search has solved anew among them.
+    """
     return json.loads(_child("p99", {}))
 
 
@@ -71,30 +74,36 @@ def _child(what: str, environment: dict[str, str]) -> str:
     return done.stdout.splitlines()[-1]
 
 
-def frame_times(
-    session: Session, values: dict[str, object], count: int
-) -> tuple[list[float], list[float], int]:
-    """Return each frame's time [ms] of the calling thread and by the clock, what is seen being decoded before; and the
+def frame_times(session: Session, values: dict[str, object], count: int) -> tuple[list[float], int]:
+    """Return each frame's time [ms] of the calling thread, searches included, what is seen being decoded before; and the
     pixels, or points, that the model is compared with in the middle frame.
     """
     run = TrackingRun.open(session, {"model.fit_size": False} | values)
     start, params = run.initial()
     tracker, state = run.tracker, TrackerState.beginning_at(params)
-    own, clock, rows = [], [], 0
+    own, rows = [], 0
     for frame in range(start, min(start + count, session.frame_count)):
-        expected = (
-            tracker.expected_bones(state, frame) if state.results else run.model.bones(params)
-        )
-        seen = run.observation(frame, expected)
-        begun = time.thread_time(), time.perf_counter()
+        seen = run.observation(frame, tracker.expected_bones(state, frame))
+        begun = time.thread_time()
         state, result = tracker.step(state, seen)
-        own.append(1e3 * (time.thread_time() - begun[0]))
-        clock.append(1e3 * (time.perf_counter() - begun[1]))
+        own.append(1e3 * (time.thread_time() - begun))
         if frame == start + count // 2:
             bones = run.model.bones(run.model.transform.solver_params(result.parameters))
             overlap = outline_overlap(seen.silhouettes, run.model.flesh["fine"], bones)
             rows = len(seen.cloud) if seen.cloud is not None else int(overlap.model.sum())
-    return own[_AFTER:], clock[_AFTER:], rows
+    return own[_AFTER:], rows
+
+
+def times_between_frames(session: Session, values: dict[str, object], count: int) -> list[float]:
+    """Return the time [ms] by the clock from each solved frame to the next one."""
+    run = TrackingRun.open(session, {"model.fit_size": False} | values)
+    start, params = run.initial()
+    frames = range(start, min(start + count, session.frame_count))
+    at: list[float] = []
+    control = Control(on_early=lambda _: at.append(time.perf_counter()))
+    for _ in run.track_with(control, frames, start, params):
+        pass
+    return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
 
 
 def measure(what: str) -> dict[str, Any]:
@@ -110,7 +119,7 @@ def measure(what: str) -> dict[str, Any]:
     is_cloud = what == "cloud_frame"
     session = recording("webxr_depth_640") if is_cloud else Session.open(bundled_session())
     values: dict[str, object] = {"silhouettes.weight": 0.0} if is_cloud else {}
-    own, _, rows = frame_times(session, values, FRAMES)
+    own, rows = frame_times(session, values, FRAMES)
     width = len(load_model().transform.names)
     blas = alternating_timings(normal_equations(rows, width), 30)
     what_rows = (
@@ -140,7 +149,7 @@ def _slowest() -> dict[str, Any]:
     except HandtrackError:
         figures["webxr_depth_640"] = "the shared test data is not here"
     for name, (session, values) in sessions.items():
-        _, clock, _ = frame_times(session, values, FRAMES)
+        clock = times_between_frames(session, values, FRAMES)
         figures |= {
             f"{name}_median_ms": float(np.median(clock)),
             f"{name}_p99_ms": float(np.percentile(clock, 99)),

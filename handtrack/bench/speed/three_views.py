@@ -13,7 +13,7 @@ from handtrack.observation.observation import Silhouette
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 
@@ -45,10 +45,13 @@ class ThreeViews:
         """Return the silhouettes made ready for a term."""
         return [prepare(silhouette) for silhouette in self.silhouettes]
 
-    def problem(self, seen: list[PreparedSilhouette], band_px: float = WIDE_PX) -> Problem:
-        """Return the problem at the start: coverage of all pixels, no priors."""
+    def problem(
+        self, seen: list[PreparedSilhouette], band_px: float = WIDE_PX, all_rows: bool = False
+    ) -> Problem:
+        """Return the problem at the start: coverage, no priors, rows as far apart as in tracking unless all are asked for."""
         flesh, bones = self.model.flesh["fine"], self.model.bones(self.start)
-        return Problem(self.model, [CoverageTerm(seen, flesh, band_px, bones)])
+        steps = () if all_rows else rows_apart([band_px] * len(seen))
+        return Problem(self.model, [CoverageTerm(seen, flesh, band_px, bones, row_steps=steps)])
 
     def rows(self) -> int:
         """Return how many pixels the model covers: the rows of the Jacobian that BLAS is given."""

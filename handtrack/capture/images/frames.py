@@ -45,6 +45,11 @@ class FrameSource(Protocol):
         ...
 
     @property
+    def known_frames(self) -> range:
+        """The same as far as is known without reading images."""
+        ...
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What was odd so far, in plain sentences."""
         ...
@@ -132,6 +137,10 @@ class ImageFiles:
     @property
     def frames(self) -> range:
         return range(max(self._files, default=-1) + 1)
+
+    @property
+    def known_frames(self) -> range:
+        return self.frames
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -1,52 +1,48 @@
 """Read videos by decode index, exact at random access, without holding the recording in memory.
 
-What a container says about its frames is not trusted: the number of frames is counted by decoding
-once, and a seek is used only where it is proven, by time stamp and by content, to have arrived
-where it should.
+What a container says about its frames is not trusted: who must know how many there are waits until they are counted
+by decoding once (`video_audit.py`), and a seek is used only where it is proven, by time stamp and by content, to have
+arrived where it should.
 """
 
 from __future__ import annotations
 
 import threading
-import zlib
 from collections import OrderedDict
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
-import numpy as np
 
 from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.images.frames import check_size
+from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, announced_frames
 from handtrack.errors import HandtrackError
 
 _CACHE_BYTES = 64 << 20
+_MOST_ANNOUNCED = 10_000_000  # days of video: a container that says more is counted at once
 _CHECKPOINT_EVERY = 250  # frames; what a far step back costs at most, beside the window
-_UNEVEN = 1.5  # times the usual step between two frames
-
-
-class _Checkpoint(NamedTuple):
-    time_ms: float
-    checksum: int
 
 
 class VideoFile:
     """Frames (H, W, 3) uint8 BGR of a video; a frame is its decode index from 0.
 
-    expected_size: (width, height) [px] of the calibration. Raises HandtrackError when the file
-    cannot be opened as a video, holds no frame, or has another size.
+    expected_size: (width, height) [px] of the calibration. audit: of this file, where it was made before. Raises
+    HandtrackError when the file cannot be opened as a video, holds no frame, or has another size.
     """
 
     def __init__(
-        self, path: Path, expected_size: tuple[int, int] | None = None, where: str = ""
+        self,
+        path: Path,
+        expected_size: tuple[int, int] | None = None,
+        where: str = "",
+        audit: VideoAudit | None = None,
     ) -> None:
-        self._path = Path(path)
+        self.path = Path(path)
         self._where = where or str(path)
-        self._lock = threading.RLock()
+        self._lock, self._counting = threading.RLock(), threading.Lock()
         self._cache: OrderedDict[int, Array] = OrderedDict()
-        self._count: int | None = None
-        self._checkpoints: dict[int, _Checkpoint] = {}
-        self._warnings: list[str] = []
+        self._audit = audit
+        self._checkpoints = dict(audit.checkpoints) if audit is not None else {}
         self._capture = self._open()
         self._next = 0  # decode index of the frame that the next grab gives
         first = self._decode_next()
@@ -55,6 +51,7 @@ class VideoFile:
                 f"{self._where}: no frame can be decoded; the video is damaged or empty."
             )
         check_size(first, expected_size, self._where)
+        self._announced = announced_frames(self._capture)
         self._size = (first.shape[1], first.shape[0])
         self._keep = max(8, _CACHE_BYTES // first.nbytes)
         self._remember(0, first)
@@ -71,16 +68,38 @@ class VideoFile:
 
     @property
     def frames(self) -> range:
-        """Every frame that can be decoded. The first use decodes the whole video once."""
-        with self._lock:
-            if self._count is None:
-                self._count = self._audit()
-            return range(self._count)
+        """Every frame that can be decoded. Unless that is known, the whole video is decoded once; reading goes on."""
+        return range(self.audited().count)
+
+    @property
+    def known_frames(self) -> range:
+        """The same as far as is known without decoding: what the container announces, until they were counted."""
+        known = self.audit
+        if known is None and not 0 < self._announced <= _MOST_ANNOUNCED:
+            return self.frames
+        return range(self._announced if known is None else known.count)
+
+    @property
+    def audit(self) -> VideoAudit | None:
+        """What decoding everything told; None until it was done."""
+        return self._audit
+
+    def audited(self) -> VideoAudit:
+        """Return the audit, made if need be, beside who reads."""
+        with self._counting:
+            if self._audit is None:
+                capture = self._open()
+                audit = VideoAudit.of(capture, _CHECKPOINT_EVERY)
+                capture.release()
+                with self._lock:
+                    self._checkpoints = dict(audit.checkpoints)
+                    self._audit = audit
+            return self._audit
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        with self._lock:
-            return tuple(self._warnings)
+        known = self.audit
+        return () if known is None else tuple(f"{self._where}: {text}" for text in known.oddities)
 
     def has(self, frame: int) -> bool:
         return frame in self.frames
@@ -92,7 +111,7 @@ class VideoFile:
             if frame in self._cache:
                 self._cache.move_to_end(frame)
                 return self._cache[frame]
-            if self._count is not None and frame >= self._count:
+            if self._audit is not None and frame >= self._audit.count:
                 return None
             if frame < self._next:
                 self._rewind(frame)
@@ -108,9 +127,9 @@ class VideoFile:
             self._next = 1 << 62  # any frame lies before: the next read rewinds
 
     def _open(self) -> cv2.VideoCapture:
-        if not self._path.is_file():
+        if not self.path.is_file():
             raise HandtrackError(f"{self._where}: no such file; expected a video.")
-        capture = cv2.VideoCapture(str(self._path))
+        capture = cv2.VideoCapture(str(self.path))
         if not capture.isOpened():
             raise HandtrackError(
                 f"{self._where}: cannot be opened as a video. It is no video, its codec is "
@@ -181,51 +200,9 @@ class VideoFile:
             self._capture = self._open()
         self._capture.set(cv2.CAP_PROP_POS_FRAMES, at)
         good, image = self._capture.read()
-        if not good or self._mark(image) != self._checkpoints[at]:
+        if not good or Checkpoint.of(self._capture, image) != self._checkpoints[at]:
             del self._checkpoints[at]
             return False
         self._next = at + 1
         self._remember(at, image)
         return True
-
-    def _mark(self, image: Array) -> _Checkpoint:
-        time_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
-        return _Checkpoint(time_ms, zlib.crc32(image.tobytes()))
-
-    def _audit(self) -> int:
-        """Decode everything once: count, note checkpoints, and say what is odd."""
-        playing, self._capture = self._capture, self._open()
-        claimed = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        times: list[float] = []
-        while self._capture.grab():
-            times.append(float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
-            at = len(times) - 1
-            if at and at % _CHECKPOINT_EVERY == 0:
-                good, image = self._capture.retrieve()
-                if good:
-                    self._checkpoints[at] = self._mark(image)
-        self._capture.release()
-        self._capture = playing
-        self._warnings += _oddities(self._where, claimed, np.array(times))
-        return len(times)
-
-
-def _oddities(where: str, claimed: int, times_ms: Array) -> list[str]:
-    found: list[str] = []
-    count = len(times_ms)
-    if claimed > count:
-        found.append(
-            f"{where}: announces {claimed} frames, but only {count} can be decoded; it is cut off "
-            f"or damaged. Frames from {count} on count as missing."
-        )
-    steps = np.diff(times_ms)
-    if len(steps) > 2 and (usual := float(np.median(steps))) > 0:
-        uneven = np.flatnonzero(steps > _UNEVEN * usual)
-        if len(uneven):
-            worst = int(uneven[np.argmax(steps[uneven])])
-            found.append(
-                f"{where}: {len(uneven)} steps between frames are longer than the usual "
-                f"{usual:.1f} ms (the longest {steps[worst]:.0f} ms after frame {worst}); frames "
-                "were dropped, or the rate varies. Give timestamps if cameras must agree."
-            )
-    return found

@@ -57,7 +57,7 @@ def examine(session: Session) -> list[Finding]:
 def examine_start(session: Session) -> list[str]:
     """Return what is odd about the cameras and the first pose, in sentences: quickly seen, and in vain all tracking else."""
     first = 0 if session.init is None else session.init.frame
-    begin = range(first, min(first + _START, session.frame_count))
+    begin = range(first, min(first + _START, len(session.known_frames)))
     checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
     if session.file.clouds is not None and session.file.clouds.stereo:
         checks.append(check_synchrony(session))

@@ -1,4 +1,4 @@
-"""A mask as runs along its rows, made once a frame and shared by the silhouette terms."""
+"""A mask as pieces of one value along its rows, made once a frame and shared by the silhouette terms."""
 
 from __future__ import annotations
 
@@ -8,11 +8,27 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, D8, D24, Array, Floats, H, Ints, K, L, M, N, W, check_shape
+from handtrack.arrays import (
+    D2,
+    D8,
+    D24,
+    Array,
+    Bytes,
+    Floats,
+    H,
+    Ints,
+    K,
+    L,
+    M,
+    N,
+    W,
+    X,
+    check_shape,
+)
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.silhouettes.silhouette_kernels import count_runs, fill_runs
+from handtrack.terms.silhouettes.pieces_kernels import fill_pieces, mark_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,18 +39,20 @@ class PreparedSilhouette:
     valid: Array[H, D2]
     """int32: per row the half-open column span that counts."""
     begins: Ints[L]
-    """(H + 1,): the runs of row v are begins[v] to begins[v + 1]."""
-    runs: Ints[K, D2]
-    """half-open column spans in which Z has one value, other than 0."""
+    """(H + 1,): the pieces of row v, in each of which Z has one value, are begins[v] to begins[v + 1]."""
+    ends: Ints[K]
+    """the column where each piece ends, and the next begins."""
     values: Floats[K]
-    """that value."""
+    """Z."""
+    edges: Bytes[H, M]
+    """(H, W // 8 + 1): a bit for each pixel at which a piece begins, but the first of a row."""
     row_energy: Floats[H]
     """Σ Z² over each row's valid pixels."""
     area: float
     """−Σ Z over valid pixels: the mask's area [px]."""
-    powers: Floats[M, D8]
+    powers: Floats[N, D8]
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
-    heights: Floats[N, D24]
+    heights: Floats[X, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
 
     def energy(self, step: int) -> float:
@@ -63,12 +81,11 @@ def prepare(
     if line is not None:
         valid = clip_spans(valid, line)
     image = np.ascontiguousarray(image, dtype=np.float32 if observation is None else np.float64)
-    begins = np.empty(height + 1, np.int64)
-    count = count_runs(image, begins)
-    runs, values = np.empty((count, 2), np.int64), np.empty(count)
-    energy = np.empty(height)
+    begins, edges = np.empty(height + 1, np.int64), np.empty((height, width // 8 + 1), np.uint8)
+    count = mark_edges(image, edges, begins)
+    ends, values, energy = np.empty(count, np.int64), np.empty(count), np.empty(height)
     sign = -1.0 if observation is None else 1.0
-    area = fill_runs(image, sign, valid, begins, runs, values, energy)
+    area = fill_pieces(image, sign, valid, edges, begins, ends, values, energy)
     if not np.isfinite(energy).all():
         raise HandtrackError(
             f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
@@ -77,8 +94,9 @@ def prepare(
         camera,
         valid,
         begins,
-        runs,
+        ends,
         values,
+        edges,
         energy,
         float(area),
         power_sums(width),
@@ -113,10 +131,13 @@ def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
 
 @lru_cache(maxsize=16)
 def power_sums(width: int) -> Floats[K, D8]:
-    """Return (2W + 1, 8): row i holds Σ x⁰ … Σ x⁴ over whole x from −W to i − W − 1. Exact up to W ≈ 2000."""
+    """Return (2W + 1, 8): row i holds Σ x⁰ … Σ x⁴ over whole x from −W to i − W − 1, and the first three again.
+
+    Exact up to W ≈ 2000.
+    """
     x = np.arange(-width, width, dtype=float)
     table = np.zeros((2 * width + 1, 8))
-    table[1:, :5] = np.cumsum(x[:, None] ** np.arange(5), axis=0)
+    table[1:] = np.cumsum(x[:, None] ** np.array([0, 1, 2, 3, 4, 0, 1, 2]), axis=0)
     table.flags.writeable = False
     return table
 

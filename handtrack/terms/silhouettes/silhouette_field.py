@@ -80,7 +80,7 @@ def field_system(
     for i, seen in enumerate(silhouettes):
         part, areas[i, 0], areas[i, 1] = camera_system(
             bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
-            ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.runs, seen.values, seen.powers, seen.heights,
+            ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers, seen.heights,
             shape.levels[i], shape.limit, shape.depth_scaled, shape.row_step(i), weights[i], want_system, system.gradient, system.hessian,
         )  # fmt: skip
         cost += max(part + 0.5 * weights[i] * seen.energy(shape.row_step(i)), 0.0)
@@ -136,8 +136,8 @@ class FieldTerm:
         weights = per_camera(self.weight, len(self.silhouettes), "weight")
         return [
             TermTable(
-                silhouette_kernel, *own, seen.camera.projection, seen.valid, seen.begins, seen.runs, seen.values,
-                seen.powers, seen.heights, levels, np.array([shape.limit, shape.depth_scaled, weights[i], seen.energy(step), step]),
+                silhouette_kernel, *own, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values,
+                seen.edges, seen.powers, seen.heights, levels, np.array([shape.limit, shape.depth_scaled, weights[i], seen.energy(step), step]),
             )
             for i, (seen, levels) in enumerate(zip(self.silhouettes, shape.levels, strict=True))
             for step in [shape.row_step(i)]

@@ -34,10 +34,13 @@ from handtrack.terms.silhouettes.row_kernels import (
     BLOCK,
     MOMENTS,
     PADDING,
+    SUMS,
+    WORD,
     add_run,
-    add_seen,
-    clear,
+    begin_row,
     find_runs,
+    mark,
+    move_sums,
     number_at,
     paint,
 )
@@ -57,17 +60,20 @@ MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
 room on the centre's row; factor; curvature of the value along the row."""
 LINE = 8
+SPANS = 6 * BLOCK
+"""numbers of eight rows' spans, see `_fill_spans`"""
+_SURELY = 1e-6  # [px] nearer to its end, rounding decides whether a pixel is saturated
 
 
 @numba.njit(cache=True, nogil=True)
 def camera_system(
-    rotation, position, reference, bone, centre, turn, radii, projection, valid, begins, runs, values, powers, heights,
+    rotation, position, reference, bone, centre, turn, radii, projection, valid, begins, ends, values, edges, powers, heights,
     levels, limit, depth_scaled, step, weight, want_system, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns (cost, area, overlap).
 
     The returned cost leaves out ½ weight ΣZ², which does not depend on the pose. area: pixels that the model covers,
-    overlap: −ΣZ over them. begins, runs, values: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
+    overlap: −ΣZ over them. begins, ends, values, edges: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
     factor s. step: of so many rows one is looked at, which stands for all.
     """
     count, height, width = bone.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
@@ -76,7 +82,9 @@ def camera_system(
     ellipses = np.zeros((count + 2, ELLIPSE))
     project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
     moments = np.zeros((count + 2, MOMENTS))
-    _sum_rows(ellipses, levels, limit, step, valid, begins, runs, values, powers, heights, moments)
+    _sum_rows(
+        ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
+    )
     weight *= step
     area, overlap = 0.0, 0.0
     for k in range(1, count + 2):
@@ -112,16 +120,16 @@ def camera_system(
     return weight * cost, step * area, step * overlap
 
 
-@TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 f8 f8 f8 f8")
+@TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 u1 f8 f8 f8 f8")
 def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
     """½ weight Σ (P − Z)² of one camera; the table is made by `FieldTerm.tables`."""
-    scalars = array1(term, 12, np.float64)
+    scalars = array1(term, 13, np.float64)
     part, _, _ = camera_system(
         array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
         array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
-        array2(term, 4, np.float64), array2(term, 5, np.int32), array1(term, 6, np.int64), array2(term, 7, np.int64),
-        array1(term, 8, np.float64), array2(term, 9, np.float64), array2(term, 10, np.float64),
-        array2(term, 11, np.float64), scalars[0],
+        array2(term, 4, np.float64), array2(term, 5, np.int32), array1(term, 6, np.int64), array1(term, 7, np.int64),
+        array1(term, 8, np.float64), array2(term, 9, np.uint8), array2(term, 10, np.float64), array2(term, 11, np.float64),
+        array2(term, 12, np.float64), scalars[0],
         scalars[1] != 0.0, np.int64(scalars[4]), scalars[2], width > 0, array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
     )  # fmt: skip
     return max(part + 0.5 * scalars[2] * scalars[3], 0.0)
@@ -129,15 +137,20 @@ def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True)
 def _sum_rows(
-    ellipses, levels, limit, step, valid, begins, seen, values, powers, heights, moments
+    ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
 ):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
     count, height, width = levels.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
-    lines = np.empty((count, LINE))
-    first, last = np.zeros(count, np.int64), np.zeros(count, np.int64)
     looked_at = (height - step // 2 + step - 1) // step  # rows step // 2, step // 2 + step, …
-    start = np.zeros(looked_at + 1, np.int64)
-    for e in range(count):  # which of them each ellipse reaches, and what its spans need
+    lines = np.empty((count, LINE))
+    first, last, place = (
+        np.zeros(count, np.int64),
+        np.zeros(count, np.int64),
+        np.empty(count, np.int64),
+    )
+    newest, after = np.full(looked_at + 1, -1), np.empty(count, np.int64)  # who begins on a row
+    room = 0
+    for e in range(count):  # which of them each ellipse reaches
         if ellipses[e, SCALE] == 0.0:
             continue
         _row_line(ellipses[e], levels[e, 0], lines[e])
@@ -145,49 +158,78 @@ def _sum_rows(
         middle = lines[e, MIDDLE_V] - step // 2
         first[e] = np.int64(min(max(np.ceil((middle - reach) / step), 0.0), float(looked_at)))
         last[e] = np.int64(min(max(np.floor((middle + reach) / step) + 1.0, 0.0), float(looked_at)))
-        for row in range(first[e], last[e]):
-            start[row + 1] += 1
-    for row in range(looked_at):
-        start[row + 1] += start[row]
-    items, filled = np.empty(start[looked_at], np.int64), start.copy()
+        if first[e] < last[e]:
+            place[e] = room
+            room += (last[e] - first[e] + BLOCK - 1) // BLOCK * SPANS
+            after[e], newest[first[e]] = newest[first[e]], e
+    spans = np.empty(room)
     for e in range(count):
-        for row in range(first[e], last[e]):
-            items[filled[row]] = e
-            filled[row] += 1
-    origins = np.zeros((count + 2, 2), np.int64)  # in the numbering of `moments`
+        if first[e] < last[e]:
+            top = float(step // 2 + step * first[e])
+            _fill_spans(lines[e], limit, top, step, last[e] - first[e], width, spans, place[e])
+    origin_u, origin_v = np.full(count + 2, width), np.full(count + 2, height)  # as `moments`
     for e in range(count):
-        origins[e + 1, 0] = np.int64(ellipses[e, ORIGIN_U])
-        origins[e + 1, 1] = np.int64(ellipses[e, ORIGIN_V])
-    memory = np.zeros(width + PADDING + BLOCK)
+        origin_u[e + 1] -= np.int64(ellipses[e, ORIGIN_U])
+        origin_v[e + 1] -= np.int64(ellipses[e, ORIGIN_V])
+    memory = np.zeros(width + 2 * PADDING + BLOCK)
     buffer = memory[
-        (-memory.ctypes.data // 8) % BLOCK :
+        PADDING + (-memory.ctypes.data // 8) % BLOCK :
     ]  # blocks that straddle two cache lines cost more
     starts = np.empty(buffer.shape[0] + BLOCK, np.int64)
+    words = width // (WORD * BLOCK) + 1
+    marks, opened = np.zeros(words * BLOCK, np.int64), np.zeros(words, np.int64)
+    sums = np.zeros((count + 2, SUMS))
+    active, alive = np.empty(count, np.int64), 0
+    painted = np.empty((count, 4), np.int64)
+    core = count + 1
     for row in range(looked_at):
-        if start[row] == start[row + 1]:
-            continue
+        e = newest[row]
+        while e >= 0:
+            active[alive] = e
+            alive += 1
+            e = after[e]
         v = step // 2 + step * row
-        low, high = _paint_row(
-            v, items[start[row] : start[row + 1]], lines, limit, valid[v, 0], valid[v, 1], buffer
-        )
+        begin, end = np.int64(valid[v, 0]), np.int64(valid[v, 1])
+        low, high, n, found = end, begin, 0, 0
+        while n < alive:
+            e = active[n]
+            if row >= last[e]:
+                alive -= 1
+                active[n] = active[alive]
+                continue
+            n += 1
+            below = row - first[e]
+            at = place[e] + below // BLOCK * SPANS + below % BLOCK
+            a, b = max(np.int64(spans[at + 16]), begin), min(np.int64(spans[at + 24]), end)
+            if a >= b:
+                continue
+            low, high = min(low, a), max(high, b)
+            painted[found, 0], painted[found, 1] = e, at
+            painted[found, 2], painted[found, 3] = a, b
+            found += 1
+            mark(marks, max(np.int64(spans[at + 32]), begin), min(np.int64(spans[at + 40]), end))
         if low >= high:
             continue
-        runs = find_runs(buffer, low, high, starts)
-        left, piece, pieces = low, begins[v], begins[v + 1]
+        begin_row(buffer, low, high, marks, opened, core)
+        for n in range(found):
+            e, at = painted[n, 0], painted[n, 1]
+            paint(
+                buffer, painted[n, 2], painted[n, 3], opened, spans[at], spans[at + 8], lines[e, BEND], limit, e + 1, core
+            )  # fmt: skip
+        runs = find_runs(buffer, low, high, edges, v * edges.shape[1], starts)
+        left, piece = low, begins[v]
+        while ends[piece] <= low:
+            piece += 1
         for n in range(runs):
             right = starts[n + 1]
             k = number_at(buffer, left)
-            u0, y = width - origins[k, 0], v + height - origins[k, 1]
-            add_run(moments, k, powers, left + u0, right + u0, heights, y)
-            while piece < pieces and seen[piece, 0] < right:
-                a, b = max(left, seen[piece, 0]), min(right, seen[piece, 1])
-                if a < b:
-                    add_seen(moments, k, powers, a + u0, b + u0, heights, y, values[piece])
-                if seen[piece, 1] > right:
-                    break
-                piece += 1
+            add_run(sums, k, powers, left + origin_u[k], right + origin_u[k], values[piece])
+            piece += np.int64(ends[piece] <= right)
             left = right
-        clear(buffer, low, high)
+        for n in range(found):
+            k = painted[n, 0] + 1
+            move_sums(moments, sums, k, heights, v + origin_v[k])
+        move_sums(moments, sums, core, heights, v + height)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -201,22 +243,31 @@ def _row_line(ellipse, outer, line):  # pragma: no cover - compiled
     line[ROOM], line[FACTOR], line[BEND] = 1.0 + outer, s, s / across
 
 
-@numba.njit(cache=True, nogil=True)
-def _paint_row(v, items, lines, limit, begin, end, buffer):  # pragma: no cover - compiled
-    """Paint all ellipses of row v; returns the columns [low, high), inside [begin, end), that they reach."""
-    low, high = np.int64(end), np.int64(begin)
-    core = lines.shape[0] + 1
-    for e in items:
-        dy = v - lines[e, MIDDLE_V]
-        room = lines[e, ROOM] - dy * dy * lines[e, DOWN]
-        half = np.sqrt(max(room, 0.0) * lines[e, ACROSS])
-        middle = lines[e, MIDDLE_U] + lines[e, SLANT] * dy
-        a = np.int64(np.ceil(max(middle - half, float(begin))))
-        b = np.int64(np.floor(min(middle + half, end - 1.0))) + 1
-        if a < b:
-            low, high = min(low, a), max(high, b)
-            paint(buffer, a, b, middle, lines[e, FACTOR] * room, lines[e, BEND], limit, e + 1, core)
-    return low, high
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no cover - compiled
+    """Fill spans[at:] for rows top, top + step, …, eight at a time: middle, value there, columns [begin, end) of the span,
+    and of what is surely saturated of it.
+    """
+    middle_u, middle_v, slant, across = line[MIDDLE_U], line[MIDDLE_V], line[SLANT], line[ACROSS]
+    down, most, factor = line[DOWN], line[ROOM], line[FACTOR]
+    spared, right = limit / factor, float(width)
+    out = np.empty(SPANS)  # of its own: only so can LLVM see that nothing overlaps
+    for group in range((rows + BLOCK - 1) // BLOCK):
+        for i in range(BLOCK):
+            dy = top + step * float(BLOCK * group + i) - middle_v
+            room = most - dy * dy * down
+            half = np.sqrt(max(room, 0.0) * across)
+            core = np.sqrt(max(room - spared, 0.0) * across)
+            core -= _SURELY * (1.0 + core)
+            middle = middle_u + slant * dy
+            out[i], out[8 + i] = middle, factor * room
+            out[16 + i] = min(max(np.ceil(middle - half), 0.0), right)
+            out[24 + i] = min(max(np.floor(middle + half) + 1.0, 0.0), right)
+            out[32 + i] = min(max(np.ceil(middle - core), 0.0), right)
+            out[40 + i] = min(max(np.floor(middle + core) + 1.0, 0.0), right)
+        for i in range(SPANS):
+            spans[at + i] = out[i]
+        at += SPANS
 
 
 @numba.njit(cache=True, nogil=True)
@@ -273,49 +324,3 @@ def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cov
             )  # fmt: skip
         for t in range(6):
             hessian[at + s, at + t] += work[168 + t]
-
-
-@numba.njit(cache=True, nogil=True)
-def count_runs(image, begins):  # pragma: no cover - compiled
-    """Fill begins (H + 1,): how many runs of one value other than 0 the rows above have; returns how many there are."""
-    height, width = image.shape
-    begins[0] = 0
-    for v in range(height):
-        found = np.int64(image[v, 0] != 0)
-        for u in range(1, width):
-            found += (image[v, u] != image[v, u - 1]) & (image[v, u] != 0)
-        begins[v + 1] = begins[v] + found
-    return begins[height]
-
-
-@numba.njit(cache=True, nogil=True)
-def fill_runs(image, sign, valid, begins, runs, values, energy):  # pragma: no cover - compiled
-    """Fill runs (K, 2), columns [begin, end), values (K,), sign · image, and each row's ΣZ² (H,). Returns −ΣZ.
-
-    Both sums are of observed pixels.
-    """
-    height, width = image.shape
-    energy[:] = 0.0
-    area = 0.0
-    for v in range(height):
-        if begins[v] == begins[v + 1]:
-            continue
-        k, before = begins[v], np.float64(0.0)
-        for u in range(width):
-            z = np.float64(image[v, u])
-            if z == before:
-                continue
-            if before != 0.0:
-                runs[k - 1, 1] = u
-            if z != 0.0:
-                runs[k, 0], values[k] = u, sign * z
-                k += 1
-            before = z
-        if before != 0.0:
-            runs[k - 1, 1] = width
-        for n in range(begins[v], begins[v + 1]):
-            seen = min(runs[n, 1], valid[v, 1]) - max(runs[n, 0], valid[v, 0])
-            if seen > 0:
-                energy[v] += seen * values[n] * values[n]
-                area -= seen * values[n]
-    return area

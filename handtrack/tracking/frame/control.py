@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from handtrack.arrays import Floats, P
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 
 Watch = Callable[[int, Floats[P], float], None]
 """called after each accepted solver step with its count, parameters and cost"""
@@ -28,6 +29,15 @@ class Control:
     """called with a SearchReport for every search that was made"""
     on_step: Callable[[Any], None] | None = None
     """called with a Step for every frame that is solved for good, in the order of tracking, before its result is yielded"""
+    on_early: Callable[[Any], None] | None = None
+    """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
+    it. What holds is yielded later"""
+    ahead: int = SEARCH_EVERY
+    """frames that are solved at most beyond one whose search beside isn't done: by then the next regular one is due"""
+    waits: bool = True
+    """False: that search is then given up, for frames do not wait, as before a live camera"""
+    searches: bool = True
+    """False: a search for what may be lost isn't made, only told to be due"""
 
     def watch(self, frame: int) -> Watch | None:
         """Return what the solver calls after each step in a frame; None where nobody looks."""

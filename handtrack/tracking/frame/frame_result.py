@@ -27,6 +27,8 @@ class Solved:
     result: FrameResult
     covariance: Floats[P, P] | None = None
     """of the solver parameters; None where nothing is said of them"""
+    search_due: bool = False
+    """a search would have been made, had it been allowed (`Control.searches`)"""
 
 
 def solved_result(

@@ -19,7 +19,7 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Loss
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -37,7 +37,6 @@ from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
-_ROWS_A_BAND = 0.5  # rows nearer to each other tell the same; every 4th row in wide bands moved a recording seen by < 0.01 mm
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
 _ROBUST_SIGMAS = 3.0  # a given keypoint further off than a few of these no longer pulls
@@ -119,7 +118,7 @@ class FrameTerms:
                 bones_at_start=start,
                 antisymmetric=index >= len(settings.bands_mm) - 1,
                 weight=self._weight(band),
-                row_steps=tuple(max(int(_ROWS_A_BAND * px), 1) for px in band),
+                row_steps=rows_apart(band),
             )
         )
         return terms

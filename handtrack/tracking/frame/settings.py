@@ -58,9 +58,9 @@ class ModelSettings:
         level="user", about="hand",
         words={"auto": "doubt depths", "glove9": "glove9", "ball6": "ball6", "none": "nothing"},
     )  # fmt: skip
-    fit_size: bool = setting(
-        True, 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone.',
-        about="hand",
+    fit_size: Literal["true", "later", "false"] = setting(
+        "true", 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone; `later`: '
+        "track first, fit it to what was tracked, then track again.", about="hand",
     )  # fmt: skip
 
     @property
@@ -288,6 +288,11 @@ class TrackerSettings:
     def looks_at_images(self) -> bool:
         """Whether a frame's images are needed, beside masks and clouds."""
         return self.edges.weight > 0 or self.intensity.weight > 0
+
+    @property
+    def chooses_at_the_end(self) -> bool:
+        """Whether the last frame decides which hypothesis holds in those before it."""
+        return self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""

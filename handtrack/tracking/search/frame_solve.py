@@ -29,8 +29,10 @@ def solve_frame(task: FrameTask) -> Solved:
     found = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
-        return solve_doubted(task, terms, params, solve_frame, poor)[0]
-    return _refined(task, terms, found)
+        solved = solve_doubted(task, terms, params, solve_frame, poor)[0]
+    else:
+        solved = _refined(task, terms, found)
+    return replace(solved, search_due=found.search_due)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,7 @@ class _Descended:
     problem: Problem
     """of the last stage"""
     iterations: int
+    search_due: bool = False
 
 
 def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended:
@@ -51,7 +54,8 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
         task.model, settings.solver, terms, params, control.should_stop, watch
     )
     why = why_fingers_may_be_lost(number, summary.cost, terms.views, task.previous)
-    if why and settings.tracker.escape:
+    due = bool(why) and settings.tracker.escape
+    if due and control.searches:
         found = with_fingers_found(terms, summary.params, control, number, why)
         if found is not summary.params:
             terms = terms.without_motion().as_seen_at(task.model.bones(found))
@@ -59,7 +63,7 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
                 task.model, settings.solver, terms, found, control.should_stop, watch
             )
             count += more
-    return _Descended(summary.params, problem, count)
+    return _Descended(summary.params, problem, count, due and not control.searches)
 
 
 def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:

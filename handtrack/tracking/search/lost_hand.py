@@ -33,6 +33,8 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     why = why_hand_may_be_lost(result, task.previous)
     if not why or not model.has_keypoints21:
         return solved
+    if not task.control.searches:
+        return replace(solved, search_due=True)
     landscape = EvidenceLandscape.of(task.observation, task.settings)
     if landscape is None:
         return solved

@@ -20,6 +20,7 @@ from handtrack.tracking.size.sized_problem import fit_size
 # narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last
 SIZE_BANDS_MM = (4.0, 1.5)
 _POSE_ITERATIONS = 15
+_USUAL_SIZES = 6  # tried with each band, about: only for telling how far it is
 _LEAST_GAIN = 0.5  # [log-likelihood] what another step must bring: less is not known
 
 
@@ -31,15 +32,25 @@ def refine_scale(
     poses: Sequence[Floats[P]],
     should_stop: Callable[[], bool] | None = None,
     parts: bool = True,
+    tell: Callable[[float, str], None] | None = None,
 ) -> HandScale:
     """Return the hand that explains the frames best, from `scale` on, with the poses moving along.
 
     poses: solver parameters of each observation, already tracked. Adults' spread is the prior. parts: fingers and
-    forearm have sizes of their own; otherwise they keep those they have, and all grow together.
+    forearm have sizes of their own; otherwise they keep those they have, and all grow together. tell: is called with
+    the share that is done, 0 to 1, and what is done in words, after each frame that was fitted to a size.
     """
+    usual = _USUAL_SIZES * len(poses)
     solver = replace(settings.solver, iterations=_POSE_ITERATIONS)
     current = [np.array(pose) for pose in poses]
-    for band in SIZE_BANDS_MM:
+    for stage, band in enumerate(SIZE_BANDS_MM):
+
+        def fitted(count: int, stage: int = stage) -> None:
+            if tell is not None:
+                size, frame = divmod(count - 1, len(poses))
+                words = f"size {size + 1} tried on frame {frame + 1} of {len(poses)}"
+                tell((stage + count / max(usual, count + 1)) / len(SIZE_BANDS_MM), words)
+
         model = build(scale)
         problems = [
             _problem(model, settings, band, seen, pose)
@@ -47,7 +58,7 @@ def refine_scale(
         ]
         names = SizeParameters(model).names
         free = np.array([parts or name == "overall" for name in names])
-        scale, current = fit_size(problems, current, free, solver, should_stop, _LEAST_GAIN)
+        scale, current = fit_size(problems, current, free, solver, should_stop, _LEAST_GAIN, fitted)
     return scale
 
 

@@ -37,17 +37,19 @@ def fit_size(
     solver: SolverSettings = _POSES,
     should_stop: Callable[[], bool] | None = None,
     least_gain: float = 0.0,
+    tell: Callable[[int], None] | None = None,
 ) -> tuple[HandScale, list[Floats[P]]]:
     """Return the person who explains all frames best, and the poses of each frame.
 
     problems: of each frame, all of one model; its size and `poses` are where the search starts. free: which of the
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
-    least_gain: [log-likelihood] a step that brings less is the last.
+    least_gain: [log-likelihood] a step that brings less is the last. tell: is called after each frame that was fitted to
+    a size, with their number so far.
     """
     size = SizeParameters(problems[0].model)
     start = size.deviations(size.model.scale)
     every = np.ones(len(start), bool) if free is None else free
-    problem = SizedProblem(problems, poses, size, every, solver, should_stop)
+    problem = SizedProblem(problems, poses, size, every, solver, should_stop, tell)
     share = least_gain / max(problem.cost(start[every]), 1e-12)
     sizes = replace(_SIZES, cost_tolerance=max(share, _SIZES.cost_tolerance))
     solve(problem, start[every], sizes, should_stop)
@@ -87,9 +89,11 @@ class SizedProblem:
         free: Array[N],
         solver: SolverSettings = _POSES,
         should_stop: Callable[[], bool] | None = None,
+        tell: Callable[[int], None] | None = None,
     ) -> None:
         self.problems, self.size, self.free = problems, size, free
         self.solver, self.should_stop = solver, should_stop
+        self._tell, self._fitted = tell, 0
         start = size.deviations(size.model.scale)
         still = [np.zeros((len(pose), int(free.sum()))) for pose in poses]
         self._expansion = _Expansion(start, list(poses), still)
@@ -139,6 +143,9 @@ class SizedProblem:
             found = solve(sized, pose + follow @ change, self.solver, self.should_stop)
             cost += found.cost
             poses.append(found.params)
+            self._fitted += 1
+            if self._tell is not None:
+                self._tell(self._fitted)
         self._last = _Solved(deviations, cost, poses)
         if cost < self.best.cost:
             self.best = self._last

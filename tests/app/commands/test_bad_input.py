@@ -317,8 +317,8 @@ def test_millimetres_are_suspected(handtrack, session: Path) -> None:
     assert "Is calibration.toml in millimetres? Then world_unit_m = 0.001." in ended.out
 
 
-def test_a_cut_video_is_tracked_as_far_as_it_goes(handtrack, session: Path) -> None:
-    """The camera's images end early: its later frames are missing observations, and a note says so."""
+def cut_video(session: Path) -> None:
+    """Give a camera a video that announces more frames than it has."""
     path = session / "cam0.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (640, 480))
     reader = cv2.VideoCapture(str(VIDEO))
@@ -328,8 +328,31 @@ def test_a_cut_video_is_tracked_as_far_as_it_goes(handtrack, session: Path) -> N
     path.write_bytes(path.read_bytes()[: int(0.5 * path.stat().st_size)])
     skin = 'images = "cam0.avi"\nmasks = { method = "skin_ycrcb" }'
     edit(session / "session.toml", 'masks = "masks/cam0/*.png"', skin)
+
+
+def test_a_cut_video_is_tracked_as_far_as_it_goes(handtrack, session: Path) -> None:
+    """The camera's images end early: its later frames are missing observations, and a note says so."""
+    cut_video(session)
     ended = handtrack("track", session)
     assert ended.code == 0
     assert "5 of 5 frames: 5 tracked" in ended.out
     assert "cam0.avi: announces 5 frames, but only" in ended.err
     assert "count as missing" in ended.err
+
+
+def test_a_recording_that_is_shorter_than_its_video_says_is_tracked_to_its_end(
+    handtrack, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tracking does not wait for the frames to be counted; here that is done last, and shows that they end earlier."""
+    monkeypatch.setattr("handtrack_app.commands.track.count_beside", lambda *_: None)
+    cut_video(session)
+    for mask in session.glob("masks/*/*.png"):
+        if int(mask.stem) >= FRAMES - 1:
+            mask.unlink()
+    ended = handtrack("track", session)
+    assert ended.code == 0
+    assert "not as many frames as they announce; tracking begins anew" in ended.err
+    assert f"{FRAMES - 1} of {FRAMES - 1} frames" in ended.out
+    assert "cam0.avi: announces 5 frames, but only" in ended.err
+    track = read_npz(session / "tracks" / "poses.npz")
+    assert track.frame.tolist() == list(range(FRAMES - 1))

@@ -236,7 +236,7 @@ def test_the_size_fit_and_compiling_are_told(
             return True
 
     monkeypatch.setattr(
-        track_command.TrackingRun, "fit_size", lambda run, stop: (compile_something(), run)[1]
+        track_command.TrackingRun, "fit_size", lambda run, stop, tell: (compile_something(), run)[1]
     )
     edit(session / "session.toml", "scale = 1.0", 'scale = "fit"')
     ended = handtrack("track", session)

@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from handtrack.model.model_file import read_scale
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.run import TrackingRun
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.commands import track as track_command
+from handtrack_app.commands.terminal.progress import Stop
 from tests.app.command_line import CommandLine, refused
 from tests.session.small_session import edit
 
@@ -80,3 +85,36 @@ def test_what_cannot_be_sized(handtrack: CommandLine, larger: Path) -> None:
     assert ended.code == 2
     assert "well enough to tell its size: by cameras whose lines of sight differ" in ended.err
     assert not (larger / "hand.json").exists()
+
+
+def test_a_size_that_is_fitted_later(handtrack: CommandLine, larger: Path) -> None:
+    edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
+    saved = []
+    for name in ("a.npz", "b.npz"):
+        out = larger / name
+        ended = handtrack("track", larger, "--frames", "0:2", "--size-later", "--out", out)
+        assert ended.code == 0, ended.err
+        told = [ended.err.index(w) for w in ("to the 2 frames that were tracked", "tracking again")]
+        assert told == sorted(told)
+        saved.append(out.read_bytes())
+    assert saved[0] == saved[1]
+    assert read_npz(larger / "a.npz").frame.tolist() == [0, 1]
+    size = json.loads(read_npz(larger / "a.npz").scale)["overall"]
+    assert size == pytest.approx(LARGER, rel=0.015)
+
+
+def test_an_interrupted_second_tracking_keeps_the_first(
+    handtrack: CommandLine, larger: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
+    seen = track_command.TrackingRun.fit_size
+
+    def fit(run: TrackingRun, should_stop: Stop, **how: Any) -> TrackingRun:
+        should_stop.asked = True
+        return seen(run, should_stop, **how)
+
+    monkeypatch.setattr(track_command.TrackingRun, "fit_size", fit)
+    ended = handtrack("track", larger, "--frames", "0:2", "--size-later")
+    assert ended.code == 130
+    assert "the hand's size is not fitted" in ended.err
+    assert read_npz(larger / "tracks/poses.npz").frame.tolist() == [0, 1]

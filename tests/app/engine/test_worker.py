@@ -70,7 +70,7 @@ def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
 def test_commands_are_picklable() -> None:
     sent = [
         commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
-        commands.Track(0, 9, 3), commands.FitSize(), commands.Follow(True), commands.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
+        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
         commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.WantPictures(True, None, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
     ]  # fmt: skip
     assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
@@ -294,9 +294,9 @@ def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_
         worker.send(commands.SetPose(5, _pose(listener, index_mcp_flex=0.3), 1))
         worker.send(commands.Track(0, FRAMES, 5, anew=True))
         told = listener.wait(
-            snapshots.ProgressSnapshot, lambda p: "5 of 10 frames looked at" in p.text
+            snapshots.ProgressSnapshot, lambda p: "5 of 10 frames tracked" in p.text
         )
-        assert (told.done, told.total) == (40, 100)
+        assert (told.done, told.total) == (50, 100)
         listener.wait(snapshots.Notice, lambda n: n.title == "Hand size fitted")
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert document.run.first.frame == document.first_frame == 5

@@ -42,15 +42,15 @@ def output_file(
     return out
 
 
-def check_new(folder: Path) -> None:
+def check_new(folder: Path, option: str = "--out") -> None:
     """Raise HandtrackError unless a folder can be made at `folder`: nothing there, or an empty folder."""
     if folder.exists() and not folder.is_dir():
         raise HandtrackError(
-            f"--out {folder} is a file; nothing was written. Name a new folder with --out."
+            f"{option} {folder} is a file; nothing was written. Name a new folder with {option}."
         )
     if folder.is_dir() and any(folder.iterdir()):
         raise HandtrackError(
-            f"--out {folder} is not empty; nothing was written. Name a new folder with --out."
+            f"{option} {folder} is not empty; nothing was written. Name a new folder with {option}."
         )
 
 

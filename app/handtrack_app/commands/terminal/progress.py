@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 
 from tqdm import tqdm
@@ -19,6 +19,28 @@ def progress_bar(total: int, what: str) -> tqdm:
     """Return a bar on stderr; one line every few seconds where stderr is no terminal."""
     interval = 0.2 if sys.stderr.isatty() else 5.0
     return tqdm(total=total, desc=what, unit="frame", mininterval=interval, dynamic_ncols=True)
+
+
+@contextmanager
+def sizing_bar() -> Iterator[Callable[[float, str], None]]:
+    """Give what tells how far the fit of a hand's size is: a share from 0 to 1, and words; the bar comes with the first."""
+    bars: list[tqdm] = []
+
+    def tell(share: float, words: str) -> None:
+        if not bars:
+            interval = 0.2 if sys.stderr.isatty() else 5.0
+            shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+            bars.append(
+                tqdm(total=1.0, desc="sizing", mininterval=interval, bar_format=shape, dynamic_ncols=True)
+            )  # fmt: skip
+        bars[0].set_postfix_str(words, refresh=False)
+        bars[0].update(share - bars[0].n)
+
+    try:
+        yield tell
+    finally:
+        for bar in bars:
+            bar.close()
 
 
 def say(text: str) -> None:

@@ -100,7 +100,7 @@ def first_pose(init: str | None, session: Session, settings: TrackerSettings) ->
         return None
     model = load_model(settings.model.name or session.hand_model, forearm=True)
     pose = read_first_pose(Path(init), model.parameter_names)
-    if pose.frame not in session.frame_range:
+    if pose.frame not in session.known_frames and pose.frame not in session.frame_range:
         raise HandtrackError(
             f"--init {init}: it is about frame {pose.frame}, but {session.folder} has the frames 0 to "
             f"{session.frame_count - 1}."
@@ -108,9 +108,9 @@ def first_pose(init: str | None, session: Session, settings: TrackerSettings) ->
     return pose
 
 
-def parse_frames(text: str | None, session: Session) -> range:
-    """Return the frames of `A:B` (half-open), all of the session's without a text."""
-    count = session.frame_count
+def parse_frames(text: str | None, frames: range, folder: Path) -> range:
+    """Return the frames of `A:B` (half-open), all of the session's (0 to its end) without a text."""
+    count = frames.stop
     if text is None:
         return range(count)
     match = re.fullmatch(r"([0-9]*):([0-9]*)", text)
@@ -121,7 +121,7 @@ def parse_frames(text: str | None, session: Session) -> range:
     first, last = int(match[1] or 0), int(match[2] or count)
     if first >= last or last > count:
         raise HandtrackError(
-            f"--frames {text}: {session.folder} has the frames 0 to {count - 1}; expected A < B ≤ {count}."
+            f"--frames {text}: {folder} has the frames 0 to {count - 1}; expected A < B ≤ {count}."
         )
     return range(first, last)
 

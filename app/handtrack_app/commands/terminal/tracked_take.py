@@ -38,7 +38,7 @@ class TrackedTake:
         if self._own:
             self._folder = out.with_name(out.name + _UNFINISHED)
         self._store: WritableStore | None = None
-        self._writer: TakeWriter | None = None
+        self._writers: list[TakeWriter] = []  # one a pass
         self._finished = False
 
     def __enter__(self) -> TrackedTake:
@@ -68,13 +68,13 @@ class TrackedTake:
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:
-            self._writer = self._store.begin(about)
+            self._writers.append(self._store.begin(about))
             return []
         for text in left.damage:
             say(f"note: {text}")
         steps = left.steps()
         done = [*takewhile(lambda step: step.result.frame != self._args.explain, steps)]
-        self._writer = self._store.go_on(left)
+        self._writers.append(self._store.go_on(left))
         count = sum(step.result.frame in frames for step in done)
         say(
             f"resuming at frame {count} of {len(frames)} (take {left.number}; --restart begins anew)"
@@ -83,13 +83,18 @@ class TrackedTake:
 
     def add(self, step: Step) -> None:
         """Keep a tracked frame."""
-        if self._writer is not None:
-            self._writer.add(step)
+        if self._writers:
+            self._writers[-1].add(step)
 
     def replace(self, result: FrameResult) -> None:
         """Keep the pose that all frames together chose."""
-        if self._writer is not None:
-            self._writer.replace(result)
+        if self._writers:
+            self._writers[-1].replace(result)
+
+    def leave_pass(self) -> None:
+        """Leave the latest pass unfinished, for the same command to go on with: the one before it holds."""
+        if len(self._writers) > 1:
+            self._writers.pop()
 
     def check(self) -> None:
         """Raise HandtrackError when another program took over: what it writes is not to be written over."""
@@ -98,12 +103,13 @@ class TrackedTake:
 
     def saved(self, frames: Sequence[int], finished: bool) -> None:
         """Say that the result is written; finished: whether it is all of it. It is the current track from now on."""
-        if self._store is None or self._writer is None:
+        if self._store is None or not self._writers:
             return
         if not self._own:
-            number = self._writer.take.number
+            number = self._writers[-1].take.number
             self._store.know_file(file_digest(self._out))
             self._store.make_current([Span(number, min(frames), max(frames) + 1)])
         if finished:
-            self._writer.finish()
+            for writer in self._writers:  # not before: the later ones follow from the earlier
+                writer.finish()
             self._finished = True

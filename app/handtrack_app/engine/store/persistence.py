@@ -42,7 +42,9 @@ class Persistence:
 
     @classmethod
     def open(cls, document: Document) -> Persistence:
-        """Return the store of a session; one that cannot be written to works, with a warning."""
+        """Return the store of a session; one that cannot be written to works, with a warning. A live one keeps nothing."""
+        if document.run.session.live is not None:
+            return cls(document, None)
         try:
             return cls(document, Journal.open(document.run.session.folder))
         except HandtrackError as error:
@@ -141,6 +143,8 @@ class Persistence:
 
     def restore(self) -> str:
         """Bring back poses, settings and tracked frames of the last time; say what, in a sentence."""
+        if self.document.run.session.live is not None:
+            return ""
         events = self.journal.events() if self.journal is not None else []
         changed = self._restore_settings(events) + self._restore_clouds(events)
         self._restore_work()

@@ -158,7 +158,8 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
         title = html.escape(session.name)
         number = len(session.cameras)
         cameras = f"{number} camera{'s' if number != 1 else ''}"
-        counts = f"{session.stop - session.start} frames, {cameras}, {session.fps:g} frames/s"
+        frames = "live" if session.live else f"{session.stop - session.start} frames"
+        counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
         facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
     elif progress.state == "failed":
         title = "No session"

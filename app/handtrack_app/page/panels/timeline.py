@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats, Ints
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
 from handtrack_app.protocol.snapshots import SessionSnapshot, TimelineSnapshot
 
@@ -60,12 +60,16 @@ class TimelinePanel:
     def show_frame(self, frame: int) -> None:
         """Move the slider and the cursor to a frame."""
         if self.slider is not None and self.slider.value != frame:
+            put(self.slider, max=max(self.slider.max, frame))
             self.slider.value = frame
         self.draw()
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the recording's new status and energies."""
         self.strip, self._drawn = strip, None
+        if self.slider is not None:  # frames are counted, or come, while the page is open
+            last = max(strip.start + len(strip.status) - 1, strip.start + 1)
+            put(self.slider, min=strip.start, max=last)
         self.draw()
 
     def draw(self) -> None:

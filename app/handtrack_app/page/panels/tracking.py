@@ -10,10 +10,21 @@ import viser
 
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.constraints import clean_interval
-from handtrack_app.protocol.commands import Cancel, Follow, Pause, SaveTrack, Track
+from handtrack_app.protocol.commands import (
+    Cancel,
+    Follow,
+    Pause,
+    SaveTrack,
+    SetSetting,
+    TakeSize,
+    Track,
+    TrackLive,
+)
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
+_SIZE = "model.fit_size"
+_AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
 _NAMED = 12  # frames that are named one by one
 
 
@@ -32,10 +43,11 @@ class TrackingPanel:
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the tab once for a session's frames."""
-        if self.session is not None:
-            self.session = session
-            return
+        is_built = self.session is not None
         self.session = session
+        if is_built:
+            self._show_size()
+            return
         page, gui, icon = self.page, self.page.gui, viser.Icon
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
@@ -47,46 +59,68 @@ class TrackingPanel:
             self.cancel = gui.add_button(
                 "Cancel", icon=icon.PLAYER_STOP, color="red", visible=False
             )
-            everything = gui.add_button(
-                "Track all frames", icon=icon.PLAYER_PLAY,
-                hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
-                "by hand elsewhere stay, and tracking starts again from each.",
+            if session.live:
+                starters = [("live", gui.add_button(
+                    "Track live", icon=icon.PLAYER_PLAY,
+                    hint="From the pose shown on, in the cameras' newest images.",
+                ))]  # fmt: skip
+            else:
+                starters = [("all", gui.add_button(
+                    "Track all frames", icon=icon.PLAYER_PLAY,
+                    hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
+                    "by hand elsewhere stay, and tracking starts again from each.",
+                ))]  # fmt: skip
+            starters.append(("here", gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
+                                                    hint="Fit the pose you see to this frame.")))  # fmt: skip
+            self.starters = [button for _, button in starters]
+            self.later = gui.add_checkbox(
+                "Fit the hand's size later", False, visible=False,
+                hint="Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.",
             )  # fmt: skip
-            here = gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
-                                  hint="Fit the pose you see to this frame.")  # fmt: skip
-            onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
-            with gui.add_folder("Range") as span:
-                self.range = gui.add_multi_slider(
-                    "Frames",
-                    session.start,
-                    last,
-                    1,
-                    initial_value=(session.start, last),
-                    min_range=0,
-                )
-                ranged = gui.add_button("Track range", icon=icon.ARROWS_HORIZONTAL, color="gray")
+            self.sized = gui.add_html("", visible=False)
+            self.again = gui.add_button_group("Track again", _AGAIN, visible=False)
+            if not session.live:
+                self._add_range(session, last)
             self.follow = gui.add_checkbox(
-                "Follow", True, visible=False, hint="Show each frame as it is tracked."
+                "Follow",
+                True,
+                visible=session.live,
+                hint="Show the newest images; posing the hand halts them."
+                if session.live
+                else "Show each frame as it is tracked.",
             )
             self.marked = gui.add_html("", visible=False)
             self.odd = gui.add_button(
                 "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
                 hint="Key: Shift N.",
             )  # fmt: skip
-            save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray",
+            save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         page.on(self.odd, lambda _: self.go_to_odd())
-        page.on(everything, lambda _: self._start("all"))
-        page.on(here, lambda _: self._start("here"))
-        page.on(onward, lambda event: self._start(event.target.value))
-        page.on(ranged, lambda _: self._start("range"))
-        self.range.on_update(lambda _: self._name_range())  # whoever moved it
-        self._name_range()
+        for which, button in starters:
+            page.on(button, lambda _, which=which: self._start(which))
+        page.on(self.later, lambda event: self._put_off(bool(event.target.value)))
+        page.on(self.again, lambda event: self._again(event.target.value))
         page.on(self.pause, lambda _: page.send(Pause(self.progress.state != "paused")))
         page.on(self.cancel, lambda _: page.send(Cancel()))
         page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
         page.on(save, lambda _: page.send(SaveTrack()))
-        self.starters = [everything, here, onward, span]
+        self._show_size()
+
+    def _add_range(self, session: SessionSnapshot, last: int) -> None:
+        """Offer parts of a recording."""
+        page, gui = self.page, self.page.gui
+        onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
+        with gui.add_folder("Range") as span:
+            self.range = gui.add_multi_slider(
+                "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
+            )
+            ranged = gui.add_button("Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray")
+        page.on(onward, lambda event: self._start(event.target.value))
+        page.on(ranged, lambda _: self._start("range"))
+        self.range.on_update(lambda _: self._name_range())  # whoever moved it
+        self._name_range()
+        self.starters += [onward, span]
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Say which frames are set by hand, and offer the way to those that are doubtful."""
@@ -125,21 +159,51 @@ class TrackingPanel:
             self.page.send(order)
             self._follow(True)
 
+    def _show_size(self) -> None:
+        """Offer to put the size's fit off while it is to be done, and the size that was fitted so."""
+        session, busy = self.session, self.progress.state != "idle"
+        assert session is not None
+        put(self.later, visible=session.size_pending and not busy)
+        put(self.later, value=session.settings.get(_SIZE) == "later")
+        offered = session.offered_size
+        put(self.again, visible=offered is not None and not busy)
+        put(self.sized, visible=offered is not None)
+        if offered is not None:
+            put(self.sized, content=size_words(session.size, offered))
+
+    def _put_off(self, on: bool) -> None:
+        words = "Fit the hand's size later" if on else "Fit the hand's size first"
+        now, then = ("true", "later") if on else ("later", "true")
+        self.page.change(words, (SetSetting(_SIZE, now),), (SetSetting(_SIZE, then),))
+
+    def _again(self, where: str) -> None:
+        if self.session is not None:
+            from_here = where == _AGAIN[1]
+            self.page.play(False)
+            self.page.send(
+                TakeSize(self.page.state.frame if from_here else self.session.first_frame)
+            )
+            self._follow(True)
+
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
         order = self.order("range")
-        if order is not None and self.range is not None:
+        if isinstance(order, Track) and self.range is not None:
             self.range.label = f"{order.start}\u2060…\u2060{order.stop - 1}"
 
-    def order(self, which: str) -> Track | None:
+    def order(self, which: str) -> Track | TrackLive | None:
         """Return the tracking command of a button."""
         session, frame = self.session, self.page.state.frame
-        if session is None or self.range is None:
+        if session is None:
             return None
+        if which == "live":
+            return TrackLive()
         if which == "all":
             return Track(session.start, session.stop, session.first_frame, anew=True)
         if which == "here":
             return Track(frame, frame + 1, frame)
+        if self.range is None:
+            return None
         if which == "forward ▶":
             return Track(frame, session.stop, frame)
         if which == "◀ backward":
@@ -159,7 +223,8 @@ class TrackingPanel:
         self.bar.visible = busy
         self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
         self.bar.animated = progress.state in ("preparing", "tracking")
-        self.pause.visible = self.cancel.visible = self.follow.visible = busy
+        self.pause.visible = self.cancel.visible = busy
+        self.follow.visible = busy or self.session.live
         put(self.follow, value=self.page.state.follow)
         paused = progress.state == "paused"
         if (self.pause.label == "Resume") != paused:
@@ -168,6 +233,7 @@ class TrackingPanel:
         for button in self.starters:
             if button.visible == busy:
                 button.visible = not busy
+        self._show_size()
 
 
 def odd_frames(strip: TimelineSnapshot) -> list[int]:
@@ -202,6 +268,11 @@ def _named(frames: tuple[int, ...]) -> str:
 
 
 def _where(session: SessionSnapshot) -> str:
+    if session.live:
+        return (
+            "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Live. Pose the hand, or find it, "
+            "then track. Nothing is kept but what is recorded.</div>"
+        )
     return (
         "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
         f"<span style='overflow-wrap:anywhere'>{html.escape(session.folder)}/tracks</span> as it comes.</div>"
@@ -210,12 +281,21 @@ def _where(session: SessionSnapshot) -> str:
 
 def progress_words(progress: ProgressSnapshot) -> str:
     """Return what is going on, in one line."""
-    if progress.state not in ("tracking", "paused") or not progress.total:
-        return progress.text
-    words = f"{progress.text}: {progress.done} of {progress.total} frames"
-    if progress.state == "tracking" and progress.eta_s > 0:
+    words = progress.text
+    if progress.state in ("tracking", "paused") and progress.total:
+        words += f": {progress.done} of {progress.total} frames"
+    if progress.state in ("tracking", "preparing") and progress.eta_s > 0:
         words += f", {duration(progress.eta_s)} left"
     return words
+
+
+def size_words(before: float, after: float) -> str:
+    """Return what is offered once the hand's size is fitted after tracking."""
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>The hand's size is fitted: "
+        f"<b>{after:.3f}</b> of a mean adult's. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
+        "by hand stay.</div>"
+    )
 
 
 def duration(seconds: float) -> str:

@@ -1,0 +1,90 @@
+"""One pass over the frames, or two: what is tracked is shown at the terminal, recorded and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from handtrack.errors import HandtrackError
+from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.search.engine import SearchReport
+from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, sizing_bar
+from handtrack_app.commands.terminal.tracked_take import TrackedTake
+from handtrack_app.rerun.recorder import ResidualRecorder
+
+
+class TrackingPasses:
+    """Each pass is a take of its own, which goes on where an earlier run of the same command left it."""
+
+    def __init__(
+        self,
+        stop: Stop,
+        take: TrackedTake,
+        recorder: ResidualRecorder | None = None,
+        on_search: Callable[[SearchReport], None] | None = None,
+    ) -> None:
+        self._stop, self._take, self._recorder = stop, take, recorder
+        control = Control(stop, on_search=on_search, on_step=take.add)
+        self._control = control if recorder is None else recorder.watching(control)
+
+    def track(self, run: TrackingRun, frames: range) -> tuple[list[FrameResult], str]:
+        """Return the frames that were tracked before the end, before the user stopped it, or before input that cannot be
+        used, and what was wrong with that.
+        """
+        stop, take = self._stop, self._take
+        done = take.begin(run, frames)
+        start_frame, start = run.initial()
+        results = {step.result.frame: step.result for step in done if step.result.frame in frames}
+        problem, known = "", run.session.known_frames
+        with progress_bar(len(frames), "tracking") as bar:
+            bar.update(len(results))
+            try:
+                for result in run.track_with(self._control, frames, start_frame, start, done):
+                    is_new = result.frame not in results
+                    results[result.frame] = result
+                    if not is_new:
+                        take.replace(result)
+                    if self._recorder is not None:
+                        self._recorder.show(result)
+                    bar.update(is_new)
+                    if run.session.known_frames != known:
+                        break  # videos are counted by now, and have not as many frames as they announce
+            except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
+                stop.asked = True
+            except HandtrackError as error:
+                if not results:
+                    raise
+                problem = str(error)
+            stop.shielded = True  # from here on it is saved
+        return list(results.values()), problem
+
+    def track_again(
+        self, run: TrackingRun, before: list[FrameResult], frames: range
+    ) -> tuple[TrackingRun, list[FrameResult]]:
+        """Return the run for the size that explains the tracked frames best, and what tracking again gave; what was there
+        before, where that was not finished.
+        """
+        stop = self._stop
+        stop.shielded = False
+        say(f"fitting the hand's size to the {len(before)} frames that were tracked …")
+        with sizing_bar() as tell:
+            sized = run.fit_size(stop, tell=tell, tracked=before)
+        if stop():
+            say("note: the hand's size is not fitted.")
+            return run, before
+        if sized is run:
+            say("note: no frame was seen well enough to tell the hand's size; it stays as it is.")
+            return run, before
+        old, new = run.scale.overall, sized.scale.overall
+        say(
+            f"the hand is {new:.3f} of a mean adult's, not {old:.3f}; tracking again from the first pose …"
+        )
+        if self._recorder is not None:
+            self._recorder.go_on_with(sized)
+        results, problem = self.track(sized, frames)
+        if stop() or problem:
+            self._take.leave_pass()
+            say(f"note: tracking again was not finished; the result is of a hand of {old:.3f}.")
+            return run, before
+        return sized, results

@@ -1,0 +1,62 @@
+"""Paints what the page wants to see of the cameras at the frame shown, once no command waits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sized
+
+from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
+from handtrack_app.protocol.commands import WantPictures
+from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
+
+_PAINT_EVERY_S = 0.08  # at most this often: the hand itself comes first
+
+
+class Painter:
+    """Lives on the worker's thread."""
+
+    def __init__(
+        self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
+    ) -> None:
+        """waiting: the commands that wait; painting gives way to them."""
+        self._document, self._publish, self._waiting = document, publish, waiting
+        self._maker = CameraPictures(document.run.session)
+        self._wanted = WantPictures(True, None, "plain")
+        self._painted = 0.0
+        self.is_stale = False
+        """there is something to paint"""
+
+    def want(self, wanted: WantPictures) -> None:
+        """Take which pictures the page shows from now on."""
+        self._wanted, self.is_stale = wanted, True
+
+    @property
+    def rest_s(self) -> float:
+        """How long the worker may wait for a command before there is something to paint."""
+        if not self.is_stale:
+            return 0.1
+        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+
+    def paint(self) -> None:
+        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
+        self.is_stale, self._painted = False, time.monotonic()
+        document, maker, wanted = self._document, self._maker, self._wanted
+        session, frame = document.run.session, document.frame
+        bones = document.model.bones(params_of(document.model, document.shown))
+        flesh = document.model.flesh["fine"].posed(bones)
+        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
+        if screen is not None:
+            residual = wanted.paint == "residual"
+            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
+            mask = next((s.mask for s in seen if s.camera.name == screen), None)
+            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
+            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
+        small = {}
+        for name in session.rig.names if wanted.thumbnails else ():
+            if len(self._waiting):
+                self.is_stale = True
+                return
+            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
+        if small:
+            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))

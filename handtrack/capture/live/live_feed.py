@@ -1,0 +1,205 @@
+"""LiveFeed: the newest images of several cameras, put together to frames one after the other."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from handtrack.arrays import D3, Array, H, W
+from handtrack.capture.live.live_camera import LiveCamera
+from handtrack.errors import HandtrackError
+
+_T = TypeVar("_T")
+_KEPT_IMAGES = 32  # frames whose images stay in memory
+_KEPT_TIMES = 600  # frames that count as known
+_STALLED_S = 1.0  # without any image; then a frame without images lets who tracks go on
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """What the cameras showed at about one moment."""
+
+    number: int
+    time_s: float
+    """of the newest image, since the feed began [s]"""
+    images: Mapping[str, Array[H, W, D3]]
+    """by camera; a camera that gave none in time is absent"""
+    connected: tuple[str, ...] = ()
+    """cameras that had not gone by then"""
+
+
+@dataclass
+class CameraCount:
+    """What became of one camera's images since counting began."""
+
+    used: int = 0
+    dropped: int = 0
+    """came while an earlier frame was still worked on"""
+    missing: int = 0
+    """frames in which it had no image within the tolerance"""
+
+
+@dataclass
+class LiveFeed:
+    """Cameras read beside. A frame is made when somebody asks for the next one: of each camera's newest image.
+
+    It waits until every camera has a new image, but not longer than the tolerance after the first; an image older than
+    the newest by more than the tolerance is left out. Safe from several threads.
+    """
+
+    cameras: Sequence[LiveCamera]
+    tolerance_s: float = 0.05
+    on_frame: Callable[[LiveFrame], None] | None = None
+    """is told of each frame made, in order"""
+    _changed: threading.Condition = field(default_factory=threading.Condition)
+    _making: threading.RLock = field(default_factory=threading.RLock)
+    _frames: OrderedDict[int, LiveFrame] = field(default_factory=OrderedDict)
+    _times: OrderedDict[int, float] = field(default_factory=OrderedDict)
+    _made: int = 0
+    _zero_s: float | None = None
+
+    def __post_init__(self) -> None:
+        self.counts = {camera.name: CameraCount() for camera in self.cameras}
+
+    def start(self) -> None:
+        """Begin to read all cameras."""
+        for camera in self.cameras:
+            camera.start(self._changed)
+
+    def close(self) -> None:
+        """End reading."""
+        for camera in self.cameras:
+            camera.stop()
+
+    @property
+    def known(self) -> range:
+        """The frames made so far; the oldest are forgotten."""
+        return range(max(self._made - _KEPT_TIMES, 0), self._made)
+
+    @property
+    def gone(self) -> tuple[str, ...]:
+        """Why cameras give no more images, one sentence each."""
+        return tuple(camera.gone for camera in self.cameras if camera.gone)
+
+    def time_s(self, frame: int) -> float | None:
+        """Return when a known frame was taken, since the feed began [s]."""
+        return self._times.get(frame)
+
+    def image(self, name: str, frame: int) -> Array[H, W, D3] | None:
+        """Return a camera's image of a frame uint8 BGR; None where it had none, or it is forgotten."""
+        kept = self._frames.get(frame)
+        return None if kept is None else kept.images.get(name)
+
+    def begin_counting(self) -> None:
+        """Count from now on; images that wait are passed over, so that the next frame is new."""
+        with self._changed:
+            for camera in self.cameras:
+                camera.passed_over = 0
+                camera.take()
+            self.counts = {camera.name: CameraCount() for camera in self.cameras}
+
+    def reach(self, frame: int) -> None:
+        """Make frames until there is this one. A frame without images where no camera gives any for a while.
+
+        Raises HandtrackError once all cameras are gone.
+        """
+        with self._making:
+            while self._made <= frame:
+                if self.make_next(_STALLED_S) is not None:
+                    continue
+                if all(camera.gone for camera in self.cameras):
+                    raise HandtrackError(" ".join(self.gone))
+                self._add({}, time.monotonic(), counts=True)
+
+    def make_next(self, timeout_s: float, counts: bool = True) -> LiveFrame | None:
+        """Make a frame of the newest images; None where no camera gave one for so long [s]."""
+        with self._making:
+            with self._changed:
+                if not self._changed.wait_for(self._may_begin, timeout_s) or not self._waiting:
+                    return None
+                self._changed.wait_for(self._is_complete, self.tolerance_s)
+                taken = {camera.name: camera.take() for camera in self.cameras}
+            newest = max(timed.time_s for timed in taken.values() if timed is not None)
+            images = {
+                name: timed.image
+                for name, timed in taken.items()
+                if timed is not None and newest - timed.time_s <= self.tolerance_s
+            }
+            return self._add(images, newest, counts)
+
+    @property
+    def _waiting(self) -> bool:
+        return any(camera.has_new for camera in self.cameras)
+
+    def _may_begin(self) -> bool:
+        return self._waiting or all(camera.gone for camera in self.cameras)
+
+    def _is_complete(self) -> bool:
+        return all(camera.has_new or camera.gone for camera in self.cameras)
+
+    def _add(self, images: Mapping[str, Array], clock_s: float, counts: bool) -> LiveFrame:
+        if self._zero_s is None:
+            self._zero_s = clock_s
+        connected = tuple(camera.name for camera in self.cameras if not camera.gone)
+        # two frames may not have one time
+        last = next(reversed(self._times.values()), -1.0)
+        made = LiveFrame(
+            self._made, max(clock_s - self._zero_s, last + 1e-6, 0.0), images, connected
+        )
+        for camera in self.cameras:
+            with self._changed:
+                passed, camera.passed_over = camera.passed_over, 0
+            if counts:
+                count = self.counts[camera.name]
+                count.dropped += passed
+                count.used += camera.name in images
+                count.missing += camera.name not in images and not camera.gone
+        _keep(self._frames, made.number, made, _KEPT_IMAGES)
+        _keep(self._times, made.number, made.time_s, _KEPT_TIMES)
+        self._made += 1
+        if self.on_frame is not None:
+            self.on_frame(made)
+        return made
+
+
+def _keep(kept: OrderedDict[int, _T], number: int, value: _T, most: int) -> None:
+    kept[number] = value
+    while len(kept) > most:
+        kept.popitem(last=False)
+
+
+class LiveImages:
+    """One camera of a feed as a source of images; see capture.images.frames.FrameSource."""
+
+    def __init__(self, feed: LiveFeed, camera: LiveCamera) -> None:
+        self._feed, self._camera = feed, camera
+
+    @property
+    def where(self) -> str:
+        return self._camera.where
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        return self._camera.size
+
+    @property
+    def frames(self) -> range:
+        return self._feed.known
+
+    @property
+    def known_frames(self) -> range:
+        return self._feed.known
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return (self._camera.gone,) if self._camera.gone else ()
+
+    def has(self, frame: int) -> bool:
+        return self._feed.image(self._camera.name, frame) is not None
+
+    def read(self, frame: int) -> Array[H, W, D3] | None:
+        return self._feed.image(self._camera.name, frame)

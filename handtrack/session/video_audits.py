@@ -1,0 +1,82 @@
+"""What was learned of a session's videos by decoding them whole, kept beside its tracks for the next opening."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from handtrack.capture.images.video import VideoFile
+from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, file_stamp
+from handtrack.errors import HandtrackError
+from handtrack.files.atomic import replace_text
+from handtrack.session.layout import VIDEOS_FILE
+
+_FORMAT = 1
+
+
+def read_audit(folder: Path, video: Path) -> VideoAudit | None:
+    """Return what is kept of a video; None where nothing is, or it is of a file that has changed since."""
+    try:
+        kept = json.loads((folder / VIDEOS_FILE).read_text(encoding="utf-8"))
+        row = kept["videos"][_key(folder, video)]
+        if kept["format"] != _FORMAT or row["stamp"] != file_stamp(video):
+            return None
+        return _audit(row)
+    except (OSError, ValueError, KeyError, TypeError):  # made anew, it costs time alone
+        return None
+
+
+def keep_audits(folder: Path, videos: Iterable[VideoFile]) -> None:
+    """Write what is known of some videos; where the folder cannot be written, the next opening counts again."""
+    try:
+        rows = {
+            _key(folder, video.path): _row(audit) | {"stamp": file_stamp(video.path)}
+            for video in videos
+            if (audit := video.audit) is not None
+        }
+        path = folder / VIDEOS_FILE
+        text = json.dumps({"format": _FORMAT, "videos": rows}, indent=1)
+        if rows and not (path.is_file() and path.read_text(encoding="utf-8") == text):
+            path.parent.mkdir(exist_ok=True)
+            replace_text(path, text)
+    except (OSError, ValueError):
+        return
+
+
+def count_beside(folder: Path | None, videos: Sequence[VideoFile]) -> threading.Thread:
+    """Begin to count videos' frames on a thread of its own; what is found is kept in a session's folder, if one is given."""
+
+    def count() -> None:
+        for video in videos:
+            with suppress(HandtrackError):  # told to whoever asks for the frames
+                video.audited()
+        if folder is not None:
+            keep_audits(folder, videos)
+
+    thread = threading.Thread(target=count, name="video-count", daemon=True)
+    thread.start()
+    return thread
+
+
+def _key(folder: Path, video: Path) -> str:
+    return video.relative_to(folder).as_posix()
+
+
+def _row(audit: VideoAudit) -> dict[str, Any]:
+    marks = {str(at): list(mark) for at, mark in audit.checkpoints.items()}
+    return {"frames": audit.count, "oddities": list(audit.oddities), "checkpoints": marks}
+
+
+def _audit(row: dict[str, Any]) -> VideoAudit:
+    marks = {
+        int(at): Checkpoint(float(time_ms), int(checksum))
+        for at, (time_ms, checksum) in row["checkpoints"].items()
+    }
+    oddities = tuple(str(text) for text in row["oddities"])
+    if not isinstance(row["frames"], int) or row["frames"] < 1:
+        raise ValueError
+    return VideoAudit(row["frames"], marks, oddities)

@@ -1,0 +1,201 @@
+"""Frame after frame, with searches beside: frames go on from the pose that stands, and are solved anew where a search
+finds a better one. What comes out is what stepping from frame to frame gives, to the byte.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
+from handtrack.parallel import thread_count, workers
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.search.engine import SearchReport
+from handtrack.tracking.state import TrackerState
+from handtrack.tracking.tracker import Tracker
+
+Observe = Callable[[int, BonePoses | None], Observation]
+"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
+None where that is not known"""
+Stepped = tuple[TrackerState, FrameResult]
+
+
+_SWITCH_S = 0.0005
+"""how long the next frame waits for the interpreter while a search holds it; Python's own 5 ms are a tenth of a frame"""
+
+
+@dataclass(eq=False)
+class _Search:
+    """A whole step with its searches, made beside."""
+
+    done: Future[Stepped]
+    dropped: threading.Event
+    reports: list[SearchReport]
+
+
+@dataclass(eq=False)
+class _Frame:
+    """A frame that is solved, as long as no search finds a better pose in it or before."""
+
+    number: int
+    after: TrackerState | None = None
+    result: FrameResult | None = None
+    reports: list[SearchReport] = field(default_factory=list)
+    search: _Search | None = None
+    failure: Exception | None = None
+    """instead of a result: told once the frames before it are settled"""
+
+
+class Pursuit:
+    """Frames on from a state, yielded once settled; `control.on_early` is shown them as soon as they are solved.
+
+    Whoever watches single solver steps, or has one thread, gets one frame after the other, searches included.
+    """
+
+    def __init__(
+        self, tracker: Tracker, observe: Observe, state: TrackerState, control: Control
+    ) -> None:
+        self._tracker, self._observe, self._control = tracker, observe, control
+        self._state = state
+        self._ahead: deque[_Frame] = deque()  # solved, not yet settled
+        self._again: deque[int] = deque()  # to be solved anew
+        self._beside = thread_count() > 1 and control.on_iteration is None
+
+    def frames(self, numbers: Iterable[int]) -> Iterator[Stepped]:
+        """Yield the state after each frame, and its result; ends early when `control.should_stop`."""
+        if not self._beside:
+            yield from self._one_by_one(numbers)
+            return
+        pool, patience = workers(thread_count(), "search"), sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_S)
+        try:
+            yield from self._pursued(iter(numbers), pool)
+        finally:
+            self._drop(self._ahead)
+            pool.shutdown(cancel_futures=True)
+            sys.setswitchinterval(patience)
+
+    def _one_by_one(self, numbers: Iterable[int]) -> Iterator[Stepped]:
+        for number in numbers:
+            seen = self._observe(number, self._tracker.expected_bones(self._state, number))
+            self._state, result = self._tracker.step(self._state, seen, self._control)
+            if self._control.should_stop():
+                return
+            self._show(result)
+            yield self._state, result
+
+    def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
+        while True:
+            while self._ahead and self._is_known(self._ahead[0]):
+                settled = self._settled(self._ahead.popleft())
+                if settled is None:
+                    return
+                yield settled
+            full = len(self._ahead) > self._control.ahead
+            if full and not self._control.waits:
+                self._give_up(self._ahead[0])
+                continue
+            number = None if full else self._next(numbers)
+            if number is not None:
+                self._go_on(number, pool)
+            elif self._ahead:
+                self._wait(self._ahead[0])
+            else:
+                return
+            if self._control.should_stop():
+                return
+
+    def _next(self, numbers: Iterator[int]) -> int | None:
+        if self._again:
+            return self._again.popleft()
+        if self._ahead and self._ahead[-1].failure is not None:
+            return None
+        return next(numbers, None)
+
+    def _go_on(self, number: int, pool: ThreadPoolExecutor) -> None:
+        """Solve a frame without searches; begin beside what is due."""
+        frame = _Frame(number)
+        self._ahead.append(frame)
+        before, control = self._state, replace(self._control, on_search=frame.reports.append)
+        try:
+            seen = self._observe(number, self._tracker.expected_bones(before, number))
+            frame.after, frame.result, due = self._tracker.glance(before, seen, control)
+        except Exception as problem:  # an earlier frame's search may lead elsewhere
+            frame.failure = problem
+            return
+        self._state = frame.after
+        if self._control.should_stop():
+            return
+        if due:
+            frame.search = self._begun(before, seen, pool)
+        self._show(frame.result)
+
+    def _begun(self, before: TrackerState, seen: Observation, pool: ThreadPoolExecutor) -> _Search:
+        dropped, asked = threading.Event(), self._control.should_stop
+        reports: list[SearchReport] = []
+        control = replace(
+            self._control,
+            should_stop=lambda: dropped.is_set() or asked(),
+            on_search=reports.append,
+        )
+        return _Search(pool.submit(self._tracker.step, before, seen, control), dropped, reports)
+
+    def _is_known(self, frame: _Frame) -> bool:
+        return frame.search is None or frame.search.done.done()
+
+    def _give_up(self, frame: _Frame) -> None:
+        """Let a frame stand as it is solved."""
+        self._drop([frame])
+        frame.search = None
+
+    def _wait(self, frame: _Frame) -> None:
+        if frame.search is not None:
+            frame.search.done.exception()
+
+    def _settled(self, frame: _Frame) -> Stepped | None:
+        """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
+        if frame.failure is not None:
+            raise frame.failure
+        assert frame.after is not None
+        assert frame.result is not None
+        after, result, reports = frame.after, frame.result, frame.reports
+        if frame.search is not None:
+            reports = frame.search.reports
+            found = frame.search.done.result()
+            if self._control.should_stop():
+                return None
+            if _is_changed(frame.result, found[1]):
+                after, result = found
+                self._again.extendleft(reversed([later.number for later in self._ahead]))
+                self._drop(self._ahead)
+                self._ahead.clear()
+                self._state = after
+                self._show(result)
+        if self._control.on_search is not None:
+            for report in reports:
+                self._control.on_search(report)
+        return after, result
+
+    def _show(self, result: FrameResult) -> None:
+        if self._control.on_early is not None:
+            self._control.on_early(result)
+
+    @staticmethod
+    def _drop(frames: Iterable[_Frame]) -> None:
+        for frame in frames:
+            if frame.search is not None:
+                frame.search.dropped.set()
+                frame.search.done.cancel()
+
+
+def _is_changed(stood: FrameResult, found: FrameResult) -> bool:
+    same = np.array_equal(stood.parameters, found.parameters)
+    return not same or stood.status != found.status or stood.reason != found.reason

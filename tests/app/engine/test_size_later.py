@@ -1,0 +1,62 @@
+"""Track now, fit the size later: tracking begins at once, and what was fitted afterwards is offered, not forced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import commands, snapshots
+from tests.app.engine.test_worker import Listener, _desk, _pose
+from tests.app.fake_run import FRAMES
+from tests.app.waiting import eventually
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
+    for worker, listener in _desk(tmp_path, size_pending=True, step_s=0.0):
+        worker.send(commands.SetSetting("model.fit_size", "later"))
+        yield worker, listener
+
+
+def _offered(listener: Listener) -> snapshots.SessionSnapshot:
+    return listener.wait(snapshots.SessionSnapshot, lambda s: s.offered_size is not None)
+
+
+def _finished(listener: Listener) -> int:
+    told = [s for s in listener.seen if isinstance(s, snapshots.Notice)]
+    return sum(s.title == "Tracking finished" for s in told)
+
+
+def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.SetPose(8, _pose(listener, index_mcp_flex=0.3), 1))
+    worker.send(commands.Track(0, FRAMES, 3, anew=True))
+    offer = _offered(listener)
+    assert (offer.size, offer.offered_size, offer.size_pending) == (1.0, 1.1, True)
+    titles = [s.title for s in listener.seen if isinstance(s, snapshots.Notice)]
+    assert titles == ["Tracking finished"]
+    listener.wait(snapshots.Notice, lambda n: "it was tracked with 1.00" in n.text)
+    assert worker.document.run.scale == HandScale(1.0), "what was tracked keeps its size"
+
+    worker.send(commands.TakeSize(8))
+    listener.wait(snapshots.SessionSnapshot, lambda s: s.size == 1.1)
+    eventually(lambda: _finished(listener) == 2, "everything is tracked again")
+    document = worker.document
+    assert document.run.scale == HandScale(1.1)
+    assert (document.size_pending, document.offered_scale) == (False, None)
+    assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
+    index = document.model.parameter_names.index("index_mcp_flex")
+    assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
+
+
+def test_a_single_frame_fits_nothing(desk: tuple[Worker, Listener]) -> None:
+    worker, listener = desk
+    worker.send(commands.TakeSize(3))
+    listener.wait(snapshots.Notice, lambda n: "No size was fitted" in n.text)
+    worker.send(commands.Track(0, 1, 0))  # a single frame tells no size
+    listener.wait(snapshots.Notice, lambda n: n.title == "Frame 0 is fitted")
+    assert worker.document.offered_scale is None

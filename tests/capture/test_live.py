@@ -1,0 +1,164 @@
+"""Running cameras: the newest images make a frame, what comes too fast is counted, a camera may fail. By events, not by seconds."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+
+from handtrack.capture.live.devices import PlayedFile, open_device
+from handtrack.capture.live.live_camera import LiveCamera
+from handtrack.capture.live.live_feed import CameraCount, LiveFeed, LiveImages
+from handtrack.errors import HandtrackError
+from tests.app.waiting import eventually
+from tests.live_cameras import SIZE, ScriptedDevice, clip
+
+
+class Desk:
+    """Two scripted cameras with a clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.devices = {"left": ScriptedDevice(), "right": ScriptedDevice()}
+        cameras = [
+            LiveCamera(name, device, SIZE, clock=lambda: self.now)
+            for name, device in self.devices.items()
+        ]
+        self.feed = LiveFeed(cameras, tolerance_s=0.05)
+        self.feed.start()
+        for device in self.devices.values():
+            device.begin()
+
+    def show(self, value: int, *names: str) -> None:
+        for name in names or tuple(self.devices):
+            self.devices[name].show(value)
+
+    def values(self, frame: int) -> dict[str, int]:
+        sources = {camera.name: LiveImages(self.feed, camera) for camera in self.feed.cameras}
+        seen = {name: source.read(frame) for name, source in sources.items()}
+        return {name: int(one[0, 0, 0]) for name, one in seen.items() if one is not None}
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    made = Desk()
+    yield made
+    for device in made.devices.values():
+        device.fail(9)
+    made.feed.close()
+
+
+def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk: Desk) -> None:
+    desk.feed.begin_counting()
+    for value in (1, 2, 3):
+        desk.show(value)
+    desk.feed.reach(0)
+    desk.show(4)
+    desk.feed.reach(1)
+    assert desk.values(0) == {"left": 3, "right": 3}
+    assert desk.values(1) == {"left": 4, "right": 4}
+    assert desk.feed.counts["left"] == CameraCount(used=2, dropped=2)
+    assert desk.feed.known == range(2)
+
+
+def test_nobody_is_blamed_for_images_before_counting_began(desk: Desk) -> None:
+    for value in (1, 2, 3):
+        desk.show(value)
+    desk.feed.begin_counting()
+    assert desk.feed.make_next(0.0) is None  # what waited is old
+    desk.show(4)
+    desk.feed.reach(0)
+    assert desk.feed.counts["right"] == CameraCount(used=1)
+
+
+def test_an_image_that_is_too_old_for_the_others_is_missing(desk: Desk) -> None:
+    desk.feed.begin_counting()
+    desk.show(1, "left")
+    desk.now = 0.06
+    desk.show(2, "right")
+    desk.feed.reach(0)
+    assert desk.values(0) == {"right": 2}
+    assert desk.feed.counts["left"] == CameraCount(missing=1)
+    desk.now = 0.10
+    desk.show(3, "right")
+    desk.feed.reach(1)  # the other camera is waited for, as long as the tolerance
+    assert desk.values(1) == {"right": 3}
+    assert desk.feed.time_s(1) == pytest.approx(0.04)
+
+
+def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk: Desk) -> None:
+    desk.feed.begin_counting()
+    desk.devices["left"].fail(3)
+    eventually(lambda: bool(desk.feed.gone), "the camera is gone")
+    assert desk.feed.gone == (
+        "camera 'left' gives no more images: it was unplugged, or a file is at its end.",
+    )
+    assert desk.devices["left"].released
+    desk.show(5, "right")
+    desk.feed.reach(0)
+    assert desk.values(0) == {"right": 5}
+    desk.devices["right"].fail(3)
+    with pytest.raises(HandtrackError, match=r"camera 'left' gives no more.*camera 'right' gives"):
+        desk.feed.reach(1)
+
+
+def test_one_bad_read_is_no_end(desk: Desk) -> None:
+    desk.feed.begin_counting()
+    desk.devices["left"].fail(2)
+    desk.show(7)
+    desk.feed.reach(0)
+    assert desk.values(0)["right"] == 7
+    assert desk.feed.gone == ()
+
+
+def test_old_images_are_forgotten_and_their_frames_known_a_while(desk: Desk) -> None:
+    for value in range(40):
+        desk.show(value)
+        desk.feed.reach(value)
+    assert desk.values(0) == {}
+    assert desk.values(39) == {"left": 39, "right": 39}
+    assert desk.feed.known == range(40)
+
+
+def test_a_file_is_played_at_its_own_pace(tmp_path: Path, monkeypatch) -> None:
+    now, waits = [100.0], []
+    device = PlayedFile(cv2.VideoCapture(str(clip(tmp_path / "a.avi"))), 2.0, lambda: now[0])
+
+    def wait(seconds: float) -> None:
+        waits.append(round(seconds, 6))
+        now[0] += seconds
+
+    monkeypatch.setattr(device, "_released", _Waiting(wait))
+    shown = [device.read() for _ in range(6)]
+    assert [one is not None for one in shown] == [True] * 5 + [False]
+    # the second starts the clock, the next ones are due every 1 / 40 s
+    assert waits == [0.025, 0.025, 0.025, 0.025]
+
+
+class _Waiting:
+    def __init__(self, wait: Callable[[float], None]) -> None:
+        self.wait = wait
+
+    def is_set(self) -> bool:
+        return False
+
+
+def test_what_cannot_be_opened_or_does_not_fit_is_told(tmp_path: Path) -> None:
+    with pytest.raises(
+        HandtrackError, match=r"camera 'a': 'nowhere.avi' cannot be opened as a camera.*--camera"
+    ):
+        open_device("nowhere.avi", SIZE, "camera 'a'")
+    device = open_device(str(clip(tmp_path / "a.avi")), (64, 48), "camera 'a'")
+    with pytest.raises(
+        HandtrackError, match=r"camera 'a': the image is 64 x 48, but .* calibrated for 640 x 480"
+    ):
+        LiveCamera("a", device, (640, 480))
+    silent = ScriptedDevice()
+    silent._images = queue.Queue()
+    silent.fail()
+    with pytest.raises(HandtrackError, match=r"camera 'a': it was opened, but gives no image"):
+        LiveCamera("a", silent)
+    assert silent.released

@@ -1,0 +1,207 @@
+"""A live session is another source of what a recording gives: the same masks, the same tracking; and it becomes a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import handtrack.session.live.live_session as live_session
+from handtrack.arrays import Array
+from handtrack.errors import HandtrackError
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.live.live_recording import LiveRecording
+from handtrack.session.live.live_session import open_live
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from tests.live_cameras import ScriptedDevice
+from tests.session.small_session import make_session
+
+SKIN = (105, 135, 205)  # BGR
+
+
+def hand_image(x: int = 17) -> Array:
+    """A block of skin before grey."""
+    image = np.full((48, 64, 3), 90, np.uint8)
+    image[5:43, x : x + 30] = SKIN
+    return image
+
+
+class Studio:
+    """A live session of two scripted cameras."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.devices: dict[str, ScriptedDevice] = {}
+
+        def opened(device: str, *_: object) -> ScriptedDevice:
+            self.devices[device] = ScriptedDevice(hand_image())
+            return self.devices[device]
+
+        monkeypatch.setattr(live_session, "open_device", opened)
+        self.session = open_live(folder, {}, tolerance_s=10.0)
+        for device in self.devices.values():
+            device.begin()
+
+    def show(self, image: Array | None = None) -> int:
+        """Let both cameras show an image; return the frame made of it."""
+        feed = self.session.live
+        assert feed is not None
+        for device in self.devices.values():
+            device.show(hand_image() if image is None else image)
+        made = feed.make_next(10.0)
+        assert made is not None
+        return made.number
+
+    def close(self) -> None:
+        feed = self.session.live
+        assert feed is not None
+        for device in self.devices.values():
+            device.fail(9)
+        feed.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "desk").mkdir()
+    return make_session(tmp_path / "desk")
+
+
+@pytest.fixture
+def studio(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+    made = Studio(folder, monkeypatch)
+    yield made
+    made.close()
+
+
+def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studio: Studio) -> None:
+    session = studio.session
+    assert list(studio.devices) == ["0", "1"]
+    assert session.rig.names == ("cam0", "cam1")
+    assert session.truth is None
+    assert "The masks of cam0, cam1 are files of the recording" in session.warnings[0]
+    frame = studio.show()
+    seen = session.observation(frame)
+    assert [one.camera.name for one in seen.silhouettes] == ["cam0", "cam1"]
+    mask = session.mask("cam1", frame)
+    assert mask is not None
+    assert (mask[10:40, 20:44] == 255).all() and not mask[:, :10].any()
+    assert session.known_frames == range(frame + 1)
+
+
+def test_asking_for_the_next_frame_waits_for_it(studio: Studio) -> None:
+    first = studio.show()
+    for device in studio.devices.values():
+        device.show(hand_image(5))
+    seen = studio.session.observation(first + 1)
+    assert len(seen.silhouettes) == 2
+    assert seen.time_s > studio.session.time_s(first)
+    image = studio.session.image("cam0", first + 1)
+    assert image is not None and tuple(image[20, 6]) == SKIN
+
+
+def test_a_missing_camera_is_a_missing_observation(studio: Studio) -> None:
+    studio.show()
+    feed = studio.session.live
+    assert feed is not None
+    feed.tolerance_s = 0.001
+    studio.devices["1"].show(hand_image())
+    made = feed.make_next(10.0)
+    assert made is not None
+    seen = studio.session.observation(made.number)
+    assert [one.camera.name for one in seen.silhouettes] == ["cam1"]
+    assert feed.counts["cam0"].missing == 1
+
+
+def recorded(studio: Studio, folder: Path) -> LiveRecording:
+    recording = LiveRecording(folder, studio.session)
+    assert studio.session.live is not None
+    studio.session.live.on_frame = recording.add
+    return recording
+
+
+def test_a_recording_opens_as_a_session_with_its_poses(studio: Studio, tmp_path: Path) -> None:
+    run = TrackingRun.open(
+        studio.session,
+        {"model.fit_size": False, "solver.iterations": 2, "tracker.recovery": False},
+        use_init=False,
+    )
+    studio.show()  # before recording began
+    recording = recorded(studio, tmp_path / "new")
+    frames = [studio.show(hand_image(x)) for x in (10, 14, 18)]
+    results = run.track(range(frames[0], frames[-1] + 1), frames[0], run.model.rest_params())
+    for result in results:
+        recording.note(result)
+    words = recording.close(run)
+    assert f"3 frames with 3 poses are in {tmp_path / 'new'}" in words
+    again = Session.open(tmp_path / "new")
+    assert again.frame_count == 3
+    assert again.warnings == []
+    assert again.time_s(0) == 0.0 < again.time_s(1) < again.time_s(2)
+    for x, frame in ((10, 0), (18, 2)):
+        image = again.image("cam1", frame)
+        assert image is not None
+        assert np.abs(image[20, x + 4].astype(int) - SKIN).max() < 12  # the codec's
+    assert len(again.observation(1).silhouettes) == 2
+    assert TrackingRun.open(again).settings.solver.iterations == 2
+    track = read_npz(tmp_path / "new" / "tracks" / "poses.npz")
+    assert track.frame.tolist() == [0, 1, 2]
+
+
+def test_frames_without_a_camera_are_left_out_and_counted(studio: Studio, tmp_path: Path) -> None:
+    recording = recorded(studio, tmp_path / "new")
+    run = TrackingRun.open(studio.session, {"model.fit_size": False}, use_init=False)
+    studio.show()
+    feed = studio.session.live
+    assert feed is not None
+    feed.tolerance_s = 0.001
+    studio.devices["0"].show(hand_image())
+    assert feed.make_next(10.0) is not None
+    feed.tolerance_s = 10.0
+    studio.show()
+    assert recording.count == 2
+    assert "1 frames were left out: a camera showed nothing." in recording.close(run)
+    assert Session.open(tmp_path / "new").frame_count == 2
+
+
+def test_a_recording_of_nothing_leaves_nothing(studio: Studio, tmp_path: Path) -> None:
+    recording = recorded(studio, tmp_path / "new")
+    run = TrackingRun.open(studio.session, {"model.fit_size": False}, use_init=False)
+    assert recording.close(run) == "Nothing was recorded: no frame came."
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_recording_replaces_nothing(studio: Studio, folder: Path) -> None:
+    with pytest.raises(HandtrackError, match=r"desk is not empty; nothing was recorded.*--record"):
+        LiveRecording(folder, studio.session)
+
+
+def test_a_calibration_alone_will_do(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for path in ("session.toml", "init.json", "truth.npz"):
+        (folder / path).unlink()
+    studio = Studio(folder, monkeypatch)
+    assert studio.session.rig.names == ("cam0", "cam1")
+    assert studio.session.fps == 30.0
+    assert len(studio.session.observation(studio.show()).silhouettes) == 2
+    studio.close()
+
+
+@pytest.mark.parametrize(
+    ("devices", "words"),
+    [
+        ({"cam7": "0"}, "no camera 'cam7' in --camera cam7=0; known: cam0, cam1"),
+        ({"cam0": "0", "cam1": "0"}, "'0' is given to the cameras cam0 and cam1"),
+    ],
+)
+def test_cameras_that_cannot_be_meant_are_told(folder: Path, devices, words: str) -> None:
+    with pytest.raises(HandtrackError) as error:
+        open_live(folder, devices)
+    assert words in str(error.value)
+
+
+def test_a_folder_without_calibration_is_told(tmp_path: Path) -> None:
+    with pytest.raises(
+        HandtrackError, match=r"no calibration.toml there; a live source needs calibrated cameras"
+    ):
+        open_live(tmp_path, {})

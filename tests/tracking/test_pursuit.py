@@ -1,0 +1,154 @@
+"""Searches beside: what comes out is what stepping gives, whatever they find and however long they take."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.pursuit import Pursuit
+
+COUNT = 60
+AHEAD = Control().ahead
+
+
+@dataclass
+class Path:
+    """A tracker whose pose is the sum of all frames so far; a search that finds something adds 1000."""
+
+    due: frozenset[int] = frozenset()
+    finds: frozenset[int] = frozenset()
+    gate: threading.Event = field(default_factory=threading.Event)
+    """searches wait for it"""
+    glanced: list[int] = field(default_factory=list)
+
+    def expected_bones(self, state, frame):
+        return None
+
+    def glance(self, state, seen, control):
+        self.glanced.append(seen)
+        after = state + seen
+        return after, self._result(seen, after), seen in self.due
+
+    def step(self, state, seen, control):
+        if seen in self.due:
+            while not self.gate.wait(0.001) and not control.should_stop():
+                pass
+            if control.on_search is not None:
+                control.on_search((seen, state))
+        after = state + seen + 1000 * (seen in self.finds)
+        return after, self._result(seen, after)
+
+    @staticmethod
+    def _result(frame, pose):
+        return SimpleNamespace(
+            frame=frame, parameters=np.array([pose]), status=Status.TRACKED, reason=None
+        )
+
+
+def observe(frame, _bones):
+    return frame
+
+
+def poses(path, threads, monkeypatch, observe=observe, count=COUNT, **more):
+    monkeypatch.setenv("HANDTRACK_THREADS", str(threads))
+    pursuit = Pursuit(path, observe, 0, Control(**more))
+    return [(r.frame, r.parameters[0]) for _, r in pursuit.frames(range(count))]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_same_comes_out_whatever_is_due_and_found(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    due = frozenset(np.flatnonzero(rng.random(COUNT) < rng.choice([0.05, 0.3, 1.0])).tolist())
+    path = Path(due, frozenset(f for f in due if rng.random() < 0.3))
+    path.gate.set()
+    told = {1: [], 2: [], 3: []}
+    one = poses(path, 1, monkeypatch, on_search=told[1].append)
+    for threads in (2, 3):
+        assert poses(path, threads, monkeypatch, on_search=told[threads].append) == one
+        assert told[threads] == told[1]  # in the frames' order, and none of a frame solved anew
+
+
+def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
+    path, early = Path(frozenset({3}), frozenset({3})), []
+
+    def show(result):
+        early.append((result.frame, result.parameters[0]))
+        if result.frame == 3 + AHEAD:
+            path.gate.set()
+
+    found = poses(path, 2, monkeypatch, on_early=show)
+    assert [f for f, _ in early[: 4 + AHEAD]] == list(range(4 + AHEAD))  # nothing waited
+    assert dict(early) == dict(found)  # the last that is shown of a frame holds
+    assert path.glanced.count(5) == 2
+    assert path.glanced.count(2) == 1
+
+
+def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
+    path = Path(frozenset({0, 16, 32, 48}))
+    path.gate.set()
+    poses(path, 2, monkeypatch)
+    assert path.glanced == list(range(COUNT))
+
+
+def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
+    path, early = Path(frozenset({3, 30}), frozenset({3, 30})), []
+
+    def show(result):
+        early.append(result.frame)
+        if result.frame == 40:
+            path.gate.set()
+            time.sleep(0.2)
+
+    found = poses(path, 2, monkeypatch, on_early=show, waits=False)
+    assert early[:41] == list(range(41))
+    assert dict(found)[29] == sum(range(30))  # what would have been found in frame 3 came too late
+    assert dict(found)[30] == sum(range(31)) + 1000
+
+
+def test_a_frame_that_cannot_be_read_is_told_after_those_before_it(monkeypatch):
+    """What was read in vain beyond a frame that is solved anew is not told at all, if it is not met again."""
+    path, broken = Path(frozenset({1})), []
+
+    def read(frame, _bones):
+        if frame == 4:
+            path.gate.set()
+            raise HandtrackError("frame 4 is damaged")
+        return frame
+
+    monkeypatch.setenv("HANDTRACK_THREADS", "2")
+    with pytest.raises(HandtrackError, match="frame 4"):
+        for _, result in Pursuit(path, read, 0, Control()).frames(range(COUNT)):
+            broken.append(result.frame)
+    assert broken == [0, 1, 2, 3]
+
+
+def test_a_mistake_within_a_search_is_told(monkeypatch):
+    class Broken(Path):
+        def step(self, state, seen, control):
+            raise ValueError("a mistake")
+
+    with pytest.raises(ValueError, match="a mistake"):
+        poses(Broken(frozenset({2})), 2, monkeypatch)
+
+
+def test_stopping_and_leaving_early_end_the_searches(monkeypatch):
+    before = threading.active_count()
+    path = Path(frozenset({2}))  # its search waits for ever
+    stop = []
+    found = poses(
+        path, 2, monkeypatch, should_stop=lambda: bool(stop),
+        on_early=lambda result: stop.append(1) if result.frame == 6 else None,
+    )  # fmt: skip
+    assert [frame for frame, _ in found] == [0, 1]
+    left = Pursuit(replace(path), observe, 0, Control()).frames(range(COUNT))
+    next(left)
+    left.close()
+    assert threading.active_count() == before
