@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
-from handtrack.session.track_files import file_digest, import_tracks
+from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
@@ -30,7 +30,11 @@ def run(args: argparse.Namespace) -> int:
     """List the takes, or do with them what the options say."""
     session = Session.open(args.session)
     folder = session.folder / TRACKS_FOLDER
-    frames = None if args.frames is None else parse_frames(args.frames, session.frame_range, session.folder)
+    frames = (
+        None
+        if args.frames is None
+        else parse_frames(args.frames, session.frame_range, session.folder)
+    )
     if frames is not None and args.restore is None and args.compare is None:
         raise HandtrackError("--frames goes with --restore or --compare.")
     if args.restore is not None:
