@@ -28,6 +28,7 @@ from handtrack_app.rerun.recorder import LiveRecorder
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
+_STOP_S = 15.0  # a recording of running cameras is completed at the end
 
 
 class Workbench:
@@ -95,7 +96,7 @@ class Workbench:
         """End everything."""
         self._stopping.set()
         self.player.stop()
-        self.worker.stop()
+        self.worker.stop(_STOP_S)
         if self._recorder is not None:
             self._recorder.close()
         self._thread.join(5.0)

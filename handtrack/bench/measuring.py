@@ -24,7 +24,9 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")}
+_ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")
+} | {"HANDTRACK_THREADS": "1"}
 
 
 def data_folder() -> Path:
@@ -43,11 +45,14 @@ def recording(name: str) -> Session:
     return Session.open(data_folder() / "sessions" / name)
 
 
-def alone(module: str, *words: str) -> dict[str, Any]:
-    """Return the figures that a module prints as JSON, run in a process of its own with one thread."""
+def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
+    """Return the figures that a module prints as JSON, run in a process of its own; BLAS has one thread there, and all
+    else too, unless all cores are wanted.
+    """
+    threads = {k: v for k, v in _ONE_THREAD.items() if not (all_cores and k.startswith("NUMBA"))}
     done = subprocess.run(
         [sys.executable, "-m", module, *words],
-        env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=True,
+        env=os.environ | threads, capture_output=True, text=True, check=True,
     )  # fmt: skip
     return json.loads(done.stdout.splitlines()[-1])
 

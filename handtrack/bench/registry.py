@@ -23,6 +23,7 @@ _QUICK = {
     "frame_p99_vs_median": "speed.frames",
     "pixels_64x": "speed.iterations",
     "pixels_64x_prepare": "speed.iterations",
+    "growth": "speed.iterations",
     "cloud_iteration_vs_blas": "clouds.cloud_speed",
     "cloud_solve_vs_scipy": "clouds.cloud_speed",
     "cloud_lm_iteration_vs_blas": "clouds.cloud_speed",
@@ -32,6 +33,7 @@ _QUICK = {
 _LONG = {
     "cloud_frame_vs_blas": "speed.frames",
     "two_cores": "speed.frames",
+    "as_if_live": "speed.as_if_live",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
     "field_recovery": "silhouettes.field_recovery",

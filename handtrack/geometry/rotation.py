@@ -6,12 +6,17 @@ A rotation vector here carries the *full* angle: ‖r‖ is the angle turned. Th
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial.transform import Rotation
+import math
 
-from handtrack.arrays import D3, D4, Axes, Floats
+import numpy as np
+
+from handtrack.arrays import D3, D4, Axes, Floats, N
 
 _SERIES_BELOW = 1e-4  # [rad]; the dropped terms are below 1e-17 there
+_HALF_SERIES_BELOW = 1e-3  # [rad]
+_NO_ROTATION = 1e-12 + 1e-5 * np.eye(
+    3
+)  # further from R Rᵀ = 1 a matrix gives way to the nearest rotation
 
 
 def skew(vector: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
@@ -37,9 +42,19 @@ def rotation_matrix(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
 
 def rotation_vector(matrix: Floats[*Axes, D3, D3]) -> Floats[*Axes, D3]:
     """Return the rotation vectors, angle in [0, π], of rotation matrices."""
-    matrix = np.asarray(matrix, dtype=float)
-    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec()
-    return flat.reshape(*matrix.shape[:-2], 3)
+    quaternion = quaternion_wxyz(matrix)
+    flat = quaternion.reshape(-1, 4)
+    flat = np.where(flat[:, :1] < 0, -flat, flat)
+    scales = [_twice_angle_by_sine(*row) for row in flat.tolist()]
+    return (np.reshape(scales, (-1, 1)) * flat[:, 1:]).reshape(*quaternion.shape[:-1], 3)
+
+
+def _twice_angle_by_sine(w: float, x: float, y: float, z: float) -> float:
+    """Return by what a unit quaternion's vector part is multiplied to give the rotation vector. w: not negative."""
+    angle = 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), w)
+    if angle <= _HALF_SERIES_BELOW:
+        return 2.0 + angle * angle / 12.0 + 7.0 * angle * angle * angle * angle / 2880.0
+    return angle / math.sin(angle / 2.0)
 
 
 def left_jacobian(rotvec: Floats[D3]) -> Floats[D3, D3]:
@@ -59,15 +74,56 @@ def left_jacobian(rotvec: Floats[D3]) -> Floats[D3, D3]:
 def quaternion_wxyz(matrix: Floats[*Axes, D3, D3]) -> Floats[*Axes, D4]:
     """Return unit quaternions (w, x, y, z) of rotation matrices."""
     matrix = np.asarray(matrix, dtype=float)
-    xyzw = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat()
-    return np.roll(xyzw, 1, axis=-1).reshape(*matrix.shape[:-2], 4)
+    flat = _orthogonal(matrix.reshape(-1, 3, 3))
+    diagonal = flat[:, range(3), range(3)]
+    trace = diagonal[:, 0] + diagonal[:, 1] + diagonal[:, 2]
+    largest = np.argmax(np.column_stack([diagonal, trace]), axis=1)
+    quaternion = np.empty((len(flat), 4))
+    for i in set(
+        largest.tolist()
+    ):  # by the largest of the four, so that nothing small is divided by
+        rows, j, k = largest == i, (i + 1) % 3, (i + 2) % 3
+        m = flat[rows]
+        if i == 3:
+            quaternion[rows, 0] = 1.0 + trace[rows]
+            quaternion[rows, 1] = m[:, 2, 1] - m[:, 1, 2]
+            quaternion[rows, 2] = m[:, 0, 2] - m[:, 2, 0]
+            quaternion[rows, 3] = m[:, 1, 0] - m[:, 0, 1]
+            continue
+        quaternion[rows, 0] = m[:, k, j] - m[:, j, k]
+        quaternion[rows, 1 + i] = 1.0 - trace[rows] + 2.0 * m[:, i, i]
+        quaternion[rows, 1 + j] = m[:, j, i] + m[:, i, j]
+        quaternion[rows, 1 + k] = m[:, k, i] + m[:, i, k]
+    return _unit(quaternion).reshape(*matrix.shape[:-2], 4)
+
+
+def _orthogonal(matrix: Floats[N, D3, D3]) -> Floats[N, D3, D3]:
+    """Return the matrices with those that are no rotations replaced by the nearest ones."""
+    gram = np.einsum("nij,nkj->nik", matrix, matrix)
+    off = (np.abs(gram - np.eye(3)) > _NO_ROTATION).any(axis=(1, 2))
+    if not off.any():
+        return matrix
+    u, _, vt = np.linalg.svd(matrix[off])
+    nearest = matrix.copy()
+    nearest[off] = u @ vt
+    return nearest
+
+
+def _unit(quaternion: Floats[N, D4]) -> Floats[N, D4]:
+    w, x, y, z = quaternion.T
+    return quaternion / np.sqrt(x * x + y * y + z * z + w * w)[:, None]
 
 
 def matrix_from_quaternion(wxyz: Floats[*Axes, D4]) -> Floats[*Axes, D3, D3]:
     """Return the rotation matrices of quaternions (w, x, y, z)."""
     wxyz = np.asarray(wxyz, dtype=float)
-    flat = Rotation.from_quat(np.roll(wxyz.reshape(-1, 4), -1, axis=-1)).as_matrix()
-    return flat.reshape(*wxyz.shape[:-1], 3, 3)
+    w, x, y, z = _unit(wxyz.reshape(-1, 4)).T
+    rows = [
+        x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w),
+        2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w),
+        2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w,
+    ]  # fmt: skip
+    return np.stack(rows, axis=-1).reshape(*wxyz.shape[:-1], 3, 3)
 
 
 def wrapped(rotvec: Floats[D3]) -> Floats[D3]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from handtrack.arrays import F, Floats, S
 from handtrack.errors import unknown_name
@@ -62,6 +61,8 @@ def body_motion(
     Angles pass through the poses without overshoot; the pelvis stays near the world's origin, where it sways and turns
     (`wander` = 1: about 6 cm and 7°, and a quarter turn there and back; 0: it stays).
     """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
     if name not in BODY_MOTIONS:
         raise unknown_name("motion of a body", name, tuple(BODY_MOTIONS))
     keys = np.stack([body_pose(model, pose) for pose in BODY_MOTIONS[name]])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from handtrack.arrays import F, Floats, S
 from handtrack.errors import unknown_name
@@ -29,6 +28,8 @@ def motion(
     Angles pass through the poses without overshoot; the palm stays near the world's origin, its back
     turned to +z, and wanders smoothly (`wander` = 1: about 2 cm and 15°; 0: the root stays).
     """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
     if name not in MOTIONS:
         raise unknown_name("motion", name, tuple(MOTIONS))
     keys = np.stack([named_pose(model, pose) for pose in MOTIONS[name]])

@@ -90,6 +90,15 @@ def test_randomness_has_a_seed():
         ), path
 
 
+def test_what_takes_long_to_import_waits_until_it_is_used():
+    """No file that opening or tracking loads imports these at its beginning; boards and simulated scenes may."""
+    slow = re.compile(r"^(?:import|from) (scipy|skimage|trimesh|networkx|rerun)\b", re.MULTILINE)
+    free = ("bench", "calibration", "scenes")
+    paths = [*CORE.rglob("*.py"), *(REPOSITORY / "app").rglob("*.py")]
+    early = [p for p in paths if slow.search(p.read_text(encoding="utf-8"))]
+    assert {p for p in early if not set(p.parts) & set(free)} == set()
+
+
 def test_the_picture_of_the_rooms_shows_arrows_that_exist():
     """`a --> b`: b imports a, itself or in one of its inner rooms."""
     (chart,) = re.findall(r"```mermaid\nflowchart LR\n(.*?)```", PAGE, re.DOTALL)

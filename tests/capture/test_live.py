@@ -121,6 +121,7 @@ def test_old_images_are_forgotten_and_their_frames_known_a_while(desk: Desk) -> 
     assert desk.values(0) == {}
     assert desk.values(39) == {"left": 39, "right": 39}
     assert desk.feed.known == range(40)
+    assert desk.feed.with_images == range(8, 40)
 
 
 def test_a_file_is_played_at_its_own_pace(tmp_path: Path, monkeypatch) -> None:

@@ -43,6 +43,22 @@ def test_the_map_is_right_to_a_fraction_of_a_voxel(rng):
     assert np.median(off) < 0.001 and off.max() < 0.0045
 
 
+@pytest.mark.parametrize("count", [1, 2, 40, 3000])
+def test_each_node_has_the_distance_to_its_nearest_filled_cell(rng, count):
+    low, high = np.array([-0.05, -0.07, -0.03]), np.array([0.04, 0.08, 0.06])
+    cloud = rng.uniform(low, high, size=(count, 3)) * [0.4, 0.9, 0.6]
+    field = distance_map(cloud, low, high)
+    cells = np.rint((cloud - field.low) / field.spacing).astype(int)
+    filled, member = np.unique(cells, axis=0, return_inverse=True)
+    mean = np.array([cloud[member.ravel() == m].mean(axis=0) for m in range(len(filled))])
+    nodes = np.moveaxis(np.indices(field.values.shape), 0, -1)
+    squares = ((nodes[..., None, :] - filled) ** 2).sum(axis=-1)
+    off = np.linalg.norm(nodes[..., None, :] * field.spacing + field.low - mean, axis=-1)
+    nearest = squares == squares.min(axis=-1, keepdims=True)  # of several, any
+    agrees = np.abs(off - field.values[..., None]) < 1e-7
+    assert (nearest & agrees).any(axis=-1).all()
+
+
 def test_the_map_is_trilinear_and_goes_on_beyond_its_border(rng):
     cloud = rng.uniform(*BOX, size=(40, 3))
     field = distance_map(cloud, *BOX, spacing_m=0.01)

@@ -17,6 +17,7 @@ from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.inverse_kinematics import reach, tip_names
 from handtrack_app.engine.run import Run
+from handtrack_app.engine.timeline import TrackedRows
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
 
@@ -88,6 +89,8 @@ class Document:
         self.found: dict[int, Floats] = {}
         """poses that a search found, by frame: they stand in `by_hand`, and are called found until they are edited"""
         self.results: dict[int, FrameResult] = {}
+        self.rows = TrackedRows(self.frames)
+        """what the timeline knows of them"""
         self.limits: dict[str, tuple[float, float]] = {}
         self._other_models: dict[tuple[str, ...], ModelWork] = {}
         """by the parameters of the model that it was made with"""

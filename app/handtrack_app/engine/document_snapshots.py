@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, F, Floats, K
+from handtrack.arrays import D3, D21, Floats, K
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -126,23 +126,24 @@ def _origin(document: Document, frame: int) -> str:
 
 def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
-    count = len(document.frames)
-    status = np.full(count, -1, dtype=np.int64)
-    energy, error = np.full(count, np.nan), np.full(count, np.nan)
-    for frame, result in document.results.items():
-        i = frame - document.frames.start
-        if 0 <= i < count:
-            status[i], energy[i] = int(result.status), result.energy
-            found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-            error[i] = mean_error_mm(found, truth_at(document, frame))
+    rows = document.rows
+
+    def tracked_error(result: FrameResult) -> float:
+        found = result.joint_positions if result.keypoints21 is None else result.keypoints21
+        return mean_error_mm(found, truth_at(document, result.frame))
+
+    rows.follow(document.results, tracked_error, energy_parts)
+    error = rows.error_mm.copy()
     for frame, values in document.by_hand.items():
         error[frame - document.frames.start] = _error_mm(
             document, frame, document.model.bones(params_of(document.model, values))
         )
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
-    parts = energy_parts(document.results, document.frames)
-    return TimelineSnapshot(document.frames.start, status, energy, error, hand, parts, found)
+    terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
+    return TimelineSnapshot(
+        document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found
+    )
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
@@ -161,8 +162,10 @@ def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
         points = truth.joint_positions
     if truth is None or points is None:
         return None
-    row = np.flatnonzero(truth.frame == frame)
-    return points[row[0]] if len(row) else None
+    row = frame - int(truth.frame[0]) if len(truth.frame) else 0  # where none is left out
+    if not (0 <= row < len(truth.frame) and truth.frame[row] == frame):
+        row = next(iter(np.flatnonzero(truth.frame == frame)), -1)
+    return points[row] if row >= 0 else None
 
 
 # ---- facts of a frame
@@ -183,16 +186,12 @@ def mean_error_mm(found: Floats[K, D3] | None, truth: Floats[K, D3] | None) -> f
     return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
 
 
-def energy_parts(results: Mapping[int, FrameResult], frames: range) -> dict[str, Floats[F]]:
-    """Return the energy's parts of frames in words, NaN where a frame has none."""
-    parts: dict[str, Floats] = {}
-    for frame, result in results.items():
-        if frame not in frames:
-            continue
-        for name, cost in result.energies.items():
-            row = parts.setdefault(TERM_WORDS.get(name, name), np.full(len(frames), np.nan))
-            i = frame - frames.start
-            row[i] = np.nan_to_num(row[i]) + cost
+def energy_parts(result: FrameResult) -> dict[str, float]:
+    """Return the parts of a frame's energy by their words."""
+    parts: dict[str, float] = {}
+    for name, cost in result.energies.items():
+        word = TERM_WORDS.get(name, name)
+        parts[word] = parts.get(word, 0.0) + cost
     return parts
 
 

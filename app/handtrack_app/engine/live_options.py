@@ -17,3 +17,5 @@ class LiveOptions:
     """how far apart the images of one frame may be"""
     record: Path | None = None
     """a new folder to record to from the start"""
+    rate: float = 1.0
+    """how many times faster than their pace video files are played, to measure by"""

@@ -30,15 +30,15 @@ class ThreeViews:
     start: Floats[P]
 
     @classmethod
-    def of(cls, size: tuple[int, int] = (640, 480)) -> ThreeViews:
-        """Return the scene with images of that width and height."""
+    def of(cls, size: tuple[int, int] = (640, 480), cameras: int = 3) -> ThreeViews:
+        """Return the scene with images of that width and height; growth is measured with more cameras, too."""
         model = load_model()
         truth = model.rest_params()
         truth[1] -= 0.09  # the hand's middle to the world's origin, where the cameras look
-        cameras = simulated_rig(3, size, 0.4).cameras
+        rig = simulated_rig(cameras, size, 0.4).cameras
         off = np.random.default_rng(1).normal(size=len(truth))
         off *= np.where(np.arange(len(off)) < 3, 0.005, np.deg2rad(5.0))  # [m], [rad]
-        seen = tuple(mask_views(model, truth, cameras).silhouettes)
+        seen = tuple(mask_views(model, truth, rig).silhouettes)
         return cls(model, seen, model.clipped(truth + off))
 
     def prepared(self) -> list[PreparedSilhouette]:

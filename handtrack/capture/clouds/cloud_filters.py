@@ -11,9 +11,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from handtrack.arrays import D3, Array, C, Floats, Ints, N
 from handtrack.capture.clouds.point_cloud import PointCloud
@@ -277,6 +274,8 @@ def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0)
     """
     if len(points) <= neighbours:
         return np.ones(len(points), bool)  # too few to tell
+    from scipy.spatial import KDTree
+
     seen = random_part(len(points), _TREE_MOST, seed)
     tree = KDTree(points[seen])
     distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
@@ -294,6 +293,8 @@ def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
 
 def _parts(points: Floats, link_m: float) -> Ints:
     """Return the number of each point's part (N,), parts being groups of touching cells."""
+    from scipy.spatial import KDTree
+
     _, first, index = np.unique(
         cell_numbers(points, link_m), return_index=True, return_inverse=True
     )
@@ -315,5 +316,8 @@ def _nearest(points: Floats, distance: Floats, link_m: float, least: float) -> t
 
 
 def _connected(count: int, pairs: Array) -> Ints:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (count, count))
     return connected_components(graph, directed=False)[1].astype(np.int64)

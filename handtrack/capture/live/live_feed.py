@@ -60,7 +60,8 @@ class LiveFeed:
     _frames: OrderedDict[int, LiveFrame] = field(default_factory=OrderedDict)
     _times: OrderedDict[int, float] = field(default_factory=OrderedDict)
     _made: int = 0
-    _zero_s: float | None = None
+    zero_s: float = -1.0
+    """of the clock, when the first frame was taken; −1 before"""
 
     def __post_init__(self) -> None:
         self.counts = {camera.name: CameraCount() for camera in self.cameras}
@@ -73,12 +74,19 @@ class LiveFeed:
     def close(self) -> None:
         """End reading."""
         for camera in self.cameras:
+            camera.stop(0.0)  # all of them are asked before one is waited for
+        for camera in self.cameras:
             camera.stop()
 
     @property
     def known(self) -> range:
         """The frames made so far; the oldest are forgotten."""
         return range(max(self._made - _KEPT_TIMES, 0), self._made)
+
+    @property
+    def with_images(self) -> range:
+        """Those of them whose images are still there."""
+        return range(max(self._made - _KEPT_IMAGES, 0), self._made)
 
     @property
     def gone(self) -> tuple[str, ...]:
@@ -142,13 +150,13 @@ class LiveFeed:
         return all(camera.has_new or camera.gone for camera in self.cameras)
 
     def _add(self, images: Mapping[str, Array], clock_s: float, counts: bool) -> LiveFrame:
-        if self._zero_s is None:
-            self._zero_s = clock_s
+        if self.zero_s < 0:
+            self.zero_s = clock_s
         connected = tuple(camera.name for camera in self.cameras if not camera.gone)
         # two frames may not have one time
         last = next(reversed(self._times.values()), -1.0)
         made = LiveFrame(
-            self._made, max(clock_s - self._zero_s, last + 1e-6, 0.0), images, connected
+            self._made, max(clock_s - self.zero_s, last + 1e-6, 0.0), images, connected
         )
         for camera in self.cameras:
             with self._changed:

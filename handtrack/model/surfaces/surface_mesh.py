@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from skimage.measure import marching_cubes
 
 from handtrack.arrays import D3, F, Floats, Ints, N, V
 from handtrack.errors import HandtrackError
@@ -65,6 +64,8 @@ def surface_mesh(
 
     Vertices are then moved onto the surface itself, so that the grid's linear interpolation leaves no trace.
     """
+    from skimage.measure import marching_cubes
+
     low, shape = _grid(surface, bones, spacing_m)
     axes = [low[i] + spacing_m * np.arange(shape[i]) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

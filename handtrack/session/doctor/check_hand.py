@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats
 from handtrack.capture.images.frame_notes import listed
@@ -91,6 +90,8 @@ def _misses_cloud(session: Session, frame: int, points: Floats) -> list[str]:
     cloud = session.measured_cloud(frame)
     if cloud is None or not len(cloud):
         return []
+    from scipy.spatial import KDTree
+
     away = float(np.median(KDTree(cloud.points).query(points)[0]))
     if away <= _FAR_FROM_CLOUD_M:
         return []

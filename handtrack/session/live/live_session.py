@@ -56,6 +56,11 @@ class LiveSession(Session):
         """One more than the last frame made so far."""
         return self._feed.known.stop
 
+    @property
+    def frame_range(self) -> range:
+        """The frames whose images are still there: where a hand may be looked for."""
+        return self._feed.with_images
+
     def time_s(self, frame: int) -> float:
         """Return when a frame was taken, since the cameras were started [s]."""
         known = self._feed.time_s(frame)

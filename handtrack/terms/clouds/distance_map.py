@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import D3, Array, Floats, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
-from handtrack.terms.clouds.distance_map_kernels import distances_to, interpolate
+from handtrack.terms.clouds.distance_map_kernels import interpolate
+from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_distances
 
 SPACING_M = 0.004
 MOST_VOXELS = 8_000_000
-"""The grid gets coarser rather than larger; about 200 MB are in use while this many are computed."""
+"""The grid gets coarser rather than larger; about 150 MB are in use while this many are computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +53,10 @@ def distance_map(
 ) -> DistanceMap:
     """Return the distance map of points in the box low, high, world [m]. 2004 paper, section 4.
 
-    The nearest filled voxel comes from an exact distance transform; the distance is that to the mean of the points
+    The nearest filled voxel is found exactly; the distance is that to the mean of the points
     in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.
     """
+
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.isfinite([low, high]).all() and (high > low).all() and spacing_m > 0):
         raise HandtrackError(
@@ -73,15 +74,7 @@ def distance_map(
     points = points[inside]
     if not len(points):
         return DistanceMap(low, spacing, np.zeros((0, 0, 0), np.float32))
-    cell = np.rint((points - low) / spacing).astype(np.int64)
-    filled, member = np.unique(np.ravel_multi_index(tuple(cell.T), shape), return_inverse=True)
-    counts = np.bincount(member)
-    mean = [np.bincount(member, points[:, i]) / counts for i in range(3)]
-    empty = np.ones(shape, bool)
-    empty.reshape(-1)[filled] = False
-    nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
-    place = np.zeros(shape, np.int32)
-    place.reshape(-1)[filled] = np.arange(len(filled))
-    values = np.empty(shape, np.float32)
-    distances_to(np.stack(mean, axis=1), place, nearest, low, spacing, values)
+    place, values = np.empty(shape, np.int32), np.empty(shape, np.float32)
+    mean = fill_cells(np.ascontiguousarray(points), low, spacing, place)
+    fill_distances(mean, place, low, spacing, values)
     return DistanceMap(low, spacing, values)

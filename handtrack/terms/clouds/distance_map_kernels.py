@@ -56,22 +56,6 @@ def look_up(values, low, spacing, x, y, z):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def distances_to(mean, place, nearest, low, spacing, values):  # pragma: no cover - compiled
-    """Fill values (X, Y, Z): each node's distance to the mean (M, 3) of the points in its nearest filled cell.
-
-    nearest: (3, X, Y, Z) that cell; place: (X, Y, Z) its row of `mean`.
-    """
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            for k in range(values.shape[2]):
-                m = place[nearest[0, i, j, k], nearest[1, i, j, k], nearest[2, i, j, k]]
-                x = mean[m, 0] - (low[0] + spacing * i)
-                y = mean[m, 1] - (low[1] + spacing * j)
-                z = mean[m, 2] - (low[2] + spacing * k)
-                values[i, j, k] = np.sqrt(x * x + y * y + z * z)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def interpolate(values, low, spacing, points, distance, gradient):  # pragma: no cover - compiled
     """Fill distance (N,) and gradient (N, 3) at points (N, 3)."""
     for n in range(points.shape[0]):

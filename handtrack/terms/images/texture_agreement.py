@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from handtrack.arrays import Array, N
 from handtrack.terms.images.carried_texture import Texture
@@ -19,6 +18,8 @@ def contradicts(texture: Texture, known: Texture, reach_m: float, tolerance: flo
     """
     if not len(texture.bone) or not len(known.bone):
         return np.zeros(len(texture.bone), bool)
+    from scipy.spatial import KDTree
+
     tree = KDTree(_with_bone(known))
     found = tree.query(_with_bone(texture), distance_upper_bound=reach_m)
     distance, nearest = np.asarray(found[0]), np.asarray(found[1])

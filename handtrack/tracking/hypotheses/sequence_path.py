@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from handtrack.arrays import F, Floats, Ints, P
 from handtrack.geometry.rotation import (
@@ -68,6 +67,8 @@ def smoothed(
     Minimises Σ (what each frame's observations cost, to second order) + ½ Σ |(x₊ − 2x + x₋)/push|², push the unknown
     acceleration a frame. Across jumps and missing frames nothing is smoothed. 2003 paper, §5.2, left it out.
     """
+    from scipy.linalg import solveh_banded
+
     x = np.array([hypothesis.params for hypothesis in path])
     turns = rotation_matrix(x[:, 3:6])
     jumped = [hypothesis.origin.endswith("jumped") for hypothesis in path]

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import closest_equivalent, wrapped
@@ -81,6 +80,8 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     term = seen.emptiness  # of the hand alone
     if term is None or not len(term.bone):
         return None
+    from scipy.spatial import KDTree
+
     surface = bones.to_world(term.bone, term.local)
     points = seen.prepared.points[:, : seen.prepared.count].T
     near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 import handtrack
-from handtrack_app.engine.document_snapshots import TERM_WORDS, energy_parts
+from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.document_snapshots import TERM_WORDS, energy_parts, timeline_snapshot
+from handtrack_app.engine.timeline import TrackedRows
 from handtrack_app.protocol.palette import TERMS
 from tests.app.fake_run import fake_document
 
@@ -64,7 +66,30 @@ def test_parts_with_the_same_words_are_summed(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
     costs = {"cloud_rays": 3.0, "rest": 1.0, "motion": 0.5}
-    parts = energy_parts({4: replace(result, energies=costs)}, range(3, 6))
+    document.results[4] = replace(result, energies=costs)
+    parts = timeline_snapshot(document).terms
     assert set(parts) == {"lines of sight", "priors"}
-    np.testing.assert_array_equal(parts["lines of sight"], [np.nan, 3.0, np.nan])
-    np.testing.assert_array_equal(parts["priors"], [np.nan, 1.5, np.nan])
+    np.testing.assert_array_equal(parts["lines of sight"][3:6], [np.nan, 3.0, np.nan])
+    np.testing.assert_array_equal(parts["priors"][3:6], [np.nan, 1.5, np.nan])
+
+
+def test_a_frame_is_looked_at_again_only_where_it_changed(tmp_path: Path) -> None:
+    document = fake_document(tmp_path)
+    results = list(document.run.track(range(3, 6), 3, document.model.rest_params()))
+    rows, asked = TrackedRows(document.frames), []
+
+    def error(result: FrameResult) -> float:
+        asked.append(result.frame)
+        return 1.0
+
+    def look(found: list[FrameResult]) -> list[int]:
+        asked.clear()
+        rows.follow({r.frame: r for r in found}, error, energy_parts)
+        return sorted(asked)
+
+    assert look(results) == [3, 4, 5]
+    changed = [replace(results[0], energies={"rest": 2.0}), *results[1:]]
+    assert look(changed) == [3]
+    assert rows.terms["priors"][3] == 2.0
+    assert look(results[1:]) == []
+    assert rows.status[3] == -1 and np.isnan([rows.error_mm[3], rows.terms["priors"][3]]).all()

@@ -11,8 +11,9 @@ import pytest
 from handtrack_app.engine.document_snapshots import session_snapshot, timeline_snapshot
 from handtrack_app.engine.job_control import summary
 from handtrack_app.page.panels.session import head
-from handtrack_app.page.panels.timeline import timeline_picture
+from handtrack_app.page.panels.timeline import cursor_picture, timeline_picture
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document
 
 IDLE = snapshots.ProgressSnapshot("idle", "Ready")
@@ -34,7 +35,7 @@ def test_one_camera_is_no_cameras(tmp_path: Path) -> None:
     [((), (), ()), ((11,), (), ("set by hand",)), ((11,), (11,), ("found",)), ((11, 12), (12,), ("set by hand", "found"))],
 )  # fmt: skip
 def test_given_frames_are_named_below_the_timeline(by_hand, found, words) -> None:
-    picture = timeline_picture(_strip(by_hand=by_hand, found=found), 10)
+    picture = timeline_picture(_strip(by_hand=by_hand, found=found))
     assert picture.count("<path") == len(by_hand)
     for word in ("set by hand", "found"):
         assert (f"{word}</span>" in picture) == (word in words)
@@ -42,13 +43,32 @@ def test_given_frames_are_named_below_the_timeline(by_hand, found, words) -> Non
 
 def test_a_poor_clouds_lines_of_sight_have_their_lane() -> None:
     parts = {"lines of sight": np.array([2.0, 3.0, 4.0, 5.0]), "priors": np.ones(4)}
-    assert "lines of sight</span>" in timeline_picture(
-        _strip(status=np.zeros(4, int), terms=parts), 11
-    )
+    clouded = _strip(status=np.zeros(4, int), terms=parts)
+    assert "lines of sight</span>" in timeline_picture(clouded)
+    assert "<div>3.0</div>" in cursor_picture(clouded, 11)
     alone = {"silhouettes": parts["lines of sight"], "priors": np.ones(4)}
     assert "silhouettes</span>" not in timeline_picture(
-        _strip(status=np.zeros(4, int), terms=alone), 11
+        _strip(status=np.zeros(4, int), terms=alone)
     )
+
+
+def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording() -> None:
+    rng = np.random.default_rng(0)
+    sizes = []
+    for count in (1000, 20_000):
+        terms = {name: rng.random(count) for name in ("cloud→model", "silhouettes", "priors")}
+        status, energy = rng.integers(-1, 3, count), rng.random(count)
+        strip = _strip(start=0, status=status, energy=energy, error_mm=energy, terms=terms)
+        sizes.append(len(timeline_picture(strip).encode()))
+        assert len(cursor_picture(strip, count // 2).encode()) < 1500  # for each frame shown
+    assert sizes[1] < 1.1 * sizes[0]
+
+
+def test_of_frames_drawn_in_one_place_the_worst_is_seen() -> None:
+    status = np.zeros(20_000, int)
+    status[1234] = 2
+    strip = _strip(start=0, status=status, energy=np.where(status == 2, 7.0, 1.0))
+    assert STATUS[2][1] in timeline_picture(strip).rpartition("<svg")[2]
 
 
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:

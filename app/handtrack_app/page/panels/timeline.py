@@ -16,6 +16,14 @@ from handtrack_app.protocol.snapshots import SessionSnapshot, TimelineSnapshot
 _PLAY: tuple[str, ...] = ("First", "Back", "Play / Pause", "Next", "Last")
 _LEFT, _RIGHT = 120, 66  # [px] where viser's slider track begins and ends, so that both line up
 _WIDTH, _CURVE, _BAR = 1000, 46, 12  # of the picture, in its own units
+_COLUMNS = 400  # of neighbouring frames: what is sent does not grow with the recording
+_MAIN_PX, _ROW_PX, _GAP_PX = (
+    64,
+    13,
+    4,
+)  # heights of the first lane, of a line of the second, and between both
+_BADNESS = (-1, 0, 4, 3, 1, 2)  # status, from what is drawn least to what is drawn above all
+_HEIGHTS = {-1: 3, 0: 7, 4: 7, 3: 10, 1: 10, 2: 14}
 
 
 @dataclass
@@ -27,11 +35,12 @@ class TimelinePanel:
     strip: TimelineSnapshot | None = None
     fps: float = 25.0
     slider: viser.GuiSliderHandle[int] | None = None
-    _drawn: tuple[int, int] | None = field(default=None)
+    _drawn: int | None = field(default=None)
 
     def __post_init__(self) -> None:
         with self.tab:
             self.picture = self.page.gui.add_html("")
+            self.cursor = self.page.gui.add_html("")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make the timeline fit a session's frames; built once."""
@@ -70,53 +79,73 @@ class TimelinePanel:
         if self.slider is not None:  # frames are counted, or come, while the page is open
             last = max(strip.start + len(strip.status) - 1, strip.start + 1)
             put(self.slider, min=strip.start, max=last)
+        put(self.picture, content=timeline_picture(strip))
         self.draw()
 
     def draw(self) -> None:
-        """Draw the strip with its cursor, if something changed."""
-        if self.strip is None:
-            return
-        drawn = (id(self.strip), self.page.state.frame)
-        if drawn != self._drawn:
-            self._drawn = drawn
-            self.picture.content = timeline_picture(self.strip, self.page.state.frame)
+        """Move the cursor to the frame shown, if something changed."""
+        if self.strip is not None and self._drawn != self.page.state.frame:
+            self._drawn = self.page.state.frame
+            put(self.cursor, content=cursor_picture(self.strip, self._drawn))
 
 
-def timeline_picture(strip: TimelineSnapshot, frame: int) -> str:
+def timeline_picture(strip: TimelineSnapshot) -> str:
     """Return the recording as SVG: the energy (or, with truth, the error) as a curve above bars of status."""
-    count = max(len(strip.status), 1)
-    step, here = _WIDTH / count, frame - strip.start
-    known_error = bool(np.isfinite(strip.error_mm).any())
-    curve, unit = (strip.error_mm, "mm") if known_error else (strip.energy, "")
-    title = "joint error" if known_error else "energy"
+    step = _WIDTH / max(len(strip.status), 1)
+    curve, title, unit = _main_curve(strip)
     parts = [
-        *_curve(curve, step),
-        *_bars(strip.status, step),
+        *_curve(curve),
+        *_bars(strip.status),
         *(_diamond((f - strip.start + 0.5) * step, f in strip.found) for f in strip.by_hand),
     ]
     finite = curve[np.isfinite(curve)]
     top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
-    now = f"{_number(float(curve[here]))} {unit}" if _is_known(curve, here) else ""
     marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
     legend = "".join(_legend(*mark) for mark in [*marks, *([FOUND] if strip.found else [])])
     return (
         f"<div class='handtrack-timeline' style='padding:.2em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.75em'>"
         f"<div style='position:absolute;left:12px;top:1.9em;width:{_LEFT - 20}px;line-height:1.35'>{title}"
         f"<br><span style='opacity:.7'>{top}</span></div>"
-        f"<div style='position:absolute;right:4px;top:1.9em;width:{_RIGHT - 10}px'><b>{now}</b></div>"
         f"<div style='height:1.5em;text-align:right;opacity:.85'>{legend}</div>"
-        f"{_svg(parts, (here + 0.5) * step, _CURVE + _BAR + 6, 64)}</div>{_lane(strip, frame)}"
+        f"{_svg(parts, _CURVE + _BAR + 6, _MAIN_PX)}</div>{_lane(strip)}"
     )
 
 
-def _svg(parts: list[str], cursor: float, height: int, shown_px: int) -> str:
-    """Return a lane as wide as the timeline: its ground, its parts, and the line of the frame shown."""
+def cursor_picture(strip: TimelineSnapshot, frame: int) -> str:
+    """Return what lies over the picture for the frame shown: a line, and the numbers there. It is sent for each frame."""
+    here, terms = frame - strip.start, _lane_terms(strip)
+    curve, _, unit = _main_curve(strip)
+    now = f"{_number(float(curve[here]))} {unit}" if _is_known(curve, here) else ""
+    lane = _lane_px(terms) + _GAP_PX if terms else 0
+    numbers = "".join(
+        f"<div>{_number(float(values[here])) if _is_known(values, here) else '&nbsp;'}</div>"
+        for values in terms.values()
+    )
+    place = 100 * (here + 0.5) / max(len(strip.status), 1)
+    return (
+        "<div style='position:relative;height:0;pointer-events:none'>"
+        f"<div style='position:absolute;bottom:0;height:{_MAIN_PX + lane}px;left:{_LEFT}px;right:{_RIGHT}px'>"
+        f"<div style='position:absolute;left:{place:.2f}%;height:100%;border-left:2px solid currentColor'></div></div>"
+        f"<div style='position:absolute;right:4px;bottom:{lane + _MAIN_PX - 26}px;width:{_RIGHT - 10}px;font-size:.75em'>"
+        f"<b>{now}</b></div>"
+        f"<div style='position:absolute;left:12px;bottom:0;height:{lane - _GAP_PX if lane else 0}px;width:{_LEFT - 22}px;"
+        f"text-align:right;font-size:.7em;line-height:{_ROW_PX}px'>{numbers}</div></div>"
+    )
+
+
+def _main_curve(strip: TimelineSnapshot) -> tuple[Floats, str, str]:
+    """Return the values (F,) of the first lane, what they are, and their unit."""
+    if np.isfinite(strip.error_mm).any():
+        return strip.error_mm, "joint error", "mm"
+    return strip.energy, "energy", ""
+
+
+def _svg(parts: list[str], height: int, shown_px: int) -> str:
+    """Return a lane as wide as the timeline: its ground and its parts."""
     return (
         f"<svg viewBox='0 0 {_WIDTH} {height}' preserveAspectRatio='none' "
         f"style='width:100%;height:{shown_px}px;display:block'>"
-        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>{''.join(parts)}"
-        f"<line x1='{cursor:.1f}' x2='{cursor:.1f}' y1='0' y2='{height}' stroke='currentColor' stroke-width='2' "
-        "vector-effect='non-scaling-stroke'/></svg>"
+        f"<rect x='0' y='0' width='{_WIDTH}' height='{_CURVE}' fill='currentColor' opacity='.05'/>{''.join(parts)}</svg>"
     )
 
 
@@ -124,32 +153,39 @@ def _is_known(values: Floats, row: int) -> bool:
     return 0 <= row < len(values) and math.isfinite(values[row])
 
 
-def _lane(strip: TimelineSnapshot, frame: int) -> str:
-    """Return a second lane with the energy's parts, where more than silhouettes were looked at."""
+def _lane_terms(strip: TimelineSnapshot) -> dict[str, Floats]:
+    """Return the energy's parts of the second lane, in order; none where only silhouettes were looked at."""
     tracked = int((strip.status >= 0).sum())
     terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
     seen = [name for name in terms if name != "priors"]
     if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
-        return ""
+        return {}
     order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
-    step, here = _WIDTH / max(len(strip.status), 1), frame - strip.start
-    finite = np.concatenate([terms[name][np.isfinite(terms[name])] for name in order])
+    return {name: terms[name] for name in order}
+
+
+def _lane_px(terms: dict[str, Floats]) -> int:
+    return max(_ROW_PX * len(terms), 40)
+
+
+def _lane(strip: TimelineSnapshot) -> str:
+    """Return a second lane with the energy's parts, where more than silhouettes were looked at."""
+    terms = _lane_terms(strip)
+    if not terms:
+        return ""
+    finite = np.concatenate([values[np.isfinite(values)] for values in terms.values()])
     top = max(float(np.quantile(finite, 0.98)) * 1.1, 1e-12)
     lines, rows = [], ""
-    for name in order:
-        colour, values = TERMS.get(name, "#ffffff"), terms[name]
-        lines += _curve(values, step, top, colour)
-        shown = _number(float(values[here])) if _is_known(values, here) else ""
-        rows += (
-            f"<div style='display:flex;justify-content:space-between;white-space:nowrap'><span style='color:{colour}'>{name}</span>"
-            f"<span>{shown}</span></div>"
-        )
+    for name, values in terms.items():
+        colour = TERMS.get(name, "#ffffff")
+        lines += _curve(values, top, colour)
+        rows += f"<div style='white-space:nowrap'><span style='color:{colour}'>{name}</span></div>"
     return (
-        f"<div style='padding:.35em {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.7em'>"
-        f"<div style='position:absolute;left:12px;top:.2em;width:{_LEFT - 22}px;line-height:13px'>{rows}</div>"
-        f"<div style='position:absolute;right:4px;top:.2em;width:{_RIGHT - 10}px;line-height:13px;opacity:.75'>"
+        f"<div style='padding:{_GAP_PX}px {_RIGHT}px 0 {_LEFT}px;position:relative;font-size:.7em'>"
+        f"<div style='position:absolute;left:12px;top:{_GAP_PX}px;width:{_LEFT - 22}px;line-height:{_ROW_PX}px'>{rows}</div>"
+        f"<div style='position:absolute;right:4px;top:{_GAP_PX}px;width:{_RIGHT - 10}px;line-height:{_ROW_PX}px;opacity:.75'>"
         f"energy<br>to {_number(top)}</div>"
-        f"{_svg(lines, (here + 0.5) * step, _CURVE, max(13 * len(order), 40))}</div>"
+        f"{_svg(lines, _CURVE, _lane_px(terms))}</div>"
     )
 
 
@@ -169,20 +205,29 @@ def _legend(word: str, colour: str) -> str:
     )
 
 
-def _curve(
-    values: Floats, step: float, top: float | None = None, colour: str = "#56b4e9"
-) -> list[str]:
-    """Return lines through the known values (F,), up to `top`, or to what nearly all are below."""
+def _columns(count: int) -> Ints:
+    """Return where columns of neighbouring frames begin, the end with them: at most so many that each can be seen."""
+    columns = min(count, _COLUMNS)
+    return np.arange(columns + 1) * count // max(columns, 1)
+
+
+def _curve(values: Floats, top: float | None = None, colour: str = "#56b4e9") -> list[str]:
+    """Return lines through the known values (F,), up to `top`, or to what nearly all are below. Of frames that are drawn
+    in one place, the largest counts.
+    """
     finite = np.isfinite(values)
     if not finite.any():
         return []
     if top is None:
         top = max(float(np.quantile(values[finite], 0.98)) * 1.1, 1e-12)
-    height = _CURVE - np.clip(np.nan_to_num(values) / top, 0, 1) * (_CURVE - 3)
+    edges = _columns(len(values))
+    highest = np.maximum.reduceat(np.where(finite, values, -np.inf), edges[:-1])
+    height = _CURVE - np.clip(np.where(highest > -np.inf, highest, 0.0) / top, 0, 1) * (_CURVE - 3)
+    middle = (edges[:-1] + edges[1:]) / 2 * _WIDTH / len(values)
     lines, run = [], []
-    for i, ok in enumerate([*finite.tolist(), False]):
+    for x, y, ok in zip([*middle, 0.0], [*height, 0.0], [*(highest > -np.inf), False], strict=True):
         if ok:
-            run.append(f"{(i + 0.5) * step:.1f},{height[i]:.1f}")
+            run.append(f"{x:.1f},{y:.1f}")
         elif run:
             points = " ".join(run if len(run) > 1 else run * 2)
             lines.append(
@@ -193,18 +238,24 @@ def _curve(
     return lines
 
 
-def _bars(status: Ints, step: float) -> list[str]:
-    """Runs of equal status. Height tells them apart as well as colour: the worse, the taller."""
-    heights = {-1: 3, 0: 7, 4: 7, 3: 10, 1: 10, 2: 14}
-    edges = np.flatnonzero(np.diff(status)) + 1
+def _bars(status: Ints) -> list[str]:
+    """Runs of equal status. Height tells them apart as well as colour: the worse, the taller. Of frames that are drawn in
+    one place, the worst counts.
+    """
+    places = _columns(len(status))
+    worse = np.argsort(_BADNESS)[status + 1]  # status −1 comes first
+    worst = np.array(_BADNESS)[np.maximum.reduceat(worse, places[:-1])] if len(status) else status
+    step = _WIDTH / max(len(status), 1)
+    edges = np.flatnonzero(np.diff(worst)) + 1
     bars = []
-    for begin, end in zip([0, *edges], [*edges, len(status)], strict=True):
-        code = int(status[begin])
-        height = heights.get(code, 7)
+    for begin, end in zip([0, *edges], [*edges, len(worst)], strict=True):
+        code = int(worst[begin])
+        height = _HEIGHTS[code]
         colour = "currentColor' opacity='.25" if code == -1 else STATUS[code][1]
-        y = _CURVE + _BAR + 4 - height
+        x, y = places[begin] * step, _CURVE + _BAR + 4 - height
+        width = places[end] * step - x
         bars.append(
-            f"<rect x='{begin * step:.1f}' y='{y}' width='{(end - begin) * step:.1f}' height='{height}' fill='{colour}'/>"
+            f"<rect x='{x:.1f}' y='{y}' width='{width:.1f}' height='{height}' fill='{colour}'/>"
         )
     return bars
 

@@ -239,7 +239,8 @@ class TrackingPanel:
 def odd_frames(strip: TimelineSnapshot) -> list[int]:
     """Return the frames that are doubtful or lost, but for those set right by hand."""
     odd = [strip.start + i for i, status in enumerate(strip.status.tolist()) if status in (1, 2)]
-    return [frame for frame in odd if frame not in strip.by_hand]
+    by_hand = set(strip.by_hand)
+    return [frame for frame in odd if frame not in by_hand]
 
 
 def keyframe_words(given: tuple[int, ...], found: tuple[int, ...] = ()) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 import viser
 
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import put
+from handtrack_app.page.scene.solids import capsule
 from handtrack_app.protocol.palette import GHOSTS, linear
 from handtrack_app.protocol.snapshots import GuessesSnapshot
 
@@ -28,10 +28,7 @@ class GhostView:
 
 def add_ghosts(server: viser.ViserServer, name: str, take: Callable[[int], None]) -> GhostView:
     """Add the mesh, hidden; `take(rank)` is called when one is clicked."""
-    rod = trimesh.creation.capsule(height=1.0, radius=0.5, count=(8, 8))
-    rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))  # along +y
-    low, high = rod.vertices[:, 1].min(), rod.vertices[:, 1].max()
-    rod.vertices[:, 1] = (rod.vertices[:, 1] - low) / (high - low)
+    rod = capsule(0.5, 0.25, 4, 8)
     bones = server.scene.add_batched_meshes_simple(
         name, rod.vertices, rod.faces, np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)),
         batched_scales=np.full((1, 3), 1e-4, np.float32), batched_colors=np.zeros((1, 3), np.uint8),

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import trimesh
 import viser
 
 from handtrack.arrays import B, Bytes, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import put
+from handtrack_app.page.scene.solids import Solid, ball, rod
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.palette import SURFACE, TRUTH, colour_of, colours_of
 from handtrack_app.protocol.snapshots import (
@@ -47,11 +47,7 @@ class HandView:
 def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> HandView:
     """Add a hand's nodes below `name`, hidden until the first pose comes."""
     scene = server.scene
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    small = trimesh.creation.icosphere(subdivisions=2)
-    rod = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=16)
-    rod.apply_translation((0.0, 0.0, 0.5))
-    rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))  # along +y
+    small = ball(12, 16)
     bones = len(session.bone_names)
     colours = colours_of(session.bone_names, np.arange(bones))
     thick = (session.reach_m / HAND_REACH_M) ** _THICKER
@@ -60,7 +56,7 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
 
     def batch(
         node: str,
-        mesh: trimesh.Trimesh,
+        mesh: Solid,
         scales: Floats,
         colour: Bytes | tuple[int, int, int],
         shadow: bool = True,
@@ -73,9 +69,9 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         )  # fmt: skip
 
     flesh = batch(
-        "flesh", ball, session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
+        "flesh", ball(20, 32), session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
     )
-    rods = batch("bones", rod, np.stack([across, session.bone_length, across], 1), colours)
+    rods = batch("bones", rod(16), np.stack([across, session.bone_length, across], 1), colours)
     joints = batch(
         "joints", small, np.full(2 * bones, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
     )

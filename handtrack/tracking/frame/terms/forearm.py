@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from handtrack.arrays import Array, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation, PointCloud, Silhouette
 from handtrack.solver.problem import Problem
@@ -148,17 +149,22 @@ def forearm_cut(
 
 
 def _hand(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
+    return _hand_flesh(model).posed(bones)
+
+
+@lru_cache(maxsize=8)
+def _hand_flesh(model: ArticulatedModel) -> Ellipsoids:
     flesh = model.flesh["fine"]
-    return flesh.subset(~model.is_forearm(flesh.bone)).posed(bones)
+    return flesh.subset(~model.is_forearm(flesh.bone))
 
 
 def _before(camera: Floats, points: Floats, hand: PosedEllipsoids) -> Array:
     """Return (...,) whether the line of sight from a camera (3,) to each point (..., 3) passes the hand."""
     to_ball = np.swapaxes(hand.rotation, 1, 2) / (_HAND_MARGIN * hand.radii)[:, :, None]
     start = np.einsum("eij,ej->ei", to_ball, camera - hand.centre)
-    way = np.einsum("eij,...j->...ei", to_ball, points - camera)
-    nearest = -(way * start).sum(axis=-1) / (way**2).sum(axis=-1)
-    off = ((start + nearest[..., None] * way) ** 2).sum(axis=-1)
+    way = ((points - camera) @ to_ball.reshape(-1, 3).T).reshape(*points.shape[:-1], -1, 3)
+    along, long = np.einsum("...ei,ei->...e", way, start), np.einsum("...ei,...ei->...e", way, way)
+    off = (start**2).sum(axis=-1) - along**2 / long
     return (off < 1.0).any(axis=-1)
 
 

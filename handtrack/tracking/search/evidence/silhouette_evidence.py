@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import D3, Array, Floats, Ints, M, P, R
 from handtrack.observation.observation import Silhouette
@@ -227,5 +226,7 @@ def _looked_at(silhouette: Silhouette) -> Array:
 
 def _outside(silhouette: Silhouette) -> Array:
     """Return (H, W) float32 distance to the mask [px], 0 where nothing was observed."""
+    from scipy.ndimage import distance_transform_edt
+
     far = np.asarray(distance_transform_edt(silhouette.mask <= 0.5), np.float32)
     return np.where(_looked_at(silhouette), far, np.float32(0.0))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from handtrack.arrays import D3, Array, Floats, N
 from handtrack.geometry.camera import Camera
@@ -36,6 +35,8 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
 
     A camera that a cell lies outside of says nothing about it; at least two must see it, or the only one there is.
     """
+    from scipy.ndimage import distance_transform_edt
+
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     if not seen:
         return VisualHull(np.zeros((0, 3)), np.zeros(0), _SIDE_M)
@@ -95,6 +96,8 @@ def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
 
 
 def _depth(centres: Floats) -> Floats:
+    from scipy.ndimage import distance_transform_edt
+
     if not len(centres):
         return np.zeros(0)
     low = centres.min(axis=0) - _SIDE_M

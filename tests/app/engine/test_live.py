@@ -1,0 +1,138 @@
+"""Running cameras in the workbench's engine: watched, tracked, recorded; nothing is written into the session's own folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import handtrack.session.live.live_session as live_session
+from handtrack.session.session import Session
+from handtrack_app.engine.live_control import open_live_document
+from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.worker import Worker
+from handtrack_app.page.panels.live import live_table
+from handtrack_app.protocol import commands, snapshots
+from tests.app.engine.test_worker import Listener
+from tests.app.waiting import eventually
+from tests.live_cameras import ScriptedDevice
+from tests.session.small_session import make_session
+
+FAST = {"solver.iterations": 2, "tracker.recovery": False}
+
+
+def hand_image() -> np.ndarray:
+    image = np.full((48, 64, 3), 90, np.uint8)
+    image[5:43, 17:47] = (105, 135, 205)
+    return image
+
+
+class Studio:
+    """A worker with two scripted cameras."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder, self.devices = folder, [ScriptedDevice(hand_image()) for _ in range(2)]
+        waiting = list(self.devices)
+        monkeypatch.setattr(live_session, "open_device", lambda *_: waiting.pop(0))
+        options = LiveOptions({}, 10.0)
+        self.listener = Listener()
+        self.worker = Worker(
+            folder, self.listener.publish, lambda f, _: open_live_document(options, f, FAST)
+        )
+        self.worker.start()
+        self.listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", 60.0)
+
+    def show(self) -> None:
+        for device in self.devices:
+            device.show(hand_image())
+
+    def wait_for_pose(self, test) -> snapshots.PoseSnapshot:
+        return self.listener.wait(snapshots.PoseSnapshot, test, 60.0)
+
+    def stop(self) -> list[str]:
+        for device in self.devices:
+            device.fail(9)
+        self.worker.stop(30.0)
+        return self.worker.last_words
+
+
+@pytest.fixture
+def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+    (tmp_path / "desk").mkdir()
+    made = Studio(make_session(tmp_path / "desk"), monkeypatch)
+    yield made
+    made.stop()
+
+
+def test_the_newest_images_are_watched_until_the_hand_is_posed(studio: Studio) -> None:
+    assert studio.listener.wait(snapshots.SessionSnapshot).live
+    studio.show()
+    pose = studio.wait_for_pose(lambda p: p.frame >= 1)
+    values = tuple(float(v) for v in pose.values)
+    studio.worker.send(commands.SetPose(pose.frame, values, 1))
+    posed = studio.wait_for_pose(lambda p: p.version == 1)
+    studio.show()
+    studio.worker.send(commands.TakePose(posed.frame, "previous", 2))
+    later = studio.wait_for_pose(lambda p: p.version == 2)
+    assert later.frame == posed.frame  # the picture stands still
+    studio.worker.send(commands.Follow(True))
+    studio.wait_for_pose(lambda p: p.frame > posed.frame)
+
+
+def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) -> None:
+    new = tmp_path / "new"
+    before = sorted(path.name for path in studio.folder.iterdir())
+    studio.worker.send(commands.Record(True, str(new)))
+    studio.listener.wait(snapshots.LiveSnapshot, lambda s: s.recording == str(new))
+    studio.worker.send(commands.TrackLive())
+    eventually(lambda: studio.worker.busy, "tracking began")
+    feed = studio.worker.document.run.session.live
+    assert feed is not None
+    for count in range(1, 4):
+        studio.show()
+        eventually(lambda count=count: feed.counts["cam0"].used >= count, "the images are used")
+    eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
+    studio.worker.send(commands.Cancel())
+    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 30.0)
+    assert "cam0: " in ended.text and "images tracked" in ended.text
+    results = studio.worker.document.results
+    assert sorted(results) == list(range(min(results), max(results) + 1))
+    studio.worker.send(commands.Record(False))
+    told = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Recorded")
+    assert f"are in {new}" in told.text
+    again = Session.open(new)
+    assert again.frame_count >= 3
+    assert again.init is not None or not any(result.fits for result in results.values())
+    assert (new / "tracks" / "poses.npz").is_file()
+    assert sorted(path.name for path in studio.folder.iterdir()) == before
+    words = studio.stop()
+    assert [text.partition(":")[0] for text in words] == ["cam0", "cam1"]
+
+
+def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio: Studio) -> None:
+    studio.devices[0].fail(3)
+    gone = studio.listener.wait(snapshots.Notice, lambda n: n.title == "A camera is gone")
+    assert gone.text.endswith("or a file is at its end. The others go on.")
+    studio.worker.send(commands.TrackLive())
+    studio.devices[1].fail(3)
+    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped", 30.0)
+    assert "camera 'cam0'" in stopped.text and "camera 'cam1'" in stopped.text
+
+
+def test_nothing_is_saved_into_the_folder_of_a_live_session(studio: Studio) -> None:
+    studio.worker.send(commands.SavePose())
+    told = studio.listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert told.text.startswith("A live source keeps no files of its own: press 'Record'")
+
+
+def test_the_page_shows_what_became_of_images() -> None:
+    cards = (
+        snapshots.LiveCameraCard("left", 30, 4, 1, ""),
+        snapshots.LiveCameraCard("<b>", 3, 0, 0, "it is gone"),
+    )
+    text = live_table(snapshots.LiveSnapshot(cards, "/some/folder", 12))
+    assert "<td>left</td>" in text and ">30<" in text and ">4<" in text
+    assert "&lt;b&gt;" in text and "it is gone" in text
+    assert "12 frames in" in text and "/some/folder" in text
