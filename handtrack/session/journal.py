@@ -119,6 +119,15 @@ class Journal:
             self._file.close()
 
 
+def read_events(session_folder: Path) -> list[Event]:
+    """Return the events of a session's journal, to look at: nothing is mended, and another program may go on writing."""
+    path = Path(session_folder) / TRACKS_FOLDER / JOURNAL_FILE
+    if not path.is_file():
+        return []
+    lines = path.read_bytes().splitlines()
+    return [event for line in lines if (event := _event(line)) is not None]
+
+
 def _text(data: Any) -> str:
     return json.dumps(data, default=_plain, ensure_ascii=False, separators=(",", ":"))
 

@@ -28,7 +28,8 @@ def bench(tmp_path: Path) -> Iterator[Workbench]:
 
 @pytest.fixture
 def journals_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Journals that a test leaves open, as a crash would, are closed after it."""
+    """Journals that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
+    monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
     opened, really = [], Journal.open
 
     def remembered(folder: Path) -> Journal:

@@ -11,7 +11,7 @@ import pytest
 
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.take_about import about_take
+from handtrack.session.takes.take_about import about_take
 from tests.session.small_session import edit, make_session
 
 

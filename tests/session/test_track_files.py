@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack.session.formats.tables import read_npz, write_npz
-from handtrack.session.track_files import import_tracks
+from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from tests.sample_track import sample_track

@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
-from handtrack.session.track_files import file_digest, import_tracks
+from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore

@@ -176,3 +176,20 @@ def test_tracked_frames_wait_for_each_other_on_their_way_to_the_disk(
     store = _tracked(tmp_path)
     store.flush()
     assert 0 < len(synced) < FRAMES
+
+
+def test_a7_what_could_not_be_written_is_tried_again(tmp_path: Path, monkeypatch) -> None:
+    store = _tracked(tmp_path)
+    store.flush()
+    assert store.journal is not None
+    store.note_result(store.document.results[5])
+    with monkeypatch.context() as patch:
+        patch.setattr(store.journal, "append_all", _full)
+        with pytest.raises(HandtrackError, match="full"):
+            store.flush()
+    store.flush()
+    assert [e.data["frame"] for e in store.journal.events()][-1] == 5
+
+
+def _full(_events: object) -> None:
+    raise HandtrackError("the disk is full")

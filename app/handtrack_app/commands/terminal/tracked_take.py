@@ -11,8 +11,8 @@ from pathlib import Path
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.take_about import about_take
-from handtrack.session.track_files import file_digest, import_tracks
+from handtrack.session.takes.take_about import about_take
+from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter

@@ -17,8 +17,10 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.clouds_settings import read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
-from handtrack.session.journal import Event, Journal
-from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, WORK_FILE
+from handtrack.session.journal import Event, Journal, read_events
+from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER, WORK_FILE
+from handtrack.store.lease import LeaseTaken
+from handtrack.store.store import WritableStore
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_track
@@ -27,6 +29,8 @@ log = logging.getLogger(__name__)
 
 HAND_FILE = "hand.json"
 _SETTINGS = "a session's settings"
+_PROGRAM = "handtrack open"
+_UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _FLUSH_S = 1.0  # tracked frames reach the disk at most this late
 
 
@@ -37,18 +41,33 @@ class Persistence:
     document: Document
     journal: Journal | None
     warning: str = ""
+    lease: WritableStore | None = None
+    """the right to write to the session's tracks/, which one program has"""
     _waiting: list[FrameResult] = field(default_factory=list)
     _flushed: float = 0.0
 
     @classmethod
     def open(cls, document: Document) -> Persistence:
-        """Return the store of a session; one that cannot be written to works, with a warning. A live one keeps nothing."""
+        """Return the store of a session; one that cannot be written to, or that another program writes to, works, with a
+        warning. A live one keeps nothing.
+        """
         if document.run.session.live is not None:
             return cls(document, None)
+        folder = document.run.session.folder
+        lease = None
         try:
-            return cls(document, Journal.open(document.run.session.folder))
+            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM)
+            return cls(document, Journal.open(folder), lease=lease)
+        except LeaseTaken as error:
+            return cls(document, None, f"{error} Here it can be looked at; nothing is saved.")
         except HandtrackError as error:
+            if lease is not None:
+                lease.close()
             return cls(document, None, str(error))
+        except OSError as error:
+            return cls(
+                document, None, f"{folder / TRACKS_FOLDER}: {_UNWRITABLE} ({error.strerror})."
+            )
 
     @property
     def folder(self) -> Path:
@@ -57,9 +76,16 @@ class Persistence:
     # ---- writing
 
     def note(self, kind: str, data: dict[str, object]) -> None:
-        """Write one accepted change."""
+        """Write one accepted change. Raises HandtrackError where another program took over."""
         if self.journal is not None:
+            self._check()
             self.journal.append(kind, data)
+
+    def _check(self) -> None:
+        if self.lease is not None:
+            self.lease.lease.check()
+        elif self.warning:
+            raise HandtrackError(self.warning)
 
     def note_pose(self, frame: int) -> None:
         """Write the pose set by hand at a frame."""
@@ -102,10 +128,14 @@ class Persistence:
 
     def flush(self) -> None:
         """Write what waits."""
-        waiting, self._waiting = self._waiting, []
         self._flushed = time.monotonic()
-        if self.journal is not None and waiting:
-            self.journal.append_all([("tracked", journal_row(result)) for result in waiting])
+        if self.journal is not None and self._waiting:
+            self._check()
+            rows: list[tuple[str, dict[str, object]]] = [
+                ("tracked", journal_row(r)) for r in self._waiting
+            ]
+            self.journal.append_all(rows)
+        self._waiting = []  # not before: what failed is tried again
 
     def settle(self) -> None:
         """Write the work in progress to one file, and shorten the journal by what is in it."""
@@ -134,10 +164,14 @@ class Persistence:
         return event.kind in ("pose", "forget") and frame not in self.document.by_hand
 
     def close(self) -> None:
-        """Write what waits and close the journal."""
-        self.flush()
-        if self.journal is not None:
-            self.journal.close()
+        """Write what waits, close the journal and let others write."""
+        try:
+            self.flush()
+        finally:
+            if self.journal is not None:
+                self.journal.close()
+            if self.lease is not None:
+                self.lease.close()
 
     # ---- bringing back
 
@@ -145,7 +179,7 @@ class Persistence:
         """Bring back poses, settings and tracked frames of the last time; say what, in a sentence."""
         if self.document.run.session.live is not None:
             return ""
-        events = self.journal.events() if self.journal is not None else []
+        events = self.journal.events() if self.journal is not None else read_events(self.folder)
         changed = self._restore_settings(events) + self._restore_clouds(events)
         self._restore_work()
         for event in events:
@@ -243,6 +277,7 @@ class Persistence:
 
     def save_first_pose(self) -> str:
         """Write the pose shown to init.json; return a sentence about it."""
+        self._check()
         document = self.document
         names = document.model.parameter_names
         values = dict(zip(names, [round(float(v), 6) for v in document.shown], strict=True))
@@ -277,6 +312,7 @@ class Persistence:
 
     def save_clouds(self) -> str:
         """Write the settings of [clouds] into session.toml; return a sentence about it."""
+        self._check()
         document = self.document
         clouds, changed = document.clouds, document.unsaved_clouds
         if clouds is None:
@@ -291,6 +327,7 @@ class Persistence:
 
     def save_settings(self) -> str:
         """Write the settings that were changed into session.toml; return a sentence about it."""
+        self._check()
         document = self.document
         now, own = dict(document.run.settings.flat()), document.own_settings
         changed = {name: value for name, value in now.items() if value != own[name]}
@@ -308,6 +345,7 @@ class Persistence:
 
     def save_track(self) -> str:
         """Write tracks/poses.npz; return a sentence about it."""
+        self._check()
         path = self.folder / POSES_FILE
         track = whole_track(self.document)
         try:

@@ -1,0 +1,50 @@
+"""Two programs on one session: the second looks on, says who writes, and destroys nothing."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.store.lease import Lease
+from handtrack_app.engine.store.persistence import Persistence
+from tests.app.command_line import listing
+from tests.app.fake_run import fake_document
+
+
+def posed(store: Persistence, frame: int) -> None:
+    store.document.set_pose(frame, store.document.start.tolist())
+    store.note_pose(frame)
+
+
+def test_a2_the_second_sees_all_and_writes_nothing(tmp_path: Path) -> None:
+    first = Persistence.open(fake_document(tmp_path))
+    posed(first, 5)
+    second = Persistence.open(fake_document(tmp_path))
+    assert f"by `handtrack open` (process {os.getpid()} on " in second.warning
+    assert "nothing is saved" in second.warning
+    assert second.restore() == "Brought back from last time: 1 pose set by hand."
+    before = listing(tmp_path)
+    posed(second, 7)
+    for save in (second.save_first_pose, second.save_settings, second.save_track):
+        with pytest.raises(HandtrackError, match="nothing is saved"):
+            save()
+    second.close()
+    assert listing(tmp_path) == before
+    posed(first, 8)
+    first.close()
+    third = Persistence.open(fake_document(tmp_path))
+    third.restore()
+    assert sorted(third.document.by_hand) == [5, 8]
+    third.close()
+
+
+def test_a2_who_was_taken_over_is_told(tmp_path: Path) -> None:
+    first = Persistence.open(fake_document(tmp_path))
+    other = Lease.acquire(tmp_path / "tracks", "handtrack track", take_over=True)
+    with pytest.raises(HandtrackError, match="`handtrack track` .* took over"):
+        posed(first, 5)
+    other.release()
+    first.close()
