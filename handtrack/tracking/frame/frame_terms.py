@@ -118,7 +118,7 @@ class FrameTerms:
                 bones_at_start=start,
                 antisymmetric=index >= len(settings.bands_mm) - 1,
                 weight=self._weight(band),
-                row_steps=rows_apart(band),
+                row_steps=rows_apart(band.tolist()),
             )
         )
         return terms
