@@ -17,10 +17,10 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
-_WIDE_GAIN, _LAST_GAIN = 1e-3, 1e-4
-"""share of the cost that a step must gain for another to follow, where silhouettes alone are seen: in a wide band, which only
-hands over a start, and in the last. After such a step, all that are left gain 5e-4 and 4e-6 (median of the bundled recording);
-clouds go on, whose steps are short and many"""
+_WIDE_GAIN = 1e-3
+"""share of the cost that a step of a wide band must gain for another to follow, where silhouettes alone are seen: it only hands
+over a start. After such a step all that are left gain 5e-4 (median of the bundled recording). Clouds go on, whose steps are
+short and many"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,9 @@ def descend(
 
 def _enough(settings: SolverSettings, terms: FrameTerms, stage: int) -> float:
     """Return the share of the cost that a step of a stage must gain for another to follow."""
-    if terms.views > len(terms.prepared) or terms.keypoints or not terms.prepared:
-        return settings.cost_tolerance
-    gain = _WIDE_GAIN if stage + 1 < terms.stages else _LAST_GAIN
-    return max(gain, settings.cost_tolerance)
+    alone = terms.views == len(terms.prepared) > 0 and not terms.keypoints
+    is_wide = stage + 1 < terms.stages
+    return max(_WIDE_GAIN if alone and is_wide else 0.0, settings.cost_tolerance)
 
 
 def by_keypoints_alone(terms: FrameTerms) -> bool:
