@@ -12,8 +12,8 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_control import open_live_document
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import Opening, working_folder
 from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
@@ -258,7 +258,7 @@ def run_workbench(
         print(f"handtrack: {warning}", file=sys.stderr)
     log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = working_folder(session_folder) if live is None else Path(session_folder)
+    folder = working_folder(session_folder)
     opener = None if live is None else partial(open_live_document, live)
     bench = Workbench(
         folder, host, chosen, opener, rerun=rerun, demo=demo, open_pages=open_browser

@@ -67,6 +67,11 @@ class CloudSettings(CloudSource):
         return StereoSettings(**given, **ranged)
 
     @property
+    def sources(self) -> tuple[object, ...]:
+        """What decides on the measured clouds, before any filter."""
+        return self.files, self.depth, self.stereo, self.matching if self.stereo else None
+
+    @property
     def table(self) -> dict[str, Any]:
         """What stands in [clouds] for these settings, by its keys."""
         given = {n: asdict(v) if isinstance(v, SkinEllipse) else v for n, v in self.given.items()}

@@ -21,8 +21,8 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
 from handtrack.session.idle_settings import idle_settings
-from handtrack.session.look_ahead import LookAhead
-from handtrack.session.seen_keypoints import of_model
+from handtrack.session.seen.look_ahead import LookAhead
+from handtrack.session.seen.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.session.sizing import (
     MOST_FRAMES,

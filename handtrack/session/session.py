@@ -22,7 +22,6 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import ImageView, Observation
-from handtrack.session.clouds import CloudSource, cloud_source
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.formats.truth import Truth, read_truth
@@ -34,6 +33,8 @@ from handtrack.session.layout import (
     inside,
     matching_files,
 )
+from handtrack.session.seen.clouds import CloudSource, cloud_source
+from handtrack.session.seen.views import View
 from handtrack.session.session_file import (
     CloudSettings,
     SessionFile,
@@ -41,7 +42,6 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
-from handtrack.session.views import View
 from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -243,7 +243,7 @@ class Session:
         """
         changed, known = copy(self), self.file.clouds
         changed.file = replace(self.file, clouds=clouds)
-        if clouds is None or known is None or _sources(clouds) != _sources(known):
+        if clouds is None or known is None or clouds.sources != known.sources:
             changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
             changed._measured = OrderedDict()
         changed.cloud_filters = changed._filters(self.cloud_filters.seed)
@@ -380,16 +380,6 @@ def session_rig(folder: Path, file: SessionFile) -> CameraRig:
                 f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
             )
     return CameraRig(tuple(everything[camera.name] for camera in file.cameras))
-
-
-def _sources(clouds: CloudSettings) -> tuple[object, ...]:
-    """Return what of [clouds] decides on the measured clouds, before any filter."""
-    return (
-        clouds.files,
-        clouds.depth,
-        clouds.stereo,
-        clouds.matching if clouds.stereo else None,
-    )
 
 
 def _remember(

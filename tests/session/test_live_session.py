@@ -13,7 +13,7 @@ from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.live.live_recording import LiveRecording
-from handtrack.session.live.live_session import open_live
+from handtrack.session.live.live_session import LIVE_SETTINGS, open_live
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from tests.live_cameras import ScriptedDevice
@@ -124,7 +124,12 @@ def recorded(studio: Studio, folder: Path) -> LiveRecording:
 def test_a_recording_opens_as_a_session_with_its_poses(studio: Studio, tmp_path: Path) -> None:
     run = TrackingRun.open(
         studio.session,
-        {"model.fit_size": False, "solver.iterations": 2, "tracker.recovery": False},
+        {
+            "model.fit_size": False,
+            "solver.iterations": 2,
+            "tracker.recovery": False,
+            **LIVE_SETTINGS,
+        },
         use_init=False,
     )
     studio.show()  # before recording began

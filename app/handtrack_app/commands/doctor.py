@@ -6,8 +6,8 @@ import argparse
 
 from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES
+from handtrack.session.seen.video_audits import keep_audits
 from handtrack.session.session import Session
-from handtrack.session.video_audits import keep_audits
 
 
 def run(args: argparse.Namespace) -> int:

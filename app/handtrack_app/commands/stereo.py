@@ -12,8 +12,8 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
-from handtrack.session.clouds import StereoClouds
 from handtrack.session.doctor.check_synchrony import check_synchrony
+from handtrack.session.seen.clouds import StereoClouds
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable

@@ -16,8 +16,8 @@ from handtrack.session.doctor.examine import examine_start
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
+from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
-from handtrack.session.video_audits import count_beside
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-
-import numpy as np
+from collections.abc import Callable
 
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.document_snapshots import (
@@ -18,6 +16,7 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
+from handtrack_app.engine.job_words import one_frame, summary
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Ended,
@@ -32,7 +31,7 @@ from handtrack_app.engine.jobs import (
     Watch,
     legs,
 )
-from handtrack_app.engine.live_control import LiveControl
+from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
@@ -55,22 +54,6 @@ _NOT_FOUND = (
     "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
     "hand is open and wholly in view, or pose it by hand."
 )
-
-
-def one_frame(result: FrameResult) -> Notice:
-    """Return how fitting one frame went."""
-    if result.status == Status.TRACKED:
-        return Notice("done", f"Frame {result.frame} is fitted", "What was seen is explained well.")
-    if result.is_open:
-        return Notice(
-            "warning",
-            f"Frame {result.frame} fits, as far as it is seen",
-            f"In doubt: {result.note}.",
-        )
-    text = result.note or "What was seen is not explained well."
-    return Notice(
-        "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
-    )
 
 
 class JobControl:
@@ -383,25 +366,3 @@ class JobControl:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
         self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
-
-
-def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
-    """Return how a run of tracking went, in one sentence or two.
-
-    total: frames that were to be tracked. by_hand: frames that stayed as they were given.
-    """
-    counts = np.bincount([int(result.status) for result in results], minlength=5)
-    done = len(results)
-    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
-    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
-    poor = sum(result.poor_cloud for result in results)
-    if poor:
-        odd.append(f"{poor} in a poor cloud")
-    held = sum(result.is_simplified for result in results)
-    if held:
-        odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
-    quality = ", ".join(odd) if odd else "none doubtful"
-    hand = f" {by_hand} set by hand or found stayed as they are." if by_hand > 1 else ""
-    if by_hand == 1:
-        hand = " One, set by hand or found, stayed as it is."
-    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"

@@ -15,7 +15,7 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
-from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
+from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter

@@ -15,7 +15,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_na
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
-from handtrack.session.views import View
+from handtrack.session.seen.views import View
 from handtrack.tracking.search.initialize import fit_keypoints
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.synchrony import Lag, Motion, agreement, lag_of
 from handtrack.session.doctor.finding import Finding, ok, warning
-from handtrack.session.views import View
+from handtrack.session.seen.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

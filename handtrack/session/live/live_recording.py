@@ -20,7 +20,7 @@ from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.formats.timestamps import COLUMNS
 from handtrack.session.layout import CALIBRATION_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
-from handtrack.session.live.live_session import LiveSession
+from handtrack.session.live.live_session import LIVE_SETTINGS, LiveSession
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import write_session_file
 from handtrack.tracking.frame.result import FrameResult
@@ -189,9 +189,10 @@ def _video_name(index: int) -> str:
 
 
 def _changed(settings: Mapping[str, object]) -> dict[str, object]:
-    """Return the settings that are not as usual."""
-    usual = TrackerSettings().flat()
-    return {name: value for name, value in settings.items() if value != usual.get(name)}
+    """Return the settings that are not as usual, but for those that only a live source has."""
+    usual, live = TrackerSettings().flat(), LIVE_SETTINGS
+    changed = {name: value for name, value in settings.items() if value != usual.get(name)}
+    return {name: v for name, v in changed.items() if name not in live or v != live[name]}
 
 
 def _nested(settings: Mapping[str, object]) -> dict[str, Any]:

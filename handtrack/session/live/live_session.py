@@ -18,6 +18,7 @@ from handtrack.observation.observation import Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.seen.views import View
 from handtrack.session.session import Session, session_rig
 from handtrack.session.session_file import (
     CameraSettings,
@@ -26,8 +27,9 @@ from handtrack.session.session_file import (
     SessionFile,
     read_session_file,
 )
-from handtrack.session.views import View
 
+LIVE_SETTINGS: dict[str, object] = {"model.fit_size": False}
+"""in place of the usual ones: a search for lost fingers takes as long as many frames, and motion has gone on by then"""
 _USUAL_FPS = 30.0
 
 

@@ -35,7 +35,7 @@ def _nearest(typing, best, who, at, far, whose, row, stride, low, high, start, s
     """best[at:] = the least of far[row ± s · stride:] + s² over start ≤ s < stop, who[at:] = whose that is: 16 cells.
 
     Rows are sought from row + low · stride to row + high · stride; what lies beyond is taken to be as the last. Ends where
-    nothing can be less, far being nowhere less than `least`.
+    nothing can be less, far being nowhere less than `least`. Of equals the first counts, so that the order is no matter.
     """
     signature = types.void(best, who, at, far, whose, row, stride, low, high, start, stop, least)
 
@@ -48,7 +48,7 @@ def _nearest(typing, best, who, at, far, whose, row, stride, low, high, start, s
             s = loop.index
             square = builder.sitofp(builder.mul(s, s), ir.FloatType())
             more = _splat(builder, square)
-            for shift in (builder.neg(s), s):
+            for shift, better in ((builder.neg(s), "<="), (s, "<")):
                 shift = builder.select(builder.icmp_signed("<", shift, lowest), lowest, shift)
                 shift = builder.select(builder.icmp_signed(">", shift, highest), highest, shift)
                 place = builder.add(here, builder.mul(shift, step))
@@ -59,7 +59,7 @@ def _nearest(typing, best, who, at, far, whose, row, stride, low, high, start, s
                     for n, vector in ((3, _FLOATS), (4, _INTS))
                 )
                 distance, before = builder.fadd(distance, more), builder.load(best)
-                nearer = builder.fcmp_ordered("<", distance, before)
+                nearer = builder.fcmp_ordered(better, distance, before)
                 builder.store(builder.select(nearer, distance, before), best)
                 builder.store(builder.select(nearer, owner, builder.load(who)), who)
             limit = _splat(builder, builder.fadd(square, least))

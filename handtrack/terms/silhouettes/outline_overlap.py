@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import C, Floats
+from handtrack.arrays import C, Floats, Ints, N
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
+from handtrack.terms.silhouettes.overlap_kernels import overlap_areas
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
-from handtrack.terms.silhouettes.silhouette_field import field_system, plain_field, prepared
+from handtrack.terms.silhouettes.silhouette_field import prepared
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,25 @@ def outline_overlap(
     silhouettes: Sequence[Silhouette | PreparedSilhouette], ellipsoids: Ellipsoids, bones: BonePoses
 ) -> OutlineOverlap:
     """Return the areas of the model's hard outline, of the masks, and of both together."""
-    seen = prepared(silhouettes)
-    shape = plain_field(len(seen), len(ellipsoids))
-    _, areas = field_system(seen, ellipsoids, shape, bones, 1.0, want_system=False)
-    return OutlineOverlap(areas[:, 0], np.array([s.area for s in seen]), areas[:, 1])
+    return parts_overlap(silhouettes, ellipsoids, [np.arange(len(ellipsoids))], bones)[0]
+
+
+def parts_overlap(
+    silhouettes: Sequence[Silhouette | PreparedSilhouette],
+    ellipsoids: Ellipsoids,
+    parts: Sequence[Ints[N]],
+    bones: BonePoses,
+) -> list[OutlineOverlap]:
+    """Return the same of each part alone: the ellipsoids of those numbers."""
+    seen, flesh = prepared(silhouettes), ellipsoids.grown(bones)
+    starts = np.cumsum([0, *map(len, parts)])
+    members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
+    areas = np.zeros((len(seen), len(parts), 2))
+    for camera, found in zip(seen, areas, strict=True):
+        overlap_areas(
+            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
+            camera.camera.projection, camera.valid, camera.begins, camera.ends, camera.values, camera.camera.size[0],
+            starts, members, found,
+        )  # fmt: skip
+    mask = np.array([camera.area for camera in seen])
+    return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

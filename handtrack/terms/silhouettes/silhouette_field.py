@@ -60,10 +60,10 @@ def field_system(
     weight: float | Sequence[float],
     want_system: bool = True,
     growing: bool = False,
-) -> tuple[BoneSystem, Floats[C, D2]]:
-    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels, and areas [px].
+) -> BoneSystem:
+    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels.
 
-    weight: one, or one a camera. areas: what the model covers, and how much of it the mask covers. Without want_system, gradient and Hessian are
+    weight: one, or one a camera. Without want_system, gradient and Hessian are
     those of no residual. growing: with the bones' growth, seven numbers a bone. About a camera's centre a bone can grow unseen: growing about the
     root looks like coming nearer by the same share.
     """
@@ -76,9 +76,8 @@ def field_system(
     system, total = BoneSystem.zero(count), BoneSystem.zero(count, 7 if growing else 6)
     cost = 0.0
     weights = per_camera(weight, len(silhouettes), "weight")
-    areas = np.empty((len(silhouettes), 2))
     for i, seen in enumerate(silhouettes):
-        part, areas[i, 0], areas[i, 1] = camera_system(
+        part = camera_system(
             bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
             ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers, seen.heights,
             shape.levels[i], shape.limit, shape.depth_scaled, shape.row_step(i), weights[i], want_system, system.gradient, system.hessian,
@@ -88,7 +87,7 @@ def field_system(
             total += system.with_growth(seen.camera.centre - bones.reference)
             system = BoneSystem.zero(count)
     total = total if growing else system
-    return BoneSystem(cost, total.gradient, total.hessian), areas
+    return BoneSystem(cost, total.gradient, total.hessian)
 
 
 def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
@@ -123,11 +122,11 @@ class FieldTerm:
         """Return ½ weight Σ (P − Z)²."""
         return field_system(
             self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
-        )[0].cost
+        ).cost
 
     def linearize(self, bones: BonePoses) -> BoneSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)[0]
+        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)
 
     def tables(self) -> list[TermTable]:
         """Return one for each camera."""
@@ -147,4 +146,4 @@ class FieldTerm:
         """Return the same in seven numbers a bone, with its growth."""
         return field_system(
             self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, growing=True
-        )[0]
+        )

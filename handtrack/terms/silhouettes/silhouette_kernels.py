@@ -70,10 +70,9 @@ def camera_system(
     rotation, position, reference, bone, centre, turn, radii, projection, valid, begins, ends, values, edges, powers, heights,
     levels, limit, depth_scaled, step, weight, want_system, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns (cost, area, overlap).
+    """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns the cost.
 
-    The returned cost leaves out ½ weight ΣZ², which does not depend on the pose. area: pixels that the model covers,
-    overlap: −ΣZ over them. begins, ends, values, edges: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
+    It leaves out ½ weight ΣZ², which does not depend on the pose. begins, ends, values, edges: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
     factor s. step: of so many rows one is looked at, which stands for all.
     """
     count, height, width = bone.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
@@ -86,10 +85,6 @@ def camera_system(
         ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
     )
     weight *= step
-    area, overlap = 0.0, 0.0
-    for k in range(1, count + 2):
-        area += moments[k, 0]
-        overlap -= moments[k, 16]
     core = count + 1
     cost = 0.5 * moments[core, 0] + moments[core, 16]
     m, z = np.zeros((6, 6)), np.zeros(6)
@@ -117,14 +112,14 @@ def camera_system(
                 work,
             )
             _add_block(work, m, mc, z, weight, 6 * bone[e], gradient, hessian)
-    return weight * cost, step * area, step * overlap
+    return weight * cost
 
 
 @TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 u1 f8 f8 f8 f8")
 def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
     """½ weight Σ (P − Z)² of one camera; the table is made by `FieldTerm.tables`."""
     scalars = array1(term, 13, np.float64)
-    part, _, _ = camera_system(
+    part = camera_system(
         array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
         array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
         array2(term, 4, np.float64), array2(term, 5, np.int32), array1(term, 6, np.int64), array1(term, 7, np.int64),

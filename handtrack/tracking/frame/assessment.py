@@ -7,12 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J
+from handtrack.arrays import D3, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.tracking.frame.constants import (
     DOUBTFUL_CLOUD,
     DOUBTFUL_OVERLAP,
@@ -60,8 +59,9 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     Of three and more views two must say so: a mask may lack a finger.
     """
     worst, reason = DOUBTFUL_PART, None
-    for bone, part in _parts(terms.model):
-        found = outline_overlap(terms.prepared, part, bones)
+    names, parts = _parts(terms.model)
+    overlaps = parts_overlap(terms.prepared, terms.model.flesh["fine"], parts, bones)
+    for bone, found in zip(names, overlaps, strict=True):
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
         view = int(np.argsort(inside)[1 if len(inside) > 2 else 0])
         if inside[view] < worst:
@@ -72,19 +72,17 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
 
 
 @lru_cache(maxsize=8)
-def _parts(model: ArticulatedModel) -> tuple[tuple[str, Ellipsoids], ...]:
-    """Return each bone's name and its ellipsoids with those of the bone it hangs on: a fingertip alone is as small as a
-    mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
+def _parts(model: ArticulatedModel) -> tuple[list[str], Sequence[Ints[N]]]:
+    """Return each bone's name, and which are its ellipsoids and those of the bone it hangs on: a fingertip alone is as small
+    as a mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
     """
-    flesh, skeleton = model.flesh["fine"], model.skeleton
-    return tuple(
-        (
-            skeleton.bone_names[bone],
-            flesh.subset((flesh.bone == bone) | (flesh.bone == skeleton.parent[bone])),
-        )
-        for bone in np.unique(flesh.bone)
-        if not model.is_forearm(bone)
-    )
+    carrier, skeleton = model.flesh["fine"].bone, model.skeleton
+    kept = [int(bone) for bone in np.unique(carrier) if not model.is_forearm(bone)]
+    names = [skeleton.bone_names[bone] for bone in kept]
+    parts = [
+        np.flatnonzero((carrier == bone) | (carrier == skeleton.parent[bone])) for bone in kept
+    ]
+    return names, parts
 
 
 def assess(

@@ -10,8 +10,8 @@ import pytest
 
 import handtrack.session.live.live_session as live_session
 from handtrack.session.session import Session
-from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_control import open_live_document
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.live import live_table
 from handtrack_app.protocol import commands, snapshots

@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.job_control import one_frame
+from handtrack_app.engine.job_words import one_frame
 from handtrack_app.engine.store.tracks import journal_row, result_of_row
 from tests.app.fake_run import fake_document
 

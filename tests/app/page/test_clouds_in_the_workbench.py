@@ -20,7 +20,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.job_control import summary
+from handtrack_app.engine.job_words import summary
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
 from handtrack_app.engine.pictures.cloud_service import CloudService

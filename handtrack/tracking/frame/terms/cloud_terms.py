@@ -128,8 +128,10 @@ def _lines_of_sight(points: Floats, eye: Floats, mesh: SurfaceMesh, margin_m: fl
 
 def _area(points: Floats) -> float:
     """Return about how much surface [m²] points (N, 3) lie on, however dense they are."""
-    cells = np.unique(np.floor(points / _CELL_M).astype(np.int64), axis=0)
-    return len(cells) * _CELL_AREA
+    cells = np.floor(points / _CELL_M).astype(np.int64)
+    x, y, z = (cells - cells.min(axis=0)).T
+    flat = (x * (y.max() + 1) + y) * (z.max() + 1) + z  # many times quicker to compare than rows
+    return len(np.unique(flat)) * _CELL_AREA
 
 
 def _patch_area(model: ArticulatedModel, settings: TrackerSettings) -> float:

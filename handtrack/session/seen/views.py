@@ -25,9 +25,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
-from handtrack.session.seen_keypoints import KeypointFiles
+from handtrack.session.seen.seen_keypoints import KeypointFiles
+from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings
-from handtrack.session.video_audits import read_audit
 
 
 class View:

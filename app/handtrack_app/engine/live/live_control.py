@@ -10,17 +10,15 @@ from pathlib import Path
 from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.session.live.live_recording import LiveRecording
-from handtrack.session.live.live_session import LiveSession, open_live
+from handtrack.session.live.live_session import LIVE_SETTINGS, LiveSession, open_live
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import dotted
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.protocol.snapshots import LiveCameraCard, LiveSnapshot, Notice, Snapshot
 
-_IN_TIME: dict[str, object] = {"tracker.escape": False}
-"""settings of a live source: a search for lost fingers takes as long as many frames, and motion has gone on by then"""
 _TELL_EVERY_S = 0.5
 KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and open the recording, where everything can be saved."
 
@@ -34,7 +32,7 @@ def open_live_document(
         assert session.live is not None
         session.live.reach(0)
         session.live.begin_counting()
-        live = {"model.fit_size": False} | _IN_TIME
+        live = dict(LIVE_SETTINGS)
         for name in dotted(session.file.tracking):
             live.pop(name, None)  # what session.toml says holds
         run = TrackingRun.open(session, {**live, **overrides}, use_init=False)

@@ -1,6 +1,6 @@
 """Measures how many frames a second the workbench's engine follows running cameras: what `handtrack bench as_if_live` prints.
 
-python -m handtrack_app.engine.live_pace FRAMES_A_SECOND…
+python -m handtrack_app.engine.live.live_pace FRAMES_A_SECOND…
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.live_options import LiveOptions
+from handtrack_app.engine.live.live_control import open_live_document
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.run import Run
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
