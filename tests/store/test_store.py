@@ -70,7 +70,8 @@ def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder: Path) 
 
 def test_pruning_is_for_takes_that_are_not_current(folder: Path) -> None:
     with WritableStore(folder, "a test") as store:
-        add_take(store, range(3)), store.restore(add_take(store, range(3)))
+        add_take(store, range(3))
+        store.restore(add_take(store, range(3)))
         with pytest.raises(HandtrackError, match="take 2 is part of the current track"):
             store.prune(2)
         freed = store.prune(1)

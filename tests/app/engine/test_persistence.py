@@ -193,3 +193,18 @@ def test_a7_what_could_not_be_written_is_tried_again(tmp_path: Path, monkeypatch
 
 def _full(_events: object) -> None:
     raise HandtrackError("the disk is full")
+
+
+def test_a3_a_pose_set_ahead_of_the_tracker_stays_after_a_crash(tmp_path: Path) -> None:
+    store = Persistence.open(fake_document(tmp_path, step_s=0.0))
+    document = store.document
+    document.set_pose(6, document.start.tolist())
+    store.note_pose(6)
+    for result in document.run.track(document.frames, 3, document.model.rest_params()):
+        document.accept(result, replaces_hand=result.frame == 3)
+        store.note_result(result)
+    store.flush()
+    assert 6 in document.by_hand
+    again = Persistence.open(fake_document(tmp_path))
+    again.restore()
+    assert sorted(again.document.by_hand) == [6]

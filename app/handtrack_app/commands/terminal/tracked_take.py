@@ -76,9 +76,9 @@ class TrackedTake:
         done = [*takewhile(lambda step: step.result.frame != self._args.explain, steps)]
         self._writers.append(self._store.go_on(left))
         count = sum(step.result.frame in frames for step in done)
-        say(
-            f"resuming at frame {count} of {len(frames)} (take {left.number}; --restart begins anew)"
-        )
+        if count:
+            more = f"(take {left.number}; --restart begins anew)"
+            say(f"resuming at frame {count} of {len(frames)} {more}")
         return done
 
     def add(self, step: Step) -> None:

@@ -43,7 +43,7 @@ class Persistence:
     warning: str = ""
     lease: WritableStore | None = None
     """the right to write to the session's tracks/, which one program has"""
-    _waiting: list[FrameResult] = field(default_factory=list)
+    _waiting: list[dict[str, object]] = field(default_factory=list)
     _flushed: float = 0.0
 
     @classmethod
@@ -122,7 +122,7 @@ class Persistence:
 
     def note_result(self, result: FrameResult) -> None:
         """Write a tracked frame, a second late at most."""
-        self._waiting.append(result)
+        self._waiting.append(journal_row(result, stays=result.frame in self.document.by_hand))
         if time.monotonic() - self._flushed > _FLUSH_S:
             self.flush()
 
@@ -131,10 +131,7 @@ class Persistence:
         self._flushed = time.monotonic()
         if self.journal is not None and self._waiting:
             self._check()
-            rows: list[tuple[str, dict[str, object]]] = [
-                ("tracked", journal_row(r)) for r in self._waiting
-            ]
-            self.journal.append_all(rows)
+            self.journal.append_all([("tracked", row) for row in self._waiting])
         self._waiting = []  # not before: what failed is tried again
 
     def settle(self) -> None:
@@ -271,7 +268,7 @@ class Persistence:
         elif event.kind == "forget":
             document.forget_pose(int(data["frame"]))
         elif event.kind == "tracked":
-            document.accept(result_of_row(data, document))
+            document.accept(result_of_row(data, document), not data.get("by_hand", False))
 
     # ---- on request
 

@@ -67,9 +67,10 @@ def _complete(
     )
 
 
-def journal_row(result: FrameResult) -> dict[str, object]:
-    """Return a tracked frame as the journal keeps it."""
+def journal_row(result: FrameResult, stays: bool = False) -> dict[str, object]:
+    """Return a tracked frame as the journal keeps it. stays: what was set by hand there holds all the same."""
     return {
+        "by_hand": stays,
         "frame": result.frame,
         "status": int(result.status),
         "energy": float(result.energy),
