@@ -118,7 +118,7 @@ class Document:
         known = self.run.session.known_frames
         if known == self.frames:
             return False
-        self.frames = known
+        self.frames, self.rows = known, TrackedRows(known)
         self.results = {f: result for f, result in self.results.items() if f in known}
         self.by_hand = {f: pose for f, pose in self.by_hand.items() if f in known}
         self.found = {f: pose for f, pose in self.found.items() if f in known}
