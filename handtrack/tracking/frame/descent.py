@@ -17,10 +17,6 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
-_WIDE_GAIN = 1e-3
-"""share of the cost that a step of a wide band must gain for another to follow, where silhouettes alone are seen: it only hands
-over a start. After such a step all that are left gain 5e-4 (median of the bundled recording). Clouds go on, whose steps are
-short and many"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +56,12 @@ def descend(
             if on_iteration is not None:
                 on_iteration(offset + k, x, cost)
 
-        chosen = replace(settings, iterations=share, cost_tolerance=_enough(settings, terms, stage))
-        summary = solve(problem, params, chosen, should_stop, watch)
+        summary = solve(problem, params, replace(settings, iterations=share), should_stop, watch)
         params = summary.params
         done, left = done + summary.iterations, left - summary.iterations
         if summary.why == "stopped":
             break
     return summary, problem, done
-
-
-def _enough(settings: SolverSettings, terms: FrameTerms, stage: int) -> float:
-    """Return the share of the cost that a step of a stage must gain for another to follow."""
-    alone = terms.views == len(terms.prepared) > 0 and not terms.keypoints
-    is_wide = stage + 1 < terms.stages
-    return max(_WIDE_GAIN if alone and is_wide else 0.0, settings.cost_tolerance)
 
 
 def by_keypoints_alone(terms: FrameTerms) -> bool:
