@@ -42,12 +42,12 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
-from handtrack.tracking.frame.constants import SEARCH_EVERY
+from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
 _K = TypeVar("_K")
-_FRAMES_KEPT = SEARCH_EVERY + 4  # those that a search may have solved anew are at hand
+_FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
 _OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
 _CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
 _PIXELS_KEPT = 400_000_000  # of all masks kept

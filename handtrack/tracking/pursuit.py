@@ -74,7 +74,8 @@ class Pursuit:
         if not self._beside:
             yield from self._one_by_one(numbers)
             return
-        pool, patience = workers(thread_count(), "search"), sys.getswitchinterval()
+        # one core is left to the frames
+        pool, patience = workers(thread_count() - 1, "search"), sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_S)
         try:
             yield from self._pursued(iter(numbers), pool)

@@ -115,13 +115,13 @@ def test_one_bad_read_is_no_end(desk: Desk) -> None:
 
 
 def test_old_images_are_forgotten_and_their_frames_known_a_while(desk: Desk) -> None:
-    for value in range(40):
+    for value in range(50):
         desk.show(value)
         desk.feed.reach(value)
     assert desk.values(0) == {}
-    assert desk.values(39) == {"left": 39, "right": 39}
-    assert desk.feed.known == range(40)
-    assert desk.feed.with_images == range(8, 40)
+    assert desk.values(49) == {"left": 49, "right": 49}
+    assert desk.feed.known == range(50)
+    assert desk.feed.with_images == range(10, 50)
 
 
 def test_a_file_is_played_at_its_own_pace(tmp_path: Path, monkeypatch) -> None:

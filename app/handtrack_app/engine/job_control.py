@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from handtrack.errors import HandtrackError
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, params_of
@@ -39,7 +39,7 @@ from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
-_COMES_AGAIN = 2 * Control().ahead  # frames before a live one that may still change
+_COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still change
 _ENDLESS = 1 << 40  # frames
 _WORDS = {
     "paused": "Paused",

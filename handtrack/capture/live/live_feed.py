@@ -14,7 +14,7 @@ from handtrack.capture.live.live_camera import LiveCamera
 from handtrack.errors import HandtrackError
 
 _T = TypeVar("_T")
-_KEPT_IMAGES = 32  # frames whose images stay in memory
+_KEPT_IMAGES = 40  # frames whose images stay in memory: a search may have the last 32 solved anew
 _KEPT_TIMES = 600  # frames that count as known
 _STALLED_S = 1.0  # without any image; then a frame without images lets who tracks go on
 

@@ -16,6 +16,9 @@ TEXTURE_CORRELATION_PX = 6.0
 SEARCH_EVERY = 16
 """[frames] after which lost fingers are looked for however well a frame fits, since a finger hidden in a fist may settle
 wrongly (docs/experiments.md, recordings of other hands)"""
+FRAMES_AHEAD = 2 * SEARCH_EVERY
+"""[frames] solved at most beyond one whose search beside is not done; with half as many the first frames' searches, three in a
+row, halt two cores (`bench frame_p99_vs_median`: 4 to 8, and 1.4 so)"""
 
 DOUBTFUL_OVERLAP = 0.65
 """a frame is doubtful if model and mask overlap less in its worst camera (intersection over union); chosen by hand"""

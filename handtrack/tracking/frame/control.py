@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from handtrack.arrays import Floats, P
-from handtrack.tracking.frame.constants import SEARCH_EVERY
+from handtrack.tracking.frame.constants import FRAMES_AHEAD
 
 Watch = Callable[[int, Floats[P], float], None]
 """called after each accepted solver step with its count, parameters and cost"""
@@ -32,8 +32,8 @@ class Control:
     on_early: Callable[[Any], None] | None = None
     """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
     it. What holds is yielded later"""
-    ahead: int = SEARCH_EVERY
-    """frames that are solved at most beyond one whose search beside isn't done: by then the next regular one is due"""
+    ahead: int = FRAMES_AHEAD
+    """frames that are solved at most beyond one whose search beside isn't done"""
     waits: bool = True
     """False: that search is then given up, for frames do not wait, as before a live camera"""
     searches: bool = True
