@@ -31,6 +31,9 @@ Stepped = tuple[TrackerState, FrameResult]
 _SWITCH_S = 0.0005
 """how long the next frame waits for the interpreter while a search holds it; Python's own 5 ms are a tenth of a frame"""
 
+_CAUGHT_UP = 4
+"""frames at most that are solved anew before a live camera: all of them would take a second, in which the hand moves on"""
+
 
 @dataclass(eq=False)
 class _Search:
@@ -135,7 +138,7 @@ class Pursuit:
         self._state = frame.after
         if self._control.should_stop():
             return
-        if due:
+        if due and (control.waits or not any(other.search for other in self._ahead)):
             frame.search = self._begun(before, seen, pool)
         self._show(frame.result)
 
@@ -175,7 +178,10 @@ class Pursuit:
                 return None
             if _is_changed(frame.result, found[1]):
                 after, result = found
-                self._again.extendleft(reversed([later.number for later in self._ahead]))
+                later = [other.number for other in self._ahead]
+                if not self._control.waits:
+                    later = later[:: -(-len(later) // _CAUGHT_UP) or 1]
+                self._again.extendleft(reversed(later))
                 self._drop(self._ahead)
                 self._ahead.clear()
                 self._state = after

@@ -99,18 +99,19 @@ def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
 
 
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
-    path, early = Path(frozenset({3, 30}), frozenset({3, 30})), []
+    path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
 
     def show(result):
         early.append(result.frame)
-        if result.frame == 40:
+        if result.frame == 50:
             path.gate.set()
             time.sleep(0.2)
 
-    found = poses(path, 2, monkeypatch, on_early=show, waits=False)
-    assert early[:41] == list(range(41))
-    assert dict(found)[29] == sum(range(30))  # what would have been found in frame 3 came too late
-    assert dict(found)[30] == sum(range(31)) + 1000
+    found = dict(poses(path, 2, monkeypatch, on_early=show, waits=False))
+    assert early[:51] == list(range(51))
+    assert found[39] == sum(range(40))  # of 3 it came too late, and 5 had none beside it
+    assert found[40] == sum(range(41)) + 1000
+    assert sorted(found) == [*range(41), 41, 44, 47, 50, *range(51, COUNT)]
 
 
 def test_a_frame_that_cannot_be_read_is_told_after_those_before_it(monkeypatch):

@@ -35,7 +35,8 @@ class Control:
     ahead: int = FRAMES_AHEAD
     """frames that are solved at most beyond one whose search beside isn't done"""
     waits: bool = True
-    """False: that search is then given up, for frames do not wait, as before a live camera"""
+    """False: that search is then given up, for frames do not wait, as before a live camera; one search is made at a time, and
+    of the frames since only a few are solved anew"""
     searches: bool = True
     """False: a search for what may be lost isn't made, only told to be due"""
 

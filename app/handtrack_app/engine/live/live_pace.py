@@ -26,7 +26,6 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.engine.run import Run
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 
@@ -37,21 +36,23 @@ _ROUNDS = 2  # of the recording, forward and backward
 
 def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     """Return the figures of tracking the bundled hand, videos played as cameras at so many times their pace."""
-    seen: list[tuple[float, FrameResult]] = []
+    shown: list[tuple[float, int]] = []
+    results: list[FrameResult] = []
     opened, idle = threading.Event(), threading.Event()
-    shown: dict[str, int] = {}
+    pictures: list[float] = []
 
     def publish(snapshot: snapshots.Snapshot) -> None:
-        kind = type(snapshot).__name__
-        shown[kind] = shown.get(kind, 0) + 1
-        if isinstance(snapshot, snapshots.ProgressSnapshot) and snapshot.state == "idle":
-            (idle if seen else opened).set()
-
-    def watch(_: Run, result: FrameResult) -> None:
-        seen.append((time.monotonic(), result))
+        now = time.monotonic()
+        match snapshot:
+            case snapshots.ProgressSnapshot(state="idle"):
+                (idle if results else opened).set()
+            case snapshots.PictureSnapshot():
+                pictures.append(now)
+            case snapshots.PoseSnapshot() if not shown or snapshot.frame > shown[-1][1]:
+                shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
-    worker = Worker(bundled_session(), publish, opener, watch)
+    worker = Worker(bundled_session(), publish, opener, lambda _, result: results.append(result))
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()
@@ -61,31 +62,30 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     spent_s = time.process_time() - began_s
     feed = worker.document.run.session.live
     assert feed is not None
-    counts, zero_s = list(feed.counts.values()), feed.zero_s
+    counts = list(feed.counts.values())
+    taken = {frame: feed.time_s(frame) for _, frame in shown}
     worker.stop(20.0)
-    moving = [(when, result) for when, result in seen if result.time_s > _STILL_S / rate]
+    held_s = _STILL_S / rate
+    moving = [(when, f, t) for when, f in shown if (t := taken[f]) is not None and t > held_s]
     if len(moving) < 3:
         raise HandtrackError(
-            f"as_if_live: {len(moving)} frames were solved while the hand moved: this machine is too busy to be measured."
+            f"as_if_live: {len(moving)} poses were shown while the hand moved: this machine is too busy to be measured."
         )
-    ends = np.array([when for when, _ in moving])
-    late = ends - zero_s - np.array([result.time_s for _, result in moving])
-    steps = np.diff(ends)
-    lost = sum(result.status == Status.LOST for _, result in moving)
+    when, frame, time_s = (np.array(column) for column in zip(*moving, strict=True))
+    late, steps = when - feed.zero_s - time_s, np.diff(when)
     return {
-        "solved_a_second": len(steps) / float(steps.sum()),
-        "solved": len(moving),
-        "cpu_ms_a_frame": 1e3 * spent_s / len(seen),
+        "solved_a_second": float(frame[-1] - frame[0]) / float(when[-1] - when[0]),
+        "solved": int(frame[-1] - frame[0]) + 1,
+        "cpu_ms_a_frame": 1e3 * spent_s / max(int(frame[-1]), 1),
         "dropped": max(count.dropped for count in counts),
         "missing": max(count.missing for count in counts),
-        "lost": int(lost),
-        "median_step_ms": 1e3 * float(np.median(steps)),
-        "slowest_step_ms": 1e3 * float(steps.max()),
-        "steps_above_50_ms": int((steps > 0.05).sum()),
+        "lost": sum(result.status == Status.LOST for result in results),
+        "poses_shown": len(moving),
+        "median_ms_between_poses": 1e3 * float(np.median(steps)),
+        "most_ms_between_poses": 1e3 * float(steps.max()),
         "median_image_to_pose_ms": 1e3 * float(np.median(late)),
         "slowest_image_to_pose_ms": 1e3 * float(late.max()),
-        "poses_shown": shown.get("PoseSnapshot", 0),
-        "pictures_shown": shown.get("PictureSnapshot", 0),
+        "pictures_shown": len(pictures),
     }
 
 
