@@ -285,7 +285,7 @@ class OpenSession:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
         if isinstance(snapshot, PoseSnapshot):
-            self.painter.is_stale = True
+            self.painter.is_stale, self.painter.hurried = True, self.jobs.busy
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)

@@ -11,6 +11,9 @@ from handtrack_app.protocol.commands import WantPictures
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
 _PAINT_EVERY_S = 0.08  # at most this often: the hand itself comes first
+_HURRIED_S = (
+    0.25  # and while tracking runs, which a picture takes its time from (`bench as_if_live`)
+)
 
 
 class Painter:
@@ -26,6 +29,8 @@ class Painter:
         self._painted = 0.0
         self.is_stale = False
         """there is something to paint"""
+        self.hurried = False
+        """tracking runs"""
 
     def want(self, wanted: WantPictures) -> None:
         """Take which pictures the page shows from now on."""
@@ -36,7 +41,8 @@ class Painter:
         """How long the worker may wait for a command before there is something to paint."""
         if not self.is_stale:
             return 0.1
-        return max(self._painted + _PAINT_EVERY_S - time.monotonic(), 0.0)
+        every_s = _HURRIED_S if self.hurried else _PAINT_EVERY_S
+        return max(self._painted + every_s - time.monotonic(), 0.0)
 
     def paint(self) -> None:
         """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
