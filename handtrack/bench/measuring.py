@@ -24,9 +24,8 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
-_ONE_THREAD = {
-    f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB", "NUMBA")
-} | {"HANDTRACK_THREADS": "1"}
+_BLAS_ALONE = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB")}
+_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "HANDTRACK_THREADS": "1"}
 
 
 def data_folder() -> Path:
@@ -49,7 +48,7 @@ def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
     """Return the figures that a module prints as JSON, run in a process of its own; BLAS has one thread there, and all
     else too, unless all cores are wanted.
     """
-    threads = {k: v for k, v in _ONE_THREAD.items() if not (all_cores and k.startswith("NUMBA"))}
+    threads = _BLAS_ALONE if all_cores else _BLAS_ALONE | _ONE_THREAD
     done = subprocess.run(
         [sys.executable, "-m", module, *words],
         env=os.environ | threads, capture_output=True, text=True, check=True,
