@@ -262,3 +262,19 @@ def test_exported_npz_is_a_result(rng, tmp_path):
     EXPORTS["npz"][0](tmp_path / "copy.npz", track)
     assert_same(read_npz(tmp_path / "copy.npz"), track)
     assert len(PARAMETERS) == read_npz(tmp_path / "copy.npz").parameters.shape[1]
+
+
+@pytest.mark.parametrize("kind", ["csv", "csv-long"])
+def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tmp_path):
+    track = sample_track(rng)
+    name = '=HYPERLINK("http://x")'
+    track = replace(track, joint_names=(name, "@sum", *track.joint_names[2:]))
+    write, _ = EXPORTS[kind]
+    write(tmp_path / "x.csv", track)
+    with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert any(cell.startswith("'" + name) for cell in cells)
+    assert any(cell.startswith("'@sum") for cell in cells)
+    risky = [cell for cell in cells if cell.startswith(("=", "+", "-", "@"))]
+    assert risky  # negative coordinates
+    assert all(np.isfinite(float(cell)) for cell in risky)
