@@ -45,7 +45,8 @@ _KEEPS = (
     | commands.FitSize
     | commands.TakeSize
 )
-_QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
+_QUIET_S = 0.4  # edits count as accepted, and go to the journal, when none came for this long
+_LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
 
 _BY_HAND = (
     "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
@@ -89,8 +90,9 @@ class OpenSession:
         )
         self._clouds = CloudService(document, render_thread)
         self._counted, self._told = False, set[str]()
-        self._unsaved: int | None = None
-        self._edited = 0.0
+        self._unsaved: list[int] = []  # frames whose poses are not in the journal yet
+        self._waits = False  # whether they go there by themselves, once edits rest
+        self._first_edit = self._last_edit = 0.0
 
     def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
@@ -260,21 +262,32 @@ class OpenSession:
     # ---- edits
 
     def _edit(self) -> None:
-        self._unsaved, self._edited = self.document.frame, time.monotonic()
+        frame, now = self.document.frame, time.monotonic()
+        if frame not in self._unsaved:
+            self._unsaved.append(frame)
+        if not self._waits:
+            self._waits, self._first_edit = True, now
+        self._last_edit = now
         self._show_pose()
 
     def accept_settled_edit(self) -> None:
-        """Accept the last edit once none came for a while."""
-        if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
+        """Accept the last edits once none came for a while, or they go on and on."""
+        now = time.monotonic()
+        if self._waits and (
+            now - self._last_edit > _QUIET_S or now - self._first_edit > _LONGEST_S
+        ):
             self.accept_edit()
 
     def accept_edit(self) -> None:
-        """Write the last edit to the journal, if it is not there yet."""
-        if self._unsaved is not None:
-            frame, self._unsaved = self._unsaved, None
+        """Write the last edits to the journal; what fails is told, and tried again with the next edit."""
+        if not self._waits:
+            return
+        self._waits = False
+        for frame in list(self._unsaved):
             if frame in self.document.by_hand:
                 self.store.note_pose(frame)
-            self._publish(timeline_snapshot(self.document))
+            self._unsaved.remove(frame)
+        self._publish(timeline_snapshot(self.document))
 
     # ---- showing
 
@@ -320,7 +333,8 @@ class OpenSession:
             self.jobs.tick()
 
     def close(self) -> list[str]:
-        """Keep the last edit and end what runs; return what is to be said at the end."""
+        """Keep the last edits and end what runs; return what is to be said at the end."""
+        self._waits = bool(self._unsaved)
         self.accept_edit()
         said = [] if self._live is None else self._live.close()
         self.store.close()

@@ -42,8 +42,7 @@ class _Opened:
 Request = SessionRequest | _Previewed | _Opened
 
 _LATEST_WINS = (
-    commands.SetPose, commands.PullTip, commands.ShowFrame, commands.WantPictures, commands.WantCloud,
-    commands.WantSurface, commands.SampleSkin,
+    commands.ShowFrame, commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.SampleSkin,
 )  # fmt: skip
 _LOOKS_ELSEWHERE = (
     commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess,
@@ -58,6 +57,8 @@ def _kind(request: Request) -> Hashable | None:
         return ("setting", request.name)
     if isinstance(request, commands.SetLimits):
         return ("limits", request.name)
+    if isinstance(request, commands.SetPose | commands.PullTip):
+        return (type(request), request.frame)  # an edit never replaces another frame's
     return type(request) if isinstance(request, _LATEST_WINS) else None
 
 
