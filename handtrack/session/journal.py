@@ -15,9 +15,7 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
-from handtrack.session.layout import TRACKS_FOLDER
-
-JOURNAL_FILE = "journal.jsonl"
+from handtrack.session.layout import JOURNAL_FILE
 
 
 @dataclass(frozen=True)
@@ -50,10 +48,9 @@ class Journal:
         A last line that a crash tore off is dropped from the file: what was accepted before it stands.
         Raises HandtrackError when it cannot be written.
         """
-        folder = Path(session_folder) / TRACKS_FOLDER
-        path = folder / JOURNAL_FILE
+        path = Path(session_folder) / JOURNAL_FILE
         try:
-            folder.mkdir(exist_ok=True)
+            path.parent.mkdir(exist_ok=True)
             known, damaged = _mended(path)
             return cls(path, known, damaged)
         except OSError as error:
@@ -121,7 +118,7 @@ class Journal:
 
 def read_events(session_folder: Path) -> list[Event]:
     """Return the events of a session's journal, to look at: nothing is mended, and another program may go on writing."""
-    path = Path(session_folder) / TRACKS_FOLDER / JOURNAL_FILE
+    path = Path(session_folder) / JOURNAL_FILE
     if not path.is_file():
         return []
     lines = path.read_bytes().splitlines()

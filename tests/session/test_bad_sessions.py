@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
@@ -320,6 +321,26 @@ def test_links_out_of_the_folder(folder: Path) -> None:
     (folder / "cam0").mkdir()
     (folder / "cam0/000.png").symlink_to(outside / "000.png")
     contains(refusal(folder), '"cam0/000.png" leaves the session folder', "copy the files there")
+
+
+@pytest.mark.parametrize("name", ["tracks", "tracks/poses.npz", "init.json", "hand.json"])
+def test_c48_nothing_is_written_through_a_link_out_of_the_folder(folder: Path, name: str) -> None:
+    outside, inside = folder.parent / "outside", folder / name
+    inside.parent.mkdir(exist_ok=True)
+    inside.unlink(missing_ok=True)
+    inside.symlink_to(outside)  # also one that leads nowhere yet
+    contains(refusal(folder), f'"{name}" leaves the session folder', str(outside))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+@pytest.mark.parametrize(
+    "name", ["init.json", "truth.npz", "calibration.toml", "tracks/journal.jsonl"]
+)
+def test_c48_a_pipe_is_not_opened(folder: Path, name: str) -> None:
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    contains(refusal(folder), f"{name} is a pipe or a device, not a file, so it was not opened")
 
 
 def test_links_within_the_folder_are_fine(folder: Path) -> None:

@@ -18,7 +18,14 @@ from handtrack.session.clouds_settings import read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal, read_events
-from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER, WORK_FILE
+from handtrack.session.layout import (
+    HAND_FILE,
+    INIT_FILE,
+    POSES_FILE,
+    SESSION_FILE,
+    TRACKS_FOLDER,
+    WORK_FILE,
+)
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.store import WritableStore
 from handtrack.tracking.frame.result import FrameResult
@@ -27,7 +34,6 @@ from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_
 
 log = logging.getLogger(__name__)
 
-HAND_FILE = "hand.json"
 _SETTINGS = "a session's settings"
 _PROGRAM = "handtrack open"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
