@@ -383,6 +383,27 @@ def test_timestamps_that_cannot_be_used(case: str, folder: Path) -> None:
     contains(refusal(folder), "t.csv", *words)
 
 
+@pytest.mark.parametrize("fps", ["", "fps = 10.0\n"])
+@pytest.mark.parametrize(
+    ("unit", "per_s"), [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)]
+)
+def test_c10_times_in_another_unit_are_refused(
+    fps: str, unit: str, per_s: float, folder: Path
+) -> None:
+    start = 1_700_000_000 if fps else 0  # from the epoch, or from the recording's start
+    step = 0.1 if fps else 1 / 30
+    rows = [f"cam0,{f},{(start + f * step) * per_s:.0f}" for f in range(4)]
+    (folder / "t.csv").write_text("\n".join(["camera,frame,time_s", *rows]))
+    edit(folder / "session.toml", "fps = 10.0", f'{fps}timestamps = "t.csv"')
+    contains(refusal(folder), "t.csv", f"Are these {unit}", f"Multiply time_s by {1 / per_s:g}")
+
+
+def test_c10_slow_recordings_are_fine_where_fps_says_so(folder: Path) -> None:
+    (folder / "t.csv").write_text("camera,frame,time_s\ncam0,0,0\ncam0,1,20\ncam0,2,40\n")
+    edit(folder / "session.toml", "fps = 10.0", 'fps = 0.05\ntimestamps = "t.csv"')
+    assert Session.open(folder).time_s(1) == 20.0
+
+
 def test_a_first_pose_must_belong_to_the_session(folder: Path) -> None:
     write_init(folder, frame=4)
     contains(refusal(folder), "init.json: frame = 4", "the session has the frames 0 to 3")
