@@ -146,7 +146,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
         _option("--tolerance-ms", type=float, default=50.0, metavar="T",
                 help="with --live: how far apart the images of one frame may be (50)"),
-        *_SERVER,
+        _TAKE_OVER, *_SERVER,
     )),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "new": _Command("new", "Make a session folder from videos and a calibration.", (

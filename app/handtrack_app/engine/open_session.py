@@ -77,10 +77,13 @@ class OpenSession:
         render_thread: RenderThread,
         watch: Watch | None,
         compiles: CompileWatch,
+        take_over: bool = False,
     ) -> None:
-        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it."""
+        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it. take_over:
+        write, even if another program does.
+        """
         self.document = document
-        self.store = Persistence.open(document)
+        self.store = Persistence.open(document, take_over)
         self._restored = self.store.restore()
         self._live = LiveControl.of(document, publish)
         self._publish = publish

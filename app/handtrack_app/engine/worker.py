@@ -72,11 +72,12 @@ class Worker:
         opener: Opener = open_document,
         watch: Watch | None = None,
         previewer: Opener | None = None,
+        take_over: bool = False,
     ) -> None:
-        """previewer: makes quickly what is shown while `opener` is at work."""
+        """previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does."""
         self.folder = folder
         self._publish, self._opener, self._watch = publish, opener, watch
-        self._previewer = previewer
+        self._previewer, self._take_over = previewer, take_over
         self._mail: Mailbox[Request] = Mailbox(_kind)
         self._stopping, self._opened = threading.Event(), threading.Event()
         self._shown = threading.Event()
@@ -214,7 +215,7 @@ class Worker:
                 raise document
             session = OpenSession(
                 document, self._publish, self._mail.put, self._mail, self._render_thread, self._watch,
-                self._compiles,
+                self._compiles, self._take_over,
             )  # fmt: skip
         except Exception as error:
             self._failure = error

@@ -53,16 +53,16 @@ class Persistence:
     _flushed: float = 0.0
 
     @classmethod
-    def open(cls, document: Document) -> Persistence:
+    def open(cls, document: Document, take_over: bool = False) -> Persistence:
         """Return the store of a session; one that cannot be written to, or that another program writes to, works, with a
-        warning. A live one keeps nothing.
+        warning. A live one keeps nothing. take_over: even from another program, which can write no more.
         """
         if document.run.session.live is not None:
             return cls(document, None)
         folder = document.run.session.folder
         lease = None
         try:
-            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM)
+            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM, take_over)
             return cls(document, Journal.open(folder), lease=lease)
         except LeaseTaken as error:
             return cls(document, None, f"{error} Here it can be looked at; nothing is saved.")
