@@ -174,7 +174,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
         _option("--restart", action="store_true", help="begin anew, not where the same command was ended before its end"),
-        _TAKE_OVER,
+        _TAKE_OVER, _JSON,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
     "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
