@@ -258,7 +258,8 @@ class OpenSession:
                 self._say("warning", "About this session", warning)
 
     def _see_arm(self) -> None:
-        if self.document.see_arm():
+        # never under a job: what it solves for would change
+        if not self.jobs.busy and self.document.see_arm():
             self._show_session()
             self._show_all()
 

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack.model.model_file import load_model
 from handtrack_app.engine.worker import Worker, _kind
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
-from tests.app.fake_run import FRAMES, fake_document
+from tests.app.fake_run import FRAMES, FakeRun, fake_document
 
 
 class Listener:
@@ -199,6 +200,30 @@ def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
             snapshots.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs")
         )
         worker.send(commands.Cancel())
+
+
+def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_arm = load_model("hand26", forearm=True)
+    for worker, listener in _desk(tmp_path, step_s=0.05):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.done > 1)
+        monkeypatch.setattr(
+            FakeRun, "with_arm_in_view", lambda run, *_: replace(run, model=with_arm)
+        )
+        worker.send(commands.SavePose())
+        listener.wait(snapshots.Notice, lambda n: n.title == "First-frame pose saved")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        assert not [
+            s for s in listener.seen if isinstance(s, snapshots.Notice) and s.level == "error"
+        ]
+        assert len(worker.document.results) == FRAMES
+        worker.send(commands.SavePose())  # now it may
+        listener.wait(
+            snapshots.SessionSnapshot,
+            lambda s: s.parameter_names == with_arm.parameter_names,
+        )
 
 
 def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
