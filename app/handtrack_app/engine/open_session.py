@@ -203,7 +203,11 @@ class OpenSession:
                     self._show_session()
                 self._edit()
             case _:
-                jobs.take(request)
+                try:
+                    jobs.take(request)
+                except Exception:
+                    jobs.show_progress()  # a full disk at a job's end: it is over all the same
+                    raise
 
     def _require_idle(self) -> None:
         if self.jobs.busy:

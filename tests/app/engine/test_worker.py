@@ -202,6 +202,26 @@ def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
         worker.send(commands.Cancel())
 
 
+def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for worker, listener in _desk(tmp_path):
+        with monkeypatch.context() as patch:
+            patch.setattr("handtrack_app.engine.store.persistence.write_npz", full)
+            worker.send(commands.Track(0, FRAMES, 3))
+            notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+            assert "cannot be written there (No space left on device)" in notice.text
+            worker.send(commands.ShowFrame(2))
+            listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
+        states = [s.state for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot)]
+        assert states[-1] == "idle"
+        worker.send(commands.SaveTrack())
+        listener.wait(snapshots.Notice, lambda n: n.title == "Track saved")
+
+
 def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

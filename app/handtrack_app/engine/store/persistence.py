@@ -147,9 +147,15 @@ class Persistence:
             return
         ordered = sorted(self.document.results.values(), key=lambda result: result.frame)
         path = self.folder / WORK_FILE
-        if self._is_of_another_model(path):
-            keep_version(path)
-        write_npz(path, self.document.run.result(ordered))
+        try:
+            if self._is_of_another_model(path):
+                keep_version(path)
+            write_npz(path, self.document.run.result(ordered))
+        except OSError as error:
+            raise HandtrackError(
+                f"{path}: what was tracked cannot be written there ({error.strerror}). It stays as long as the workbench is "
+                "open: make room, or bring the folder back, and save the track."
+            ) from None
         # a pose set by hand that tracking replaced is not to come back over it
         kept = [e for e in self.journal.events() if e.kind != "tracked" and not self._replaced(e)]
         self.journal.replace(kept)
