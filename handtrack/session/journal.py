@@ -6,6 +6,7 @@ import json
 import os
 import threading
 import time
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
 from handtrack.session.layout import JOURNAL_FILE
+
+_KEYS = {"time_s", "kind", "data"}
+_SUM_KEY = ',"crc":"'  # ends a line: CRC-32 of what stands before it
 
 
 @dataclass(frozen=True)
@@ -131,7 +135,12 @@ def _text(data: Any) -> str:
 
 def _line(event: Event) -> str:
     entry = {"time_s": round(event.time_s, 3), "kind": event.kind, "data": event.data}
-    return _text(entry) + "\n"
+    text = _text(entry).removesuffix("}")
+    return f'{text}{_SUM_KEY}{_checksum(text.encode())}"}}\n'
+
+
+def _checksum(text: bytes) -> str:
+    return f"{zlib.crc32(text):08x}"
 
 
 def _plain(value: Any) -> Any:
@@ -159,8 +168,14 @@ def _mended(path: Path) -> tuple[list[Event], int]:
 
 
 def _event(line: bytes) -> Event | None:
+    """Return what a line says, None of a damaged one. Those of earlier versions have no checksum, and nothing in its place."""
+    text, found, checksum = line.rpartition(_SUM_KEY.encode())
+    if found and checksum != f'{_checksum(text)}"}}'.encode():
+        return None
     try:
         entry = json.loads(line)
+        if set(entry) != (_KEYS | {"crc"} if found else _KEYS):
+            return None
         return Event(str(entry["kind"]), dict(entry["data"]), float(entry["time_s"]))
     except (ValueError, KeyError, TypeError):
         return None

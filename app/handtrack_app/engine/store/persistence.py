@@ -63,7 +63,8 @@ class Persistence:
         lease = None
         try:
             lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM, take_over)
-            return cls(document, Journal.open(folder), lease=lease)
+            journal = Journal.open(folder)
+            return cls(document, journal, _damage(journal), lease)
         except LeaseTaken as error:
             return cls(document, None, f"{error} Here it can be looked at; nothing is saved.")
         except HandtrackError as error:
@@ -366,3 +367,15 @@ class Persistence:
             ) from None
         kept = f" The one before is kept as {previous.name}." if previous is not None else ""
         return f"{len(track)} frames are in {path}.{kept}"
+
+
+def _damage(journal: Journal) -> str:
+    """Return what is to be said of a journal's unreadable lines; the file as it is is kept, since they go when it is shortened."""
+    if not journal.damaged:
+        return ""
+    kept = keep_version(journal.path)
+    where = "" if kept is None else f" The file with them is kept as {kept}."
+    return (
+        f"{journal.path}: {journal.damaged} of its lines cannot be read, torn by a crash or damaged on the disk, and are "
+        f"passed over: look whether poses or settings of last time are missing.{where}"
+    )
