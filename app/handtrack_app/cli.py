@@ -146,7 +146,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
         _option("--tolerance-ms", type=float, default=50.0, metavar="T",
                 help="with --live: how far apart the images of one frame may be (50)"),
-        *_SERVER,
+        _TAKE_OVER, *_SERVER,
     )),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "new": _Command("new", "Make a session folder from videos and a calibration.", (
@@ -174,7 +174,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
         _option("--restart", action="store_true", help="begin anew, not where the same command was ended before its end"),
-        _TAKE_OVER,
+        _TAKE_OVER, _JSON,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
     "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (

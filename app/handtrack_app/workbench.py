@@ -43,9 +43,10 @@ class Workbench:
         rerun: bool = False,
         demo: bool = False,
         open_pages: bool = False,
+        take_over: bool = False,
     ) -> None:
         """opener: what opens the folder instead of `Opening`. rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
-        open_pages: open rerun's viewer in the browser, too.
+        open_pages: open rerun's viewer in the browser, too. take_over: write, even if another program does.
         """
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
@@ -60,7 +61,7 @@ class Workbench:
         opening = Opening()
         self.worker = Worker(
             self.folder, self._snapshots.put, opener or opening.document, watch,
-            opening.preview if opener is None else None,
+            opening.preview if opener is None else None, take_over,
         )  # fmt: skip
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
@@ -247,11 +248,12 @@ def run_workbench(
     rerun: bool = False,
     demo: bool = False,
     live: LiveOptions | None = None,
+    take_over: bool = False,
 ) -> None:
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. A bundled session is opened as the user's own copy.
+    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. take_over: write, even if another program does. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
@@ -261,7 +263,14 @@ def run_workbench(
     folder = working_folder(session_folder)
     opener = None if live is None else partial(open_live_document, live)
     bench = Workbench(
-        folder, host, chosen, opener, rerun=rerun, demo=demo, open_pages=open_browser
+        folder,
+        host,
+        chosen,
+        opener,
+        rerun=rerun,
+        demo=demo,
+        open_pages=open_browser,
+        take_over=take_over,
     ).start()
     try:
         failure = bench.worker.wait_shown(_PATIENCE_S)

@@ -12,6 +12,8 @@ from handtrack.arrays import Array, Axes
 from handtrack.errors import HandtrackError
 
 _MOST_BYTES = 2 << 30  # of one array: ninety million points, seven hours of tracked frames
+_SMALL_BYTES = 256 << 20  # of a whole file that may be packed as tightly as can be
+_TIGHTEST = 100  # times its size on disk, of a larger one: numbers that were measured pack 20 times
 _ENDING = ".npy"
 
 
@@ -19,6 +21,7 @@ def read_arrays(path: Path) -> dict[str, Array[*Axes]]:
     """Return the arrays of an .npz by their names. Raises HandtrackError for whatever is no .npz of plain arrays."""
     try:
         with zipfile.ZipFile(path) as archive:
+            _check_total(archive, path)
             return {
                 entry.filename.removesuffix(_ENDING): _array(archive, entry, path)
                 for entry in archive.infolist()
@@ -39,6 +42,17 @@ def read_arrays(path: Path) -> dict[str, Array[*Axes]]:
         ) from None
 
 
+def _check_total(archive: zipfile.ZipFile, path: Path) -> None:
+    """Raise HandtrackError for a file that is small on disk and huge in memory; nothing of it is unpacked."""
+    size, packed = sum(entry.file_size for entry in archive.infolist()), path.stat().st_size
+    if size > max(_SMALL_BYTES, _TIGHTEST * packed):
+        raise HandtrackError(
+            f"{path}: {packed / 1e6:.3g} MB on disk that would take {size / 1e9:.2g} GB of memory; expected at most "
+            f"{_TIGHTEST} times its size. Was it made to fill the memory? If its numbers really are all alike, save it "
+            "with numpy.savez, not packed."
+        )
+
+
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Array:
     with archive.open(entry) as file:
         shape, dtype = _announced(file)
@@ -52,11 +66,16 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Arra
                 f"{path}: `{name}` would take {size / 1e9:.0f} GB of memory (shape {shape} of {dtype}); expected at most "
                 f"{_MOST_BYTES / 1e9:.0f} GB. Split it, or thin it."
             )
-        if size > entry.file_size:
+        told = file.tell() + size
+        if told > entry.file_size:
             raise ValueError(f"`{name}` is cut off")
+        if told < entry.file_size and not dtype.hasobject:  # those numpy refuses, unread
+            raise ValueError(
+                f"`{name}` holds more bytes than its shape {shape} of {dtype} explains"
+            )
     with archive.open(entry) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
-        file.read()  # only at the end are the bytes checked
+        file.read(1)  # there is none: only at the end are the bytes checked
         return array
 
 

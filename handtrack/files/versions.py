@@ -14,7 +14,7 @@ VERSIONS_KEPT = 20
 
 
 def keep_version(path: Path, kept: int = VERSIONS_KEPT) -> Path | None:
-    """Copy `path` to versions/<name>_YYYYmmdd_HHMMSS.<suffix> beside it, by the time it was written.
+    """Copy `path` to versions/<name>_YYYYmmdd_HHMMSS.<suffix> beside it, by the time it was written, UTC.
 
     Returns the copy, None when there is no such file. Only the latest `kept` versions stay.
     """
@@ -22,7 +22,7 @@ def keep_version(path: Path, kept: int = VERSIONS_KEPT) -> Path | None:
         return None
     folder = path.parent / VERSIONS_FOLDER
     folder.mkdir(exist_ok=True)
-    written = time.strftime("%Y%m%d_%H%M%S", time.localtime(path.stat().st_mtime))
+    written = time.strftime("%Y%m%d_%H%M%S", time.gmtime(path.stat().st_mtime))
     copy = folder / f"{path.stem}_{written}{path.suffix}"
     number = 1
     while copy.exists():

@@ -6,6 +6,7 @@ import json
 import os
 import threading
 import time
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,10 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
-from handtrack.session.layout import TRACKS_FOLDER
+from handtrack.session.layout import JOURNAL_FILE
 
-JOURNAL_FILE = "journal.jsonl"
+_KEYS = {"time_s", "kind", "data"}
+_SUM_KEY = ',"crc":"'  # ends a line: CRC-32 of what stands before it
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,9 @@ class Journal:
         A last line that a crash tore off is dropped from the file: what was accepted before it stands.
         Raises HandtrackError when it cannot be written.
         """
-        folder = Path(session_folder) / TRACKS_FOLDER
-        path = folder / JOURNAL_FILE
+        path = Path(session_folder) / JOURNAL_FILE
         try:
-            folder.mkdir(exist_ok=True)
+            path.parent.mkdir(exist_ok=True)
             known, damaged = _mended(path)
             return cls(path, known, damaged)
         except OSError as error:
@@ -121,7 +122,7 @@ class Journal:
 
 def read_events(session_folder: Path) -> list[Event]:
     """Return the events of a session's journal, to look at: nothing is mended, and another program may go on writing."""
-    path = Path(session_folder) / TRACKS_FOLDER / JOURNAL_FILE
+    path = Path(session_folder) / JOURNAL_FILE
     if not path.is_file():
         return []
     lines = path.read_bytes().splitlines()
@@ -134,7 +135,12 @@ def _text(data: Any) -> str:
 
 def _line(event: Event) -> str:
     entry = {"time_s": round(event.time_s, 3), "kind": event.kind, "data": event.data}
-    return _text(entry) + "\n"
+    text = _text(entry).removesuffix("}")
+    return f'{text}{_SUM_KEY}{_checksum(text.encode())}"}}\n'
+
+
+def _checksum(text: bytes) -> str:
+    return f"{zlib.crc32(text):08x}"
 
 
 def _plain(value: Any) -> Any:
@@ -162,8 +168,14 @@ def _mended(path: Path) -> tuple[list[Event], int]:
 
 
 def _event(line: bytes) -> Event | None:
+    """Return what a line says, None of a damaged one. Those of earlier versions have no checksum, and nothing in its place."""
+    text, found, checksum = line.rpartition(_SUM_KEY.encode())
+    if found and checksum != f'{_checksum(text)}"}}'.encode():
+        return None
     try:
         entry = json.loads(line)
+        if set(entry) != (_KEYS | {"crc"} if found else _KEYS):
+            return None
         return Event(str(entry["kind"]), dict(entry["data"]), float(entry["time_s"]))
     except (ValueError, KeyError, TypeError):
         return None

@@ -15,6 +15,12 @@ POSES_FILE = "tracks/poses.npz"
 VIDEOS_FILE = "tracks/videos.json"
 WORK_FILE = "tracks/workbench.npz"
 """what the workbench has tracked and posed so far"""
+HAND_FILE = "hand.json"
+JOURNAL_FILE = "tracks/journal.jsonl"
+_WRITTEN = (
+    SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, WORK_FILE, JOURNAL_FILE, "versions",
+    "tracks/takes", "tracks/actions", "tracks/versions",
+)  # fmt: skip
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path
@@ -28,7 +34,7 @@ def is_pattern(setting: str) -> bool:
 
 def inside(folder: Path, setting: str, where: str) -> Path:
     """Return folder / setting. Raises HandtrackError when that lies outside the folder, links
-    followed.
+    followed, or is a pipe or a device: opening one may wait for ever, and reading it never end.
 
     where: the setting's file, table and key, for the error.
     """
@@ -37,7 +43,17 @@ def inside(folder: Path, setting: str, where: str) -> Path:
         raise HandtrackError(f"{where}: {setting[:40]!r} is no path.")
     if _is_absolute(setting) or not _is_within(path, folder):
         raise _leaves(folder, setting, where, path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise HandtrackError(
+            f"{path} is a pipe or a device, not a file, so it was not opened. Put a file there, or take it away."
+        )
     return path
+
+
+def check_written(folder: Path) -> None:
+    """Raise HandtrackError where what handtrack writes in a session would be written elsewhere, or into a pipe or device."""
+    for name in _WRITTEN:
+        inside(folder, name, str(folder))
 
 
 def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:

@@ -30,6 +30,7 @@ from handtrack.session.layout import (
     INIT_FILE,
     SESSION_FILE,
     TRUTH_FILE,
+    check_written,
     inside,
     matching_files,
 )
@@ -102,6 +103,7 @@ class Session:
                 f"{folder}: no {SESSION_FILE} in this folder, so it is no session. `handtrack "
                 "new` makes one from videos and a calibration."
             )
+        check_written(folder)
         file = read_session_file(folder / SESSION_FILE)
         return cls(folder, file, session_rig(folder, file))
 

@@ -50,7 +50,7 @@ class LeaseTaken(HandtrackError):
     def __init__(self, folder: Path, holder: Holder) -> None:
         super().__init__(
             f"{folder} is being written to by {holder}, so nothing was changed. Wait for it or end it; or take over "
-            "(`handtrack track --take-over`): then it can write no more."
+            "(give the same command `--take-over`): then it can write no more."
         )
         self.holder = holder
 

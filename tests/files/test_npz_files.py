@@ -95,3 +95,52 @@ def test_arrays_read_back(tmp_path: Path) -> None:
     for name, array in arrays.items():
         assert read[name].dtype == array.dtype
         assert np.array_equal(read[name], array)
+
+
+def packed(path: Path, *members: bytes) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for number, content in enumerate(members):
+            archive.writestr(f"points{number}.npy", content)
+
+
+def refused_unread(path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return what is said of a file of which not more than headers may be unpacked."""
+    unpacked: list[int] = []
+    real = zipfile.ZipExtFile.read
+
+    def counted(file: zipfile.ZipExtFile, n: int | None = -1) -> bytes:
+        data = real(file, n)
+        unpacked.append(len(data))
+        return data
+
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", counted)
+    with pytest.raises(HandtrackError) as caught:
+        read_arrays(path)
+    assert sum(unpacked) < 1000
+    return str(caught.value)
+
+
+def test_c50_bytes_behind_an_array_are_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.npz"
+    packed(path, single_array() + bytes(10_000_000))
+    assert "`points0` holds more bytes than its shape (3,)" in refused_unread(path, monkeypatch)
+
+
+def test_c50_a_small_file_that_would_fill_the_memory_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("handtrack.files.npz_files._SMALL_BYTES", 1 << 20)
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": (100_000,)}
+    )
+    path = tmp_path / "x.npz"
+    packed(path, *[head.getvalue() + bytes(800_000)] * 10)
+    assert "GB of memory; expected at most 100 times its size" in refused_unread(path, monkeypatch)
+
+
+def test_c50_what_is_tightly_packed_and_small_is_read(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "x.npz", zeros=np.zeros((10_000, 10)))
+    assert not read_arrays(tmp_path / "x.npz")["zeros"].any()

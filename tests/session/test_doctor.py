@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,13 +12,16 @@ import numpy as np
 import pytest
 
 from handtrack.capture.images.frame_notes import listed
+from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.session.doctor import check_hand
+from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES
 from handtrack.session.session import Session
+from tests.conftest import REPOSITORY
 from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
 
 
@@ -203,6 +207,39 @@ def test_odd_things_are_found(case: str, folder: Path, monkeypatch: pytest.Monke
     findings = examine(Session.open(folder))
     assert any(f.severity == severity and text in f.text for f in findings), findings
     assert all(f.severity in SEVERITIES for f in findings)
+
+
+def recalibrated(change: Callable[[list[Camera]], list[Camera]]) -> str:
+    """Return what the doctor says of the outlines of the bundled session with changed cameras."""
+    given = Session.open(REPOSITORY / "sessions/open_fist_open")
+    rig = CameraRig(tuple(change(list(given.rig.cameras))))
+    found = check_outlines(Session(given.folder, given.file, rig), range(0, 100, 25))
+    return " ".join(finding.text for finding in found)
+
+
+def inverse(camera: Camera) -> Camera:
+    turn = camera.rotation.T
+    return replace(camera, rotation=turn, translation=-turn @ camera.translation)
+
+
+def test_c28_exchanged_cameras_are_named() -> None:
+    said = recalibrated(
+        lambda c: [c[0], replace(c[2], name=c[1].name), replace(c[1], name=c[2].name)]
+    )
+    assert "They would fit if cameras 'cam1' and 'cam2' were exchanged" in said
+
+
+def test_c27_inverse_extrinsics_are_named() -> None:
+    said = recalibrated(lambda cameras: [inverse(camera) for camera in cameras])
+    assert "would fit if rotation and translation in calibration.toml led from the camera" in said
+
+
+def test_c27_c28_nothing_is_named_where_nothing_would_fit() -> None:
+    assert recalibrated(list) == ""
+    said = recalibrated(lambda c: [c[0], replace(c[1], translation=c[1].translation + 0.1), c[2]])
+    assert "do not fit together" in said
+    assert "would fit" not in said
+    assert "Was a camera moved" in said
 
 
 def depth_session(folder: Path, value: int) -> Session:

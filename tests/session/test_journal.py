@@ -79,6 +79,29 @@ def test_a_damaged_line_costs_only_itself(open_journal):
     assert mended.damaged == 2
 
 
+def test_a13_no_flipped_bit_of_a_line_is_taken_for_data(open_journal):
+    journal = open_journal()
+    journal.append("pose", {"frame": 6, "parameters": {"index_mcp_flex": 1.25}, "found": False})
+    content = journal.path.read_bytes()
+    whole = [event.data for event in journal.events()]
+    for bit in range(8 * len(content)):
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        lines = bytes(flipped).splitlines()
+        assert all(journal_module._event(line) is None for line in lines), flipped
+    journal.path.write_bytes(content.replace(b"1.25", b"9.25") + content)
+    again = open_journal()
+    assert [event.data for event in again.events()] == whole
+    assert again.damaged == 1
+
+
+def test_lines_of_earlier_versions_are_read(open_journal, tmp_path):
+    (tmp_path / "tracks").mkdir()
+    line = '{"time_s":1.5,"kind":"pose","data":{"frame":3}}\n'
+    (tmp_path / "tracks/journal.jsonl").write_text(line)
+    assert open_journal().events()[0].data == {"frame": 3}
+
+
 def _append_and_die(folder) -> None:
     Journal.open(folder).append("pose", {"frame": 5})
     os._exit(1)

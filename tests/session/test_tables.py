@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import time
 import zipfile
 from dataclasses import fields, replace
 
@@ -12,7 +13,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
-from handtrack.files.versions import versions
+from handtrack.files.versions import keep_version, versions
 from handtrack.session.formats.tables import EXPORTS, read_npz, write_npz, write_result
 from handtrack.session.formats.truth import read_truth
 from handtrack.tracking.frame.reason import Reason
@@ -262,3 +263,36 @@ def test_exported_npz_is_a_result(rng, tmp_path):
     EXPORTS["npz"][0](tmp_path / "copy.npz", track)
     assert_same(read_npz(tmp_path / "copy.npz"), track)
     assert len(PARAMETERS) == read_npz(tmp_path / "copy.npz").parameters.shape[1]
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="this system's time zone cannot be changed")
+def test_c59_versions_stay_in_order_when_clocks_are_put_back(tmp_path, monkeypatch):
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    path = tmp_path / "poses.npz"
+    before_s = 1_792_889_340  # 2026-10-25, 02:49 there; a quarter of an hour later it is 02:04
+    try:
+        for number, written_s in enumerate((before_s, before_s + 900)):
+            path.write_text(str(number))
+            os.utime(path, (written_s, written_s))
+            keep_version(path)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert [version.read_text() for version in versions(path)] == ["0", "1"]
+
+
+@pytest.mark.parametrize("kind", ["csv", "csv-long"])
+def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tmp_path):
+    track = sample_track(rng)
+    name = '=HYPERLINK("http://x")'
+    track = replace(track, joint_names=(name, "@sum", *track.joint_names[2:]))
+    write, _ = EXPORTS[kind]
+    write(tmp_path / "x.csv", track)
+    with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert any(cell.startswith("'" + name) for cell in cells)
+    assert any(cell.startswith("'@sum") for cell in cells)
+    risky = [cell for cell in cells if cell.startswith(("=", "+", "-", "@"))]
+    assert risky  # negative coordinates
+    assert all(np.isfinite(float(cell)) for cell in risky)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 import time
@@ -48,6 +49,7 @@ _INTERRUPTED = 130
 
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
+    began = time.monotonic()
     session = Session.open(args.session)
     overrides: dict[str, object] = dict(parse_settings(args.set))
     if args.seed is not None:
@@ -105,10 +107,13 @@ def run(args: argparse.Namespace) -> int:
             if later and not problem and not stop():
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
-            code = _save(run_, results, frames, out, stop(), problem, take)
+            code = _save(
+                run_, results, frames, out, stop(), problem, take, began if args.json else None
+            )
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
-                print("\n".join(explained(args.explain, reports, there)), flush=True)
+                text = "\n".join(explained(args.explain, reports, there))
+                print(text, file=sys.stderr if args.json else sys.stdout, flush=True)
         finally:
             if recorder is not None:
                 recorder.close(keep_viewer=args.rerun)
@@ -153,7 +158,9 @@ def _save(
     stopped: bool,
     ended_by: str,
     take: TrackedTake,
+    json_since: float | None,
 ) -> int:
+    """Write the result and tell how it went, as JSON where `json_since` says when it began [s]."""
     take.check()
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
@@ -161,13 +168,19 @@ def _save(
     place, problem = _write(out, run_.result(results))
     if not problem:
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
-    counts = [sum(r.status == status for r in results) for status in Status]
-    print(
-        f"{len(results)} of {len(frames)} frames: {counts[0]} tracked, {counts[1]} doubtful, {counts[2]} lost. "
-        f"Saved to {place}",
-        flush=True,
-    )
-    for note in [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *_doubts(results)]:
+    counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
+    notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *_doubts(results)]
+    if json_since is None:
+        by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
+        print(
+            f"{len(results)} of {len(frames)} frames: {by_status}. Saved to {place}",
+            flush=True,
+        )
+    else:
+        seconds = round(time.monotonic() - json_since, 3)
+        told = {"frames": counts, "seconds": seconds, "warnings": notes, "output": str(place)}
+        print(json.dumps(told, indent=1), flush=True)
+    for note in notes:
         say(f"note: {note}")
     if problem:
         raise HandtrackError(problem)

@@ -34,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
         rerun=args.rerun,
         demo=demo,
         live=live,
+        take_over=not demo and args.take_over,
     )
     return 0
 

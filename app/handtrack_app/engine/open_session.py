@@ -45,7 +45,8 @@ _KEEPS = (
     | commands.FitSize
     | commands.TakeSize
 )
-_QUIET_S = 0.4  # an edit counts as accepted, and goes to the journal, after this long
+_QUIET_S = 0.4  # edits count as accepted, and go to the journal, when none came for this long
+_LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
 
 _BY_HAND = (
     "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
@@ -76,10 +77,13 @@ class OpenSession:
         render_thread: RenderThread,
         watch: Watch | None,
         compiles: CompileWatch,
+        take_over: bool = False,
     ) -> None:
-        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it."""
+        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it. take_over:
+        write, even if another program does.
+        """
         self.document = document
-        self.store = Persistence.open(document)
+        self.store = Persistence.open(document, take_over)
         self._restored = self.store.restore()
         self._live = LiveControl.of(document, publish)
         self._publish = publish
@@ -89,8 +93,9 @@ class OpenSession:
         )
         self._clouds = CloudService(document, render_thread)
         self._counted, self._told = False, set[str]()
-        self._unsaved: int | None = None
-        self._edited = 0.0
+        self._unsaved: list[int] = []  # frames whose poses are not in the journal yet
+        self._waits = False  # whether they go there by themselves, once edits rest
+        self._first_edit = self._last_edit = 0.0
 
     def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
@@ -198,7 +203,11 @@ class OpenSession:
                     self._show_session()
                 self._edit()
             case _:
-                jobs.take(request)
+                try:
+                    jobs.take(request)
+                except Exception:
+                    jobs.show_progress()  # a full disk at a job's end: it is over all the same
+                    raise
 
     def _require_idle(self) -> None:
         if self.jobs.busy:
@@ -253,28 +262,40 @@ class OpenSession:
                 self._say("warning", "About this session", warning)
 
     def _see_arm(self) -> None:
-        if self.document.see_arm():
+        # never under a job: what it solves for would change
+        if not self.jobs.busy and self.document.see_arm():
             self._show_session()
             self._show_all()
 
     # ---- edits
 
     def _edit(self) -> None:
-        self._unsaved, self._edited = self.document.frame, time.monotonic()
+        frame, now = self.document.frame, time.monotonic()
+        if frame not in self._unsaved:
+            self._unsaved.append(frame)
+        if not self._waits:
+            self._waits, self._first_edit = True, now
+        self._last_edit = now
         self._show_pose()
 
     def accept_settled_edit(self) -> None:
-        """Accept the last edit once none came for a while."""
-        if self._unsaved is not None and time.monotonic() - self._edited > _QUIET_S:
+        """Accept the last edits once none came for a while, or they go on and on."""
+        now = time.monotonic()
+        if self._waits and (
+            now - self._last_edit > _QUIET_S or now - self._first_edit > _LONGEST_S
+        ):
             self.accept_edit()
 
     def accept_edit(self) -> None:
-        """Write the last edit to the journal, if it is not there yet."""
-        if self._unsaved is not None:
-            frame, self._unsaved = self._unsaved, None
+        """Write the last edits to the journal; what fails is told, and tried again with the next edit."""
+        if not self._waits:
+            return
+        self._waits = False
+        for frame in list(self._unsaved):
             if frame in self.document.by_hand:
                 self.store.note_pose(frame)
-            self._publish(timeline_snapshot(self.document))
+            self._unsaved.remove(frame)
+        self._publish(timeline_snapshot(self.document))
 
     # ---- showing
 
@@ -320,7 +341,8 @@ class OpenSession:
             self.jobs.tick()
 
     def close(self) -> list[str]:
-        """Keep the last edit and end what runs; return what is to be said at the end."""
+        """Keep the last edits and end what runs; return what is to be said at the end."""
+        self._waits = bool(self._unsaved)
         self.accept_edit()
         said = [] if self._live is None else self._live.close()
         self.store.close()

@@ -42,8 +42,7 @@ class _Opened:
 Request = SessionRequest | _Previewed | _Opened
 
 _LATEST_WINS = (
-    commands.SetPose, commands.PullTip, commands.ShowFrame, commands.WantPictures, commands.WantCloud,
-    commands.WantSurface, commands.SampleSkin,
+    commands.ShowFrame, commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.SampleSkin,
 )  # fmt: skip
 _LOOKS_ELSEWHERE = (
     commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess,
@@ -58,6 +57,8 @@ def _kind(request: Request) -> Hashable | None:
         return ("setting", request.name)
     if isinstance(request, commands.SetLimits):
         return ("limits", request.name)
+    if isinstance(request, commands.SetPose | commands.PullTip):
+        return (type(request), request.frame)  # an edit never replaces another frame's
     return type(request) if isinstance(request, _LATEST_WINS) else None
 
 
@@ -71,11 +72,12 @@ class Worker:
         opener: Opener = open_document,
         watch: Watch | None = None,
         previewer: Opener | None = None,
+        take_over: bool = False,
     ) -> None:
-        """previewer: makes quickly what is shown while `opener` is at work."""
+        """previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does."""
         self.folder = folder
         self._publish, self._opener, self._watch = publish, opener, watch
-        self._previewer = previewer
+        self._previewer, self._take_over = previewer, take_over
         self._mail: Mailbox[Request] = Mailbox(_kind)
         self._stopping, self._opened = threading.Event(), threading.Event()
         self._shown = threading.Event()
@@ -213,7 +215,7 @@ class Worker:
                 raise document
             session = OpenSession(
                 document, self._publish, self._mail.put, self._mail, self._render_thread, self._watch,
-                self._compiles,
+                self._compiles, self._take_over,
             )  # fmt: skip
         except Exception as error:
             self._failure = error

@@ -15,6 +15,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.images.frame_notes import FrameNotes
+from handtrack.capture.images.image_header import announced_size
 from handtrack.errors import HandtrackError
 
 COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
@@ -158,6 +159,7 @@ class ImageFiles:
         if path is None:
             return None
         data, problem = _bytes(path)
+        self._check_announced(data, f"{path}, frame {frame}")
         image = (
             None
             if problem
@@ -177,10 +179,23 @@ class ImageFiles:
         check_size(image, self._expected_size, f"{path}, frame {frame}")
         return image
 
+    def _check_announced(self, data: bytes, where: str) -> None:
+        """Raise HandtrackError for an image larger than the calibration's before it is unpacked: a small file may fill the memory."""
+        size, expected = announced_size(data), self._expected_size
+        if (
+            size is not None
+            and expected is not None
+            and size[0] * size[1] > expected[0] * expected[1]
+        ):
+            _check(size, expected, where)
+
 
 def check_size(image: Array[H, W, *Axes], expected: tuple[int, int] | None, where: str) -> None:
     """Raise HandtrackError unless an image has the calibration's size (width, height)."""
-    found = (image.shape[1], image.shape[0])
+    _check((image.shape[1], image.shape[0]), expected, where)
+
+
+def _check(found: tuple[int, int], expected: tuple[int, int] | None, where: str) -> None:
     if expected is not None and found != tuple(expected):
         turned = (
             " Its sides are exchanged: was the camera turned, or does the file ask to be turned (EXIF orientation), "

@@ -6,13 +6,14 @@ Planes through both cameras' centres that touch a body touch its outline in both
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, Floats
+from handtrack.arrays import D2, Array, Bytes, Floats, N
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.session.doctor.check_views import spread
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _FRAMES = 12
 _FEWEST = 3  # comparisons
+_MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
 _BORDER_PX = 3  # an outline that near to the image's border is cut off, not touched
 _SPECK_PX = 5
 _MOST_OFF, _MOST_OFF_PX = 0.01, 5.0  # of the images' width; good recordings are off by 0.1 to 2 px
@@ -33,52 +35,118 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
     """Yield a finding about pairs of cameras whose silhouettes do not fit together. frames: unless evenly spread ones."""
     views = [view for view in session.views if view.has_masks]
     frames = spread(session.frame_count, _FRAMES) if frames is None else frames
-    masks = {view.name: [view.mask(frame) for frame in frames] for view in views}
-    off = []
-    for a, b in combinations(views, 2):
-        px = _pixels_apart((a, b), (masks[a.name], masks[b.name]))
-        if px is not None and px > max(
-            _MOST_OFF * min(a.camera.size[0], b.camera.size[0]), _MOST_OFF_PX
-        ):
-            off.append(f"'{a.name}' and '{b.name}' by {px:.0f} px")
+    seen = [_Seen(view.camera, _outlines(view, frames)) for view in views]
+    pairs = list(combinations(seen, 2))
+    apart = [_pixels_apart(a, b) for a, b in pairs]
+    off = [
+        f"'{a.camera.name}' and '{b.camera.name}' by {px:.0f} px"
+        for (a, b), px in zip(pairs, apart, strict=True)
+        if px is not None and _is_off(px, a, b)
+    ]
+    meant = _what_would_fit(seen) if off or all(px is None for px in apart) else ""
     if off:
         yield warning(
             f"silhouettes do not fit together by this calibration: those of cameras {'; '.join(off)} (median of the frames looked "
-            "at; a hand's outlines touch the same planes through both cameras). Was a camera moved, does its matrix belong to "
-            "another image size, are cameras exchanged, or do frames of equal number show different moments?"
+            "at; a hand's outlines touch the same planes through both cameras). "
+            + (
+                meant
+                or "Was a camera moved, does its matrix belong to another image size, are cameras exchanged, or do frames of "
+                "equal number show different moments?"
+            )
         )
+    elif meant:
+        yield warning(f"silhouettes of no two cameras can be compared by this calibration. {meant}")
 
 
-def _pixels_apart(pair: tuple[View, View], masks: tuple[list[Bytes | None], ...]) -> float | None:
+@dataclass(frozen=True)
+class _Seen:
+    """A camera, and the pixels (N, 2) of its outlines in some frames; None where there is no mask."""
+
+    camera: Camera
+    outlines: list[_Outline | None]
+
+
+@dataclass(frozen=True)
+class _Outline:
+    pixels: Floats[N, D2]
+    """none where nothing is seen"""
+    is_whole: Array[N]
+    """whether the image or its region does not cut the hand off there"""
+
+
+def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
+    width = min(first.camera.size[0], second.camera.size[0])
+    return px > max(_MOST_OFF * width, _MOST_OFF_PX)
+
+
+def _what_would_fit(seen: Sequence[_Seen]) -> str:
+    """Return a mistake that is often made and with which all silhouettes would fit together, as a question; empty for none."""
+    if _fit([replace(one, camera=_inverse(one.camera)) for one in seen]):
+        return (
+            "They would fit if rotation and translation in calibration.toml led from the camera to the world: are they the "
+            "inverse of what is expected (p_camera = R p_world + t)?"
+        )
+    for i, j in combinations(range(len(seen)), 2) if len(seen) <= _MOST_EXCHANGED else ():
+        a, b = seen[i].camera, seen[j].camera
+        if a.size != b.size:
+            continue
+        exchanged = list(seen)
+        exchanged[i] = replace(seen[i], camera=replace(b, name=a.name))
+        exchanged[j] = replace(seen[j], camera=replace(a, name=b.name))
+        if _fit(exchanged):
+            return f"They would fit if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in calibration.toml?"
+    return ""
+
+
+def _inverse(camera: Camera) -> Camera:
+    turn = camera.rotation.T
+    return replace(camera, rotation=turn, translation=-turn @ camera.translation)
+
+
+def _fit(seen: Sequence[_Seen]) -> bool:
+    """Return whether the outlines of all pairs can be compared and touch common planes."""
+    pairs = list(combinations(seen, 2))
+    apart = ((_pixels_apart(a, b), a, b) for a, b in pairs)
+    return bool(pairs) and all(px is not None and not _is_off(px, a, b) for px, a, b in apart)
+
+
+def _pixels_apart(first: _Seen, second: _Seen) -> float | None:
     """Return how far two cameras' outlines miss common planes [px], the median over frames; None where too few can tell."""
-    cameras = (pair[0].camera, pair[1].camera)
+    cameras = (first.camera, second.camera)
     missed = []
-    for a, b in zip(*masks, strict=True):
+    for a, b in zip(first.outlines, second.outlines, strict=True):
         if a is None or b is None:
             continue
-        ends = _ends(a, pair[0], cameras[1]), _ends(b, pair[1], cameras[0])
+        ends = _ends(a, *cameras), _ends(b, *cameras[::-1])
         apart = np.abs(ends[0] - ends[1]) * min(camera.focal_px for camera in cameras)
         if np.isfinite(apart).any():
             missed.append(float(np.nanmax(apart)))
     return float(np.median(missed)) if len(missed) >= _FEWEST else None
 
 
-def _ends(mask: Bytes, view: View, other: Camera) -> Floats:
-    """Return (2,) the least and the largest angle of a mask's pixels [rad]; NaN where the image or its region cuts them off."""
+def _outlines(view: View, frames: Sequence[int]) -> list[_Outline | None]:
+    masks = (view.mask(frame) for frame in frames)
+    return [None if mask is None else _outline(mask, view) for mask in masks]
+
+
+def _outline(mask: Bytes, view: View) -> _Outline:
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
     found, _ = cv2.findContours(
         (mask >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     outlines = [outline for outline in found if max(cv2.boundingRect(outline)[2:]) > _SPECK_PX]
-    if not outlines:
+    pixels = np.concatenate([o[:, 0].astype(float) for o in outlines] or [np.zeros((0, 2))])
+    least = np.array([x, y]) + _BORDER_PX
+    whole = ((pixels >= least) & (pixels < least + (width, height) - 2 * _BORDER_PX)).all(axis=1)
+    return _Outline(pixels, np.asarray(whole))
+
+
+def _ends(outline: _Outline, camera: Camera, other: Camera) -> Floats:
+    """Return (2,) the least and the largest angle of an outline's pixels [rad]; NaN where the image or its region cuts them off."""
+    if not len(outline.pixels):
         return np.full(2, np.nan)
-    pixels = np.concatenate(outlines)[:, 0].astype(float)
-    angles = plane_angles(view.camera, other, pixels)
+    angles = plane_angles(camera, other, outline.pixels)
     if not np.isfinite(angles).any():
         return np.full(2, np.nan)
-    touching = pixels[[np.nanargmin(angles), np.nanargmax(angles)]]
-    least = np.array([x, y]) + _BORDER_PX
-    inside = ((touching >= least) & (touching < least + (width, height) - 2 * _BORDER_PX)).all(
-        axis=1
-    )
-    return np.where(inside, [np.nanmin(angles), np.nanmax(angles)], np.nan)
+    touching = [np.nanargmin(angles), np.nanargmax(angles)]
+    return np.where(outline.is_whole[touching], angles[touching], np.nan)

@@ -59,6 +59,7 @@ _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = ("keypoints21", "energy_names", "energies", *_REASON, *_HYPOTHESES)
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
+_BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 # ---- poses.npz -------------------------------------------------------------------------------------
 
@@ -254,9 +255,20 @@ def _number(value: float | Floats) -> str:
 def _write_rows(path: Path | str, header: list[str], rows: list[list[object]]) -> None:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    for row in (header, *rows):
+        writer.writerow([_harmless(cell) for cell in row])
     replace_text(Path(path), text.getvalue())
+
+
+def _harmless(cell: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula: names come from files that others made; numbers stay."""
+    if not isinstance(cell, str) or not cell.startswith(_BEGINS_A_FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 EXPORTS: dict[str, tuple[Callable[[Path, TrackResult], None], str]] = {

@@ -13,6 +13,9 @@ from handtrack.arrays import Floats, N
 from handtrack.errors import HandtrackError
 
 COLUMNS = ("camera", "frame", "time_s")
+_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_LONG_STEP_S = 5.0  # from frame to frame, where no fps says that it is so
+_USUAL_STEP_S = (0.001, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +76,25 @@ def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> 
         raise HandtrackError(
             f"{path}: the time of frame {at} is not later than that of the frame before it."
         )
-    rate = fps or float(1 / np.median(steps / np.diff(frames)))
+    step_s = float(np.median(steps / np.diff(frames)))
+    _check_unit(path, step_s, fps)
+    rate = fps or 1 / step_s
     return FrameTimes(rate, frames.astype(float), medians)
+
+
+def _check_unit(path: Path, step_s: float, fps: float | None) -> None:
+    """Raise HandtrackError for times that are seconds only by their column's name."""
+    if fps is None and step_s < _LONG_STEP_S:
+        return
+    for unit, size_s in _UNITS.items():
+        step = step_s * size_s  # [s], if the times are of this unit
+        meant = _USUAL_STEP_S[0] <= step < _USUAL_STEP_S[1] if fps is None else 0.5 < step * fps < 2
+        if meant:
+            agree = "" if fps is None else f", as fps = {fps:g} agrees with"
+            raise HandtrackError(
+                f"{path}: {step_s:.4g} s from frame to frame; expected seconds. Are these {unit}{agree}? Multiply time_s "
+                f"by {size_s:g}. If they are seconds, say so by an fps of {1 / step_s:.3g} in session.toml."
+            )
 
 
 def _entry(row: dict[str, str], where: str, cameras: tuple[str, ...]) -> tuple[str, int, float]:

@@ -19,7 +19,13 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.formats.timestamps import COLUMNS
-from handtrack.session.layout import CALIBRATION_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
+from handtrack.session.layout import (
+    CALIBRATION_FILE,
+    HAND_FILE,
+    INIT_FILE,
+    POSES_FILE,
+    SESSION_FILE,
+)
 from handtrack.session.live.live_session import LIVE_SETTINGS, LiveSession
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import write_session_file
@@ -28,7 +34,6 @@ from handtrack.tracking.frame.settings import TrackerSettings
 
 _WAITING = 90  # frames that wait to be encoded, before who makes frames waits as well
 _TIMES_FILE = "timestamps.csv"
-_HAND_FILE = "hand.json"
 
 
 class LiveRecording:
@@ -135,8 +140,8 @@ class LiveRecording:
         model = session.hand_model
         if isinstance(model, Path):
             shutil.copyfile(model, self.folder / model.name)
-        write_scale(self.folder / _HAND_FILE, run.scale)
-        hand = replace(file.hand, scale=_HAND_FILE, model=getattr(model, "name", model))
+        write_scale(self.folder / HAND_FILE, run.scale)
+        hand = replace(file.hand, scale=HAND_FILE, model=getattr(model, "name", model))
         tracking = _nested(_changed(run.settings.flat()))
         whole = replace(file, session=recording, cameras=cameras, hand=hand, tracking=tracking)
         write_session_file(self.folder / SESSION_FILE, whole)

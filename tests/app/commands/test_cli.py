@@ -222,6 +222,22 @@ def test_the_searches_of_a_frame_are_explained(handtrack: CommandLine, session: 
     assert "--explain 4: expected one of the frames that are tracked, 0 to 1." in outside.err
 
 
+def test_track_tells_how_it_went_as_json(handtrack: CommandLine, session: Path) -> None:
+    ended = handtrack(
+        "track", session, "--frames", "0:2", "--set", "prior.collision=false", "--explain", "1", "--json"
+    )  # fmt: skip
+    assert ended.code == 0
+    told = json.loads(ended.out)
+    assert list(told) == ["frames", "seconds", "warnings", "output"]
+    assert told["frames"] == {
+        "tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0, "interpolated": 0,
+    }  # fmt: skip
+    assert told["seconds"] > 0
+    assert any("prior.collision = false has no effect" in text for text in told["warnings"])
+    assert Path(told["output"]) == session / "tracks/poses.npz"
+    assert "result: tracked, energy " in ended.err
+
+
 def test_the_size_fit_and_compiling_are_told(
     handtrack: CommandLine, session: Path, monkeypatch
 ) -> None:

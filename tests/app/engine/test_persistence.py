@@ -208,3 +208,21 @@ def test_a3_a_pose_set_ahead_of_the_tracker_stays_after_a_crash(tmp_path: Path) 
     again = Persistence.open(fake_document(tmp_path))
     again.restore()
     assert sorted(again.document.by_hand) == [6]
+
+
+def test_a13_c35_a_damaged_journal_is_told_and_kept(tmp_path: Path) -> None:
+    store = Persistence.open(fake_document(tmp_path))
+    for frame in (5, 7):
+        store.document.set_pose(frame, store.document.start.tolist())
+        store.note_pose(frame)
+    store.close()
+    path = tmp_path / "tracks/journal.jsonl"
+    damaged = path.read_text().replace('"frame":5', '"frame":4')
+    path.write_text(damaged)
+    again = Persistence.open(fake_document(tmp_path))
+    again.restore()
+    assert sorted(again.document.by_hand) == [7]
+    assert "1 of its lines cannot be read" in again.warning
+    again.close()
+    (kept,) = (tmp_path / "tracks/versions").glob("journal_*.jsonl")
+    assert kept.read_text() == damaged

@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.bundled import bundled_session
 from handtrack.store.lease import Lease
 from handtrack_app.engine.store.persistence import Persistence
-from tests.app.command_line import listing
+from handtrack_app.workbench import Workbench
+from tests.app.command_line import CommandLine, listing
 from tests.app.fake_run import fake_document
 
 
@@ -39,6 +41,45 @@ def test_a2_the_second_sees_all_and_writes_nothing(tmp_path: Path) -> None:
     third.restore()
     assert sorted(third.document.by_hand) == [5, 8]
     third.close()
+
+
+def test_c43_a_second_workbench_that_takes_over_writes_and_the_first_is_told(
+    tmp_path: Path,
+) -> None:
+    first = Persistence.open(fake_document(tmp_path))
+    posed(first, 5)
+    second = Persistence.open(fake_document(tmp_path), take_over=True)
+    second.restore()
+    assert second.warning == ""
+    posed(second, 7)
+    with pytest.raises(HandtrackError, match="`handtrack open` .* took over"):
+        posed(first, 8)
+    first.close()
+    second.close()
+    third = Persistence.open(fake_document(tmp_path))
+    third.restore()
+    assert sorted(third.document.by_hand) == [5, 7]
+    third.close()
+
+
+def test_c43_the_command_hands_the_wish_to_take_over_on_to_the_store(
+    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, bool] = {}
+    monkeypatch.setattr(
+        "handtrack_app.workbench.run_workbench", lambda folder, **options: asked.update(options)
+    )
+    for words, wanted in ((["--take-over"], True), ([], False)):
+        assert handtrack("open", bundled_session(), *words).code == 0
+        assert asked["take_over"] is wanted
+    holder = Persistence.open(fake_document(tmp_path))
+    worker = Workbench(tmp_path, port=0, opener=fake_document, take_over=True).worker
+    worker.start()
+    assert worker.wait_opened(30.0) is None
+    with pytest.raises(HandtrackError, match="`handtrack open` .* took over"):
+        posed(holder, 5)
+    worker.stop()
+    holder.close()
 
 
 def test_a2_who_was_taken_over_is_told(tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack.model.model_file import load_model
 from handtrack_app.engine.worker import Worker, _kind
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
-from tests.app.fake_run import FRAMES, fake_document
+from tests.app.fake_run import FRAMES, FakeRun, fake_document
 
 
 class Listener:
@@ -199,6 +200,50 @@ def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
             snapshots.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs")
         )
         worker.send(commands.Cancel())
+
+
+def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for worker, listener in _desk(tmp_path):
+        with monkeypatch.context() as patch:
+            patch.setattr("handtrack_app.engine.store.persistence.write_npz", full)
+            worker.send(commands.Track(0, FRAMES, 3))
+            notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+            assert "cannot be written there (No space left on device)" in notice.text
+            worker.send(commands.ShowFrame(2))
+            listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
+        states = [s.state for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot)]
+        assert states[-1] == "idle"
+        worker.send(commands.SaveTrack())
+        listener.wait(snapshots.Notice, lambda n: n.title == "Track saved")
+
+
+def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_arm = load_model("hand26", forearm=True)
+    for worker, listener in _desk(tmp_path, step_s=0.05):
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.done > 1)
+        monkeypatch.setattr(
+            FakeRun, "with_arm_in_view", lambda run, *_: replace(run, model=with_arm)
+        )
+        worker.send(commands.SavePose())
+        listener.wait(snapshots.Notice, lambda n: n.title == "First-frame pose saved")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        assert not [
+            s for s in listener.seen if isinstance(s, snapshots.Notice) and s.level == "error"
+        ]
+        assert len(worker.document.results) == FRAMES
+        worker.send(commands.SavePose())  # now it may
+        listener.wait(
+            snapshots.SessionSnapshot,
+            lambda s: s.parameter_names == with_arm.parameter_names,
+        )
 
 
 def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:

@@ -18,7 +18,14 @@ from handtrack.session.clouds_settings import read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.session.journal import Event, Journal, read_events
-from handtrack.session.layout import INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER, WORK_FILE
+from handtrack.session.layout import (
+    HAND_FILE,
+    INIT_FILE,
+    POSES_FILE,
+    SESSION_FILE,
+    TRACKS_FOLDER,
+    WORK_FILE,
+)
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.store import WritableStore
 from handtrack.tracking.frame.result import FrameResult
@@ -27,7 +34,6 @@ from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_
 
 log = logging.getLogger(__name__)
 
-HAND_FILE = "hand.json"
 _SETTINGS = "a session's settings"
 _PROGRAM = "handtrack open"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
@@ -47,17 +53,18 @@ class Persistence:
     _flushed: float = 0.0
 
     @classmethod
-    def open(cls, document: Document) -> Persistence:
+    def open(cls, document: Document, take_over: bool = False) -> Persistence:
         """Return the store of a session; one that cannot be written to, or that another program writes to, works, with a
-        warning. A live one keeps nothing.
+        warning. A live one keeps nothing. take_over: even from another program, which can write no more.
         """
         if document.run.session.live is not None:
             return cls(document, None)
         folder = document.run.session.folder
         lease = None
         try:
-            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM)
-            return cls(document, Journal.open(folder), lease=lease)
+            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM, take_over)
+            journal = Journal.open(folder)
+            return cls(document, journal, _damage(journal), lease)
         except LeaseTaken as error:
             return cls(document, None, f"{error} Here it can be looked at; nothing is saved.")
         except HandtrackError as error:
@@ -141,9 +148,15 @@ class Persistence:
             return
         ordered = sorted(self.document.results.values(), key=lambda result: result.frame)
         path = self.folder / WORK_FILE
-        if self._is_of_another_model(path):
-            keep_version(path)
-        write_npz(path, self.document.run.result(ordered))
+        try:
+            if self._is_of_another_model(path):
+                keep_version(path)
+            write_npz(path, self.document.run.result(ordered))
+        except OSError as error:
+            raise HandtrackError(
+                f"{path}: what was tracked cannot be written there ({error.strerror}). It stays as long as the workbench is "
+                "open: make room, or bring the folder back, and save the track."
+            ) from None
         # a pose set by hand that tracking replaced is not to come back over it
         kept = [e for e in self.journal.events() if e.kind != "tracked" and not self._replaced(e)]
         self.journal.replace(kept)
@@ -354,3 +367,15 @@ class Persistence:
             ) from None
         kept = f" The one before is kept as {previous.name}." if previous is not None else ""
         return f"{len(track)} frames are in {path}.{kept}"
+
+
+def _damage(journal: Journal) -> str:
+    """Return what is to be said of a journal's unreadable lines; the file as it is is kept, since they go when it is shortened."""
+    if not journal.damaged:
+        return ""
+    kept = keep_version(journal.path)
+    where = "" if kept is None else f" The file with them is kept as {kept}."
+    return (
+        f"{journal.path}: {journal.damaged} of its lines cannot be read, torn by a crash or damaged on the disk, and are "
+        f"passed over: look whether poses or settings of last time are missing.{where}"
+    )
