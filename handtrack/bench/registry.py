@@ -23,7 +23,7 @@ _QUICK = {
     "frame_p99_vs_median": "speed.frames",
     "pixels_64x": "speed.iterations",
     "pixels_64x_prepare": "speed.iterations",
-    "growth": "speed.iterations",
+    "growth": "speed.growth",
     "cloud_iteration_vs_blas": "clouds.cloud_speed",
     "cloud_solve_vs_scipy": "clouds.cloud_speed",
     "cloud_lm_iteration_vs_blas": "clouds.cloud_speed",

@@ -43,17 +43,10 @@ def pixels_64x_prepare() -> dict[str, Any]:
     return alone(_MODULE, "pixels_64x_prepare")
 
 
-def growth() -> dict[str, Any]:
-    """Return by how much an iteration takes longer with four times the cameras: 12 instead of 3."""
-    return alone(_MODULE, "growth")
-
-
 def measure(what: str, rounds: int = 40) -> dict[str, Any]:
     """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
     if what.startswith("pixels"):
         return _growth(what, rounds)
-    if what == "growth":
-        return _cameras(rounds)
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
     seen = scene.prepared()
@@ -101,17 +94,6 @@ def _growth(what: str, rounds: int) -> dict[str, Any]:
     return ratio_figures(
         ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"
     )
-
-
-def _cameras(rounds: int) -> dict[str, Any]:
-    scenes = [ThreeViews.of(cameras=count) for count in (12, 3)]
-    problems = [scene.problem(scene.prepared()) for scene in scenes]
-    iterations = [
-        lambda problem=problem, start=scene.start: problem.linearize(start)
-        for problem, scene in zip(problems, scenes, strict=True)
-    ]
-    ours, reference = alternating_timings(iterations, rounds // 2)
-    return ratio_figures(ours, [reference], "the same with 3 cameras of 640 × 480 instead of 12")
 
 
 if __name__ == "__main__":
