@@ -163,7 +163,7 @@ def test_what_is_not_declared_is_no_setting():
         ({"solver.iterations": 2.5}, "expected a value of kind int, found 2.5"),
         ({"solver.iterations": 0}, "expected a whole number of at least 1, found 0"),
         ({"silhouettes.weight": "nan"}, "expected a value of kind float, found 'nan'"),
-        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number of at least 0, found -1"),
+        ({"silhouettes.weight": -1}, "setting 'silhouettes.weight': expected a number from 0 to 1e+08, found -1"),
         ({"silhouettes.term": "edges"}, "expected one of coverage, conic_field, found 'edges'"),
         ({"silhouettes.bands_mm": "4,0"}, "expected numbers above 0 [mm]"),
         ({"cloud.balance": 1.1}, "expected a number from 0 to 1, found 1.1"),
@@ -176,3 +176,8 @@ def test_errors_name_the_setting_and_what_is_known(values, message):
     with pytest.raises(HandtrackError) as caught:
         TrackerSettings().with_values(values)
     assert message in str(caught.value)
+
+
+def test_a21_c34_weights_beyond_all_measure_are_refused():
+    with pytest.raises(HandtrackError, match="silhouettes.weight.*from 0 to 1e\\+08"):
+        TrackerSettings().with_values({"silhouettes.weight": 1e308})

@@ -11,7 +11,8 @@ from handtrack.setting import NotAcceptedError, Setting, declared, setting
 from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.tracking.frame.old_settings import current_name
 
-_WEIGHT = {"level": "user", "low": 0.0, "slider": (0.0, 4.0, 0.05)}
+# beyond that a term drowns all others in rounding: half of a double's 16 digits are left to them
+_WEIGHT = {"level": "user", "low": 0.0, "high": 1e8, "slider": (0.0, 4.0, 0.05)}
 _SPREAD = {"level": "user", "about": "hand", "slider": (-2.0, 3.0, 0.05)}
 _FINGERS = ("index", "middle", "ring", "little")
 
