@@ -94,7 +94,7 @@ def work(folder: Path, tell: int, rng: random.Random) -> None:
         while writer is None:
             with suppress(HandtrackError):
                 last = store.take(numbers[-1]) if go_on else None
-                writer = store.begin(about(range(99))) if last is None else store.go_on(last)
+                writer = store.begin(about(range(100_000))) if last is None else store.go_on(last)
         number = writer.take.number
         frame = len(store.take(number).frames)
         while True:
