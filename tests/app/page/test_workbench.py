@@ -87,11 +87,21 @@ def test_a_slider_value_out_of_range_is_clamped(bench: Workbench) -> None:
     assert bench.state.values[index] <= math.radians(slider.max) + 1e-9
 
 
-def test_frames_and_ranges_from_clients_are_checked(bench: Workbench) -> None:
+def test_frames_and_ranges_from_clients_are_checked(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     timeline, tracking = bench.layout.timeline, bench.layout.tracking
+    shown, show = [], bench.layout.show_pose
+
+    def noted(pose):
+        show(pose)
+        shown.append(pose.frame)
+
+    monkeypatch.setattr(bench.layout, "show_pose", noted)
     with WireClient(bench.port) as client:
         client.set_value(timeline.slider, 1e9)
         eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
+        eventually(lambda: FRAMES - 1 in shown, "its pose")  # moves the slider once more
         client.set_value(timeline.slider, math.nan)
         client.set_value(tracking.range, [math.nan, 5])
         client.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
