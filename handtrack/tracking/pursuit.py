@@ -205,4 +205,5 @@ class Pursuit:
 
 def _is_changed(stood: FrameResult, found: FrameResult) -> bool:
     same = np.array_equal(stood.parameters, found.parameters)
-    return not same or stood.status != found.status or stood.reason != found.reason
+    # reasons as texts: a number that is not known, NaN, is not even equal to itself
+    return not same or stood.status != found.status or repr(stood.reason) != repr(found.reason)

@@ -12,6 +12,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.pursuit import Pursuit
 
@@ -46,10 +47,11 @@ class Path:
         after = state + seen + 1000 * (seen in self.finds)
         return after, self._result(seen, after)
 
-    @staticmethod
-    def _result(frame, pose):
+    reason = None
+
+    def _result(self, frame, pose):
         return SimpleNamespace(
-            frame=frame, parameters=np.array([pose]), status=Status.TRACKED, reason=None
+            frame=frame, parameters=np.array([pose]), status=Status.TRACKED, reason=self.reason
         )
 
 
@@ -92,6 +94,7 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
 
 
 def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
+    monkeypatch.setattr(Path, "reason", property(lambda _: Reason("unseen", number=float("nan"))))
     path = Path(frozenset({0, 16, 32, 48}))
     path.gate.set()
     poses(path, 2, monkeypatch)
