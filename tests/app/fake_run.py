@@ -151,7 +151,8 @@ class FakeRun:
         raise HandtrackError("the fake session has no clouds")
 
     def with_forearm(self, on: bool) -> FakeRun:
-        return replace(self, forearm=on)
+        model = load_model("hand26", coupling=self.model.coupling, forearm=on)
+        return replace(self, forearm=on, model=model)
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self

@@ -17,9 +17,9 @@ from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
 from handtrack.store.store import spans_of
-from handtrack_app.engine import keys
 from handtrack_app.engine.inverse_kinematics import tip_names
 from handtrack_app.engine.run import Run
+from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.shelf import TakeShelf
 from handtrack_app.engine.timeline import TrackedRows
 
@@ -78,6 +78,9 @@ class Document:
         """what was decided, by its keys (`engine.keys`); only `apply` changes it"""
         self.takes = TakeShelf()
         self.by_hand: dict[int, Floats] = {}
+        self._carried: dict[
+            int, Floats
+        ] = {}  # what was seen at a frame before it was posed, where undo went back
         self.results = CurrentTrack()
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
@@ -87,6 +90,7 @@ class Document:
         """as session.toml has them"""
         self._own_size = (run.scale, size_pending)
         self._own_forearm = run.forearm
+        self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
         self.shown = self.start.copy()
         self._starts: dict[tuple[str, ...], Floats[S]] = {}
@@ -114,6 +118,11 @@ class Document:
             return scale_table(self.run.scale) | {"pending": self.size_pending}
         if kind == keys.CLOUDS:
             return {"table": None if self.clouds is None else self.clouds.table}
+        if kind == keys.POSE and key not in self.state and int(name) not in self.results:
+            # what is seen there now, so that undo can come back to it
+            seen = self.pose_at(int(name)).tolist()
+            names = self.model.parameter_names
+            return {"parameters": dict(zip(names, seen, strict=True)), "carried": True}
         return self.run.forearm if kind == keys.FOREARM else self.state.get(key)
 
     def apply(self, values: Mapping[str, Value]) -> None:
@@ -217,7 +226,7 @@ class Document:
         self.results = CurrentTrack(laid)
 
     def _derive_poses(self) -> None:
-        self.by_hand = {}
+        self.by_hand, self._carried = {}, {}
         for key in self.state:
             kind, name = keys.parts(key)
             if kind == keys.POSE:
@@ -225,10 +234,11 @@ class Document:
 
     def _derive_pose(self, frame: int) -> None:
         given = self.state.get(keys.pose(frame))
-        if given is None or frame not in self.frames:
-            self.by_hand.pop(frame, None)
-        else:
-            self.by_hand[frame] = self._posed(given)
+        self.by_hand.pop(frame, None)
+        self._carried.pop(frame, None)
+        if given is not None and frame in self.frames:
+            shelf = self._carried if given.get("carried", False) else self.by_hand
+            shelf[frame] = self._posed(given)
 
     def _posed(self, given: Value) -> Floats[S]:
         known, names = given["parameters"], self.model.parameter_names
@@ -238,6 +248,8 @@ class Document:
         """Where the session has no first pose, a pose that was taken from a search is where tracking begins."""
         if given is not None:
             self.first_frame, self.start = int(given["frame"]), self._posed(given)
+        elif len(self._own_start[1]) == len(self.start):
+            self.first_frame, self.start = self._own_start
 
     # ---- frames
 
@@ -269,6 +281,8 @@ class Document:
             return self.by_hand[frame]
         if frame in self.results:
             return self.results[frame].parameters
+        if frame in self._carried:
+            return self._carried[frame]
         return self.start if frame == self.first_frame else self.shown
 
     def is_found(self, frame: int) -> bool:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine import edits
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.document_snapshots import (
@@ -34,6 +33,7 @@ from handtrack_app.engine.jobs import (
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot

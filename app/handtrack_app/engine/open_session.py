@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence, Sized
 
 from handtrack.errors import HandtrackError
 from handtrack.store.history import NOTE
-from handtrack_app.engine import edits, keys
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -22,7 +21,7 @@ from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.store import saving
+from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
 from handtrack_app.protocol import commands
@@ -134,7 +133,7 @@ class OpenSession:
                     pose = edits.pose(document, request.frame, request.values)
                     self._edit(request.frame, pose, request.tag)
             case commands.ShowFrame():
-                self.store.flush()
+                self.store.write_what_rests(at_once=True)
                 document.show(request.frame)
                 self._show_pose()
             case commands.TakePose():
@@ -143,7 +142,8 @@ class OpenSession:
                 bent = edits.pulled_tip(document, request.frame, request.tip, request.target)
                 self._edit(request.frame, bent, request.tag)
             case commands.ForgetPose():
-                self._edit(request.frame, edits.forgotten_pose(request.frame))
+                known = document.clamped(request.frame) in document.by_hand
+                self._edit(request.frame, edits.forgotten_pose(request.frame) if known else {})
             case commands.Undo() | commands.Redo():
                 self._travel(request)
             case commands.RestoreTake():
@@ -155,12 +155,12 @@ class OpenSession:
             case commands.WantPictures():
                 self.painter.want(request)
             case commands.Track():
-                self.store.flush()
+                self.store.write_what_rests(at_once=True)
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm()
                 jobs.track(request)
             case commands.TrackLive():
-                self.store.flush()
+                self.store.write_what_rests(at_once=True)
                 self._see_arm()
                 jobs.track_live()
             case commands.Record():
@@ -169,7 +169,7 @@ class OpenSession:
             case commands.FitSize():
                 jobs.fit_size()
             case commands.TakeSize():
-                self.store.flush()
+                self.store.write_what_rests(at_once=True)
                 jobs.take_size(request.first)
             case commands.Pause():
                 jobs.show_progress()
@@ -198,7 +198,7 @@ class OpenSession:
                 name, data = export(document, request.kind)
                 self._publish(Download(name, data, request.client_id))
             case commands.FindHand():
-                self.store.flush()
+                self.store.write_what_rests(at_once=True)
                 jobs.find(request.frame)
             case commands.TakeGuess():
                 taken = jobs.guesses.take(request.frame, request.index)

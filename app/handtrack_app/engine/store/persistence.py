@@ -15,6 +15,7 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.takes.take_about import versions_in_use
+from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
 from handtrack.store.lease import LeaseTaken
@@ -22,14 +23,15 @@ from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine import edits, keys
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.earlier_work import earlier_work
+from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
 from handtrack_app.engine.store.shelf import TakeShelf
 
 log = logging.getLogger(__name__)
 
 _PROGRAM = "handtrack open"
+_EARLIER = "Work of an earlier version"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 _QUIET_S = 0.4  # edits by hand are written when none came for this long
@@ -188,16 +190,19 @@ class Persistence:
             self.history.take(note)
             self._unwritten.append(note)
 
-    def write_what_rests(self) -> bool:
-        """Write edits once none came for a while, or they go on and on; return whether there were any."""
+    def write_what_rests(self, at_once: bool = False) -> bool:
+        """Write edits once none came for a while, or they go on and on; return whether there were any. What could not be
+        written, and was told, is not tried again here.
+        """
         now, since = time.monotonic(), self._first_waits
-        if since is None or (now - self._when < _QUIET_S and now - since < _LONGEST_S):
+        rests = since is not None and (now - self._when > _QUIET_S or now - since > _LONGEST_S)
+        if since is None or not (rests or at_once):
             return False
         self.flush()
         return True
 
     def flush(self) -> None:
-        """Write what waits. What cannot be written stays, and is tried again with the next action."""
+        """Write what waits; raise HandtrackError for what cannot be: it stays, and is tried again with the next action."""
         self._first_waits = None
         while self._unwritten:
             if self.store is not None:
@@ -305,8 +310,8 @@ class Persistence:
             return ""
         document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
         self._apply_all(self.history.state)
-        for text in earlier_work(self, self.folder):
-            self._warn(text)
+        self._take_files()
+        self._take_earlier_work()
         self._take_size_of_track()
         settings = sum(
             keys.parts(key)[0] in (keys.SETTING, keys.LIMITS) for key in document.state
@@ -337,6 +342,38 @@ class Persistence:
                     self._warn(
                         f"Passed over of last time: {key}, since it cannot be any more. {error}"
                     )
+
+    def _take_files(self) -> None:
+        """Make takes of track files that the store does not know; where nothing can be written, only show them."""
+        document, state = self.document, self.history.state
+        if self.store is not None:
+            for text in import_tracks(self.store, self.folder):
+                self._warn(text)
+            if keys.SPANS in state and keys.SPANS not in document.state:
+                document.apply({keys.SPANS: state[keys.SPANS]})
+        elif keys.SPANS not in state:
+            for take in takes_to_look_at(self.folder):
+                number = document.takes.next_number
+                document.takes.put(number, take)
+                document.apply(keys.spans([Span(number, min(take), max(take) + 1)]))
+
+    def _take_earlier_work(self) -> None:
+        """Do what the journal of an earlier version says, in one step, once."""
+        work = EarlierWork.read(self.folder, self.document)
+        for key, value in work.values.items():
+            try:
+                self.do(_EARLIER, {key: value}, tag=_EARLIER)
+            except (HandtrackError, ValueError, KeyError, TypeError) as error:
+                log.warning("%s of an earlier version passed over: %s", key, error)
+        if work.tracked:
+            first = min(work.tracked)
+            frames = range(first, max(work.tracked) + 1)
+            self.begin_take(frames, first, self.document.start_params(first))
+            for result in work.tracked.values():
+                self.add(result)
+            self.end_take(finished=False)
+        if self.store is not None:
+            EarlierWork.put_away(self.folder)
 
     def _take_size_of_track(self) -> None:
         """The hand's size that the current track was made with counts, where none was decided since."""

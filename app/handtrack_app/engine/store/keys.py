@@ -9,7 +9,8 @@ from handtrack.store.spans import Span
 from handtrack.store.store import SPANS
 
 POSE, SETTING, LIMITS = "pose", "setting", "limits"
-"""kinds with a name behind a slash: `pose/12` {parameters, found}; `setting/cloud.weight`; `limits/index_mcp_flex` [low, high]
+"""kinds with a name behind a slash: `pose/12` {parameters, found} or, where undo went back to a pose that was only seen,
+{parameters, carried}; `setting/cloud.weight`; `limits/index_mcp_flex` [low, high]
 [rad]"""
 SIZE, CLOUDS, FOREARM, START = "size", "clouds", "forearm", "start"
 """the hand's size {overall, parts, pending}; the table [clouds] {table}; whether the model has a forearm; where tracking

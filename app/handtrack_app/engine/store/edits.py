@@ -14,9 +14,9 @@ from handtrack.model.pose_library import named_pose
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.simulation.body_motion import body_pose
 from handtrack.store.history import Value
-from handtrack_app.engine import keys
 from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.inverse_kinematics import reach
+from handtrack_app.engine.store import keys
 
 Values = dict[str, Value]
 
