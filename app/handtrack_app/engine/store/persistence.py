@@ -8,29 +8,25 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import TRACKS_FOLDER
-from handtrack.session.takes.take_about import versions_in_use
 from handtrack.session.takes.track_files import import_tracks
-from handtrack.store.current_track import TakeFrames
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore, spans_of
-from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
+from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
 from handtrack_app.engine.store.shelf import TakeShelf
 
 log = logging.getLogger(__name__)
 
-_PROGRAM = "handtrack open"
 _EARLIER = "Work of an earlier version"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
@@ -39,23 +35,6 @@ _LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
 _FIXED = (
     "Settings and takes stay fixed while tracking runs, so that a result has one. Cancel it first."
 )
-
-
-@dataclass
-class _OpenTake:
-    """A take that is being tracked."""
-
-    number: int
-    frames: range
-    first: int
-    """where tracking started: a pose set by hand there gives way to what is tracked"""
-    shelf: TakeFrames
-    writer: TakeWriter | None
-    waiting: dict[int, FrameResult] = field(default_factory=dict)
-    """frames that could not be written yet"""
-    is_shown: bool = False
-    is_told: bool = False
-    """that frames cannot be written"""
 
 
 @dataclass
@@ -71,7 +50,7 @@ class Persistence:
     history: History = field(default_factory=History)
     warning: str = ""
     _unwritten: list[Action] = field(default_factory=list)
-    _take: _OpenTake | None = None
+    _take: OpenTake | None = None
     _tag: str = ""
     _when: float = 0.0
     _first_waits: float | None = None
@@ -86,7 +65,7 @@ class Persistence:
             return cls(document, None)
         folder = document.run.session.folder / TRACKS_FOLDER
         try:
-            store = WritableStore(folder, _PROGRAM, take_over)
+            store = WritableStore(folder, PROGRAM, take_over)
         except LeaseTaken as error:
             told = f"{error} Here it can be looked at; nothing is saved."
             return cls(document, None, Store(folder).history(), told)
@@ -220,28 +199,14 @@ class Persistence:
         self, frames: range, first: int, params: Floats[P], keyframes: tuple[int, ...] = ()
     ) -> None:
         """Begin a take. It shows over what was tracked before from its first frame on."""
-        document, run = self.document, self.document.run
-        shelf = TakeFrames(run.model.parameter_names)
-        about = TakeAbout(
-            by=_PROGRAM,
-            begun=datetime.now(UTC).isoformat(timespec="seconds"),
-            frames=(frames.start, frames.stop),
-            labels=run.labels,
-            start={"frame": first, "parameters": params.tolist()},
-            keyframes=keyframes,
-            versions=versions_in_use(),
-        )
-        writer = None if self.store is None else self.store.begin(about)
-        number = document.takes.next_number if writer is None else writer.take.number
-        document.takes.put(number, shelf)
-        self._take = _OpenTake(number, frames, first, shelf, writer)
+        self._take = OpenTake.begin(self.document, self.store, frames, first, params, keyframes)
 
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
         take = self._take
         assert take is not None, "no take was begun"
         try:
-            self._keep(take, result)
+            take.keep(result)
         except HandtrackError:
             if not take.is_told:
                 take.is_told = True
@@ -251,16 +216,7 @@ class Persistence:
                 take.is_shown = True
                 self._show(take)
 
-    def _keep(self, take: _OpenTake, result: FrameResult) -> None:
-        take.shelf.put(result, None)
-        if take.writer is None:
-            return
-        take.waiting[result.frame] = result
-        for waiting in list(take.waiting.values()):
-            take.shelf.put(waiting, take.writer.replace(waiting))
-            del take.waiting[waiting.frame]
-
-    def _show(self, take: _OpenTake) -> None:
+    def _show(self, take: OpenTake) -> None:
         """Lay a take over the others."""
         if take.writer is not None:
             with suppress(
@@ -280,14 +236,11 @@ class Persistence:
         written: they stay as long as the program runs.
         """
         take, self._take = self._take, None
-        if take is None or take.writer is None or not take.shelf:
+        if take is None or not take.shelf:
             return
         try:
-            for waiting in list(take.waiting.values()):
-                self._keep(take, waiting)
             self.flush()
-            if finished:
-                take.writer.finish()
+            take.end(finished)
         except HandtrackError as error:
             raise HandtrackError(
                 f"{error} What was tracked stays as long as the workbench is open: save the track once there is room."
