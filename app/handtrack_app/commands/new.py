@@ -35,10 +35,13 @@ def run(args: argparse.Namespace) -> int:
     videos = parse_videos(args.video)
     check_new(args.out)
     rig = read_rig(args.calibration, args.world_unit_m)
-    fps = _frame_rate(args.fps, _checked(videos, rig, args.calibration))
+    fps, own = _frame_rates(args.fps, _checked(videos, rig, args.calibration))
     files = {camera: _file_name(i, camera, path) for i, (camera, path) in enumerate(videos.items())}
     masks = mask_method(args.masks)
-    cameras = tuple(CameraSettings(name, images=file, masks=masks) for name, file in files.items())
+    cameras = tuple(
+        CameraSettings(name, images=file, masks=masks, fps=own.get(name))
+        for name, file in files.items()
+    )
     recording = RecordingSettings(
         args.name or args.out.resolve().name, fps, None, args.world_unit_m
     )
@@ -100,21 +103,27 @@ def _checked(videos: Mapping[str, Path], rig: CameraRig, calibration: Path) -> d
     return rates
 
 
-def _frame_rate(asked: float | None, rates: Mapping[str, float]) -> float:
+def _frame_rates(asked: float | None, rates: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Return the session's frames a second, and those of cameras that differ."""
     if asked is not None:
         if not 0 < asked < float("inf"):
             raise HandtrackError(f"--fps {asked:g}: expected frames a second, above 0.")
-        return asked
+        return asked, {}
     known = [rate for rate in rates.values() if rate > 0]
     if not known:
         raise HandtrackError("no video says how many frames a second it has; give it with --fps.")
-    if max(known) / min(known) > 1 + _RATE_TOLERANCE:
-        shown = ", ".join(f"{camera} {rate:g}" for camera, rate in rates.items())
-        raise HandtrackError(
-            f"the videos differ in their frames a second ({shown}); frames of equal number must show the same "
-            "moment. Make them equal, or say with --fps what is right."
+    fps = known[0]
+    own = {
+        name: rate
+        for name, rate in rates.items()
+        if rate > 0 and abs(rate / fps - 1) > _RATE_TOLERANCE
+    }
+    for name, rate in own.items():
+        say(
+            f"note: the video of camera '{name}' says {rate:g} frames a second, the first {fps:g}: its frames will be taken "
+            "by time. If all have one rate, begin anew with --fps."
         )
-    return known[0]
+    return fps, own
 
 
 def _file_name(index: int, camera: str, path: Path) -> str:
