@@ -35,7 +35,7 @@ from handtrack.session.layout import (
 )
 from handtrack.session.seen.camera_times import SessionTimes, recording_of, session_times
 from handtrack.session.seen.clouds import CloudSource, cloud_source
-from handtrack.session.seen.views import View
+from handtrack.session.seen.views import View, scaled_camera
 from handtrack.session.session_file import (
     CloudSettings,
     SessionFile,
@@ -371,7 +371,9 @@ class Session:
 
 
 def session_rig(folder: Path, file: SessionFile) -> CameraRig:
-    """Return the calibration of a session's cameras, in their order. Raises HandtrackError for one that has none."""
+    """Return the calibration of a session's cameras, in their order and for their images' size. Raises HandtrackError for
+    one that has none.
+    """
     everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
     for camera in file.cameras:
         if camera.name not in everything:
@@ -379,7 +381,7 @@ def session_rig(folder: Path, file: SessionFile) -> CameraRig:
                 f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
                 f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
             )
-    return CameraRig(tuple(everything[camera.name] for camera in file.cameras))
+    return CameraRig(tuple(scaled_camera(everything[c.name], c, folder) for c in file.cameras))
 
 
 def _remember(

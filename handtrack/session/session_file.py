@@ -33,6 +33,7 @@ _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _BAYER = tuple(pattern.lower() for pattern in PATTERNS)
 _Text = Annotated[str, FULL]
 _FOREARM = Meta(description='true, false or "auto"')
+_SIZE = Meta(description="2 whole numbers [width, height], in pixels")
 _FINITE_S = Meta(ge=-sys.float_info.max, le=sys.float_info.max, description="a number [s]")
 
 
@@ -72,6 +73,9 @@ class CameraSettings:
     """a video, or a pattern of numbered files."""
     masks: _Text | MaskMethod | None = None
     """a pattern of numbered files, or how masks are computed."""
+    image_size: Annotated[tuple[int, int], _SIZE] | None = None
+    """width, height [px] of all that the camera gave, where that is the calibration's images scaled: its matrix is scaled
+    likewise."""
     roi: Roi | None = None
     """x, y, w, h [px] in the image as it was taken; outside of it nothing counts as observed."""
     depth: _Text | None = None

@@ -12,7 +12,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_table
-from handtrack.geometry.camera import CameraRig
+from handtrack.geometry.camera import CameraRig, scaled_by
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
@@ -35,11 +35,13 @@ def run(args: argparse.Namespace) -> int:
     videos = parse_videos(args.video)
     check_new(args.out)
     rig = read_rig(args.calibration, args.world_unit_m)
-    fps, own = _frame_rates(args.fps, _checked(videos, rig, args.calibration))
+    opened = _opened(videos, rig, args.calibration, args.scaled)
+    fps, own = _frame_rates(args.fps, {name: video.nominal_fps for name, video in opened.items()})
+    scaled = {name: video.size for name, video in opened.items() if video.size != rig[name].size}
     files = {camera: _file_name(i, camera, path) for i, (camera, path) in enumerate(videos.items())}
     masks = mask_method(args.masks)
     cameras = tuple(
-        CameraSettings(name, images=file, masks=masks, fps=own.get(name))
+        CameraSettings(name, file, masks, scaled.get(name), fps=own.get(name))
         for name, file in files.items()
     )
     recording = RecordingSettings(
@@ -88,19 +90,27 @@ def mask_method(name: str) -> MaskMethod | None:
     return None if name == "none" else read_table(METHODS[name], {}, f"--masks {name}")
 
 
-def _checked(videos: Mapping[str, Path], rig: CameraRig, calibration: Path) -> dict[str, float]:
-    """Return what each video says of its frame rate, 0 when it says nothing. Raises HandtrackError."""
-    rates = {}
+def _opened(
+    videos: Mapping[str, Path], rig: CameraRig, calibration: Path, scaled: bool
+) -> dict[str, VideoFile]:
+    """Return the videos, closed again. Raises HandtrackError for one that is no camera's, or not of its size.
+
+    scaled: whether it may be of that size scaled.
+    """
+    opened = {}
     for camera, path in videos.items():
         if camera not in rig:
             raise HandtrackError(
                 f"--video {camera}={path}: {calibration} has no camera '{camera}'; cameras there: "
                 f"{', '.join(rig.names)}."
             )
-        video = VideoFile(path, rig[camera].size, f"--video {camera}={path}")
-        rates[camera] = video.nominal_fps
+        size, where = rig[camera].size, f"--video {camera}={path}"
+        video = VideoFile(path, None if scaled else size, where)
+        if video.size != size and (video.size is None or scaled_by(size, video.size) is None):
+            VideoFile(path, size, where)  # says what is wrong with it
         video.close()
-    return rates
+        opened[camera] = video
+    return opened
 
 
 def _frame_rates(asked: float | None, rates: Mapping[str, float]) -> tuple[float, dict[str, float]]:

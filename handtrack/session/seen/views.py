@@ -21,7 +21,7 @@ from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import Segmenter
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
+from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
@@ -29,6 +29,22 @@ from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recor
 from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings
+
+
+def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Camera:
+    """Return a camera for the size that session.toml says its images have. Raises HandtrackError unless that is the
+    calibration's, scaled.
+    """
+    size = settings.image_size
+    if size is None or tuple(size) == camera.size:
+        return camera
+    if min(size) < 1 or scaled_by(camera.size, size) is None:
+        raise HandtrackError(
+            f"{folder / SESSION_FILE}, camera '{settings.name}': image_size = {list(size)} is not the calibration's "
+            f"{camera.size[0]} x {camera.size[1]} scaled by one factor. Images that were cut need a calibration of their "
+            "own: subtract the corner from its principal point, and set its size."
+        )
+    return camera.scaled(size)
 
 
 class View:

@@ -21,6 +21,25 @@ def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
     return path
 
 
+def test_c11_scaled_videos_are_taken_where_that_is_said(
+    handtrack: CommandLine, tmp_path: Path
+) -> None:
+    calibration = bundled_session() / "calibration.toml"
+    width, height = Session.open(bundled_session()).rig["cam0"].size
+    small = video(tmp_path / "small.avi", 25, 3, (width // 2, height // 2))
+    cut = video(tmp_path / "cut.avi", 25, 3, (width, height // 2))
+    words = ["new", "--out", tmp_path / "made", "--calibration", calibration, "--masks", "none"]
+    refused = handtrack(*words, "--video", f"cam0={small}")
+    assert refused.code == 2
+    assert "0.5 times as large" in refused.err
+    assert "`handtrack new --scaled`" in refused.err
+    refused = handtrack(*words, "--scaled", "--video", f"cam0={cut}")
+    assert refused.code == 2
+    assert "scale its matrix and size" in refused.err
+    assert handtrack(*words, "--scaled", "--video", f"cam0={small}").code == 0
+    assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
+
+
 def test_c7_videos_of_different_rates_are_joined_by_time(
     handtrack: CommandLine, tmp_path: Path
 ) -> None:
