@@ -187,6 +187,8 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.WorkSnapshot():
+                self.layout.show_work(snapshot)
             case snapshots.LiveSnapshot():
                 self.layout.live.show(snapshot)
             case snapshots.TimelineSnapshot():
