@@ -136,6 +136,8 @@ class FakeRun:
     step_s: float = 0.02
     broken: bool = False
     sizing_s: float = 0.0
+    hungry: bool = False
+    """a frame takes 100 GB"""
 
     @property
     def notes(self) -> list[str]:
@@ -194,6 +196,8 @@ class FakeRun:
                     return
             if self.broken and frame > start_frame:
                 raise ValueError("a mistake of ours")
+            if self.hungry:
+                np.ones(12_500_000_000)
             result = self._result(frame, start_params, start_frame)
             if control.on_early is not None:
                 control.on_early(result)

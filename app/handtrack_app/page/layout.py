@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from handtrack_app.page.page import Keys, Page
+import viser
+
+from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.page.panels.export import ExportPanel
@@ -14,6 +16,7 @@ from handtrack_app.page.panels.session import SessionPanel, head
 from handtrack_app.page.panels.timeline import TimelinePanel
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.scene.stage import Stage
+from handtrack_app.protocol.commands import StartAgain
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import (
     Notice,
@@ -41,6 +44,9 @@ class PageLayout:
         self.snapshot: SessionSnapshot | None = None
         gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
+        self.failure = gui.add_markdown("", visible=False)
+        self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
+        page.on(self.again, lambda _: page.send(StartAgain()))
         tabs = gui.add_tab_group()
         self.keys = Keys(gui)
         self._add_keys(page)
@@ -107,6 +113,9 @@ class PageLayout:
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
         self.progress = progress
+        failed = progress.state == "failed"
+        put(self.again, visible=failed)
+        put(self.failure, visible=failed and bool(self.failure.content))
         self.tracking.show(progress)
         self.guesses.show_progress(progress)
         self.head.content = head(self.snapshot, progress)
@@ -114,7 +123,8 @@ class PageLayout:
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened on the page, also for those who come later."""
         if self.progress.state == "failed" and notice.level == "error":
-            self.page.gui.add_markdown(f"**{notice.title}**\n\n{notice.text}")
+            self.failure.content = f"**{notice.title}**\n\n{notice.text}"
+            self.failure.visible = True
 
 
 STYLE_SHEET = """<style>
