@@ -38,14 +38,19 @@ def ending_words(code: int, memory: int | None, log: Path) -> str:
     return f"The part of handtrack that tracks was ended from outside ({name})."
 
 
-def again_notice(how: str, stopped_at: int | None, log: Path) -> Notice:
-    """Return what the user is told when the engine begins again. stopped_at: the frame tracked last, if it tracked."""
+def again_notice(how: str, stopped_at: int | None, recording: str, log: Path) -> Notice:
+    """Return what the user is told when the engine begins again.
+
+    stopped_at: the frame tracked last, if it tracked. recording: the folder that running cameras were recorded to.
+    """
     text = f"{how} It begins again now, from what is on disk: what was accepted is there."
     if stopped_at is not None:
         text += (
             f" Tracking stopped at frame {stopped_at} and does not go on by itself: go there, and 'From here: forward' "
             "(tab Track) tracks on."
         )
+    if recording:
+        text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
     return Notice("error", "The engine was ended", f"{text} Details are in {log}.")
 
 

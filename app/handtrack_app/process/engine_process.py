@@ -159,12 +159,12 @@ class EngineProcess:
         """Say how the engine ended; return whether it begins again by itself."""
         if self._failure is not None:
             return False  # that was told
-        now, stopped_at = time.monotonic(), self._wishes.stopped_at
+        now, wishes = time.monotonic(), self._wishes
         self._ends.append(now)
         how = ending_words(code, self._plan.memory, LOG_FILE)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
         if code and not often:
-            self._publish(again_notice(how, stopped_at, LOG_FILE))
+            self._publish(again_notice(how, wishes.stopped_at, wishes.recording, LOG_FILE))
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
         notice = down_notice(how, len(self._ends) if often else 1, LOG_FILE)

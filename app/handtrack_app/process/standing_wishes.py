@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.commands import Command
-from handtrack_app.protocol.snapshots import PoseSnapshot, ProgressSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import LiveSnapshot, PoseSnapshot, ProgressSnapshot, Snapshot
 
 _STANDING = (commands.WantPictures, commands.WantSurface, commands.WantCloud, commands.Follow)
 _UNWRITTEN_S = 2.0  # edits reach the disk within one second, and a busy engine is late
@@ -22,6 +22,8 @@ class StandingWishes:
         """of the user's newest edit"""
         self.stopped_at: int | None = None
         """the frame tracked last, while tracking runs"""
+        self.recording = ""
+        """the folder that running cameras are recorded to"""
         self._clock = clock
         self._wishes: dict[type, Command] = {}
         self._frame: int | None = None
@@ -46,6 +48,8 @@ class StandingWishes:
         match snapshot:
             case PoseSnapshot():
                 self._frame = snapshot.frame
+            case LiveSnapshot():
+                self.recording = snapshot.recording
             case ProgressSnapshot(state=state) if state != "opening":
                 self.stopped_at = snapshot.frame if state in _AT_WORK else None
 

@@ -19,6 +19,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.store.lease import holder_of
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process import engine_process
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.memory import GB, memory_limit
@@ -27,6 +28,8 @@ from handtrack_app.protocol import commands, snapshots
 from tests.app.command_line import PROGRAM
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
+from tests.live_cameras import clip
+from tests.session.small_session import make_session
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
@@ -166,6 +169,10 @@ def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
     said = len(page.seen)
     page.engine.send(commands.StartAgain())
     page.idle(said)
+    said = page.kill(signal.SIGTERM)
+    last = page.wait(snapshots.Notice, lambda n: n.title == "The engine stays ended", said)
+    assert "asked to end (SIGTERM)" in last.text and "within a minute" not in last.text
+    assert not any((tmp_path / "tracks").glob("lease-*.json"))
 
 
 def test_c40_what_crashes_at_once_ends_the_program_in_words(
@@ -178,6 +185,20 @@ def test_c40_what_crashes_at_once_ends_the_program_in_words(
     with pytest.raises(HandtrackError, match="crashed .SIGSEGV., a mistake in handtrack or in a"):
         raise page.engine.wait_shown(60.0) or AssertionError("it opened")
     page.engine.stop()
+
+
+def test_running_cameras_are_opened_over_there(tmp_path: Path, start: Callable[..., Page]) -> None:
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    make_session(desk)
+    devices = {name: str(clip(tmp_path / f"{name}.avi")) for name in ("cam0", "cam1")}
+    page = start(desk, None, live=LiveOptions(devices, 10.0))
+    assert page.wait(snapshots.SessionSnapshot).live
+    folder = tmp_path / "recorded"
+    page.engine.send(commands.Record(True, str(folder)))
+    page.wait(snapshots.LiveSnapshot, lambda told: told.recording == str(folder))
+    said = page.kill()
+    assert f"The recording in {folder} was cut off" in page.wait(snapshots.Notice, after=said).text
 
 
 # ---- memory
@@ -236,6 +257,7 @@ slow_document = partial(fake_document, step_s=0.3)
 PARENT = """
 import sys, time
 from pathlib import Path
+from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process import engine_process
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.plan import EnginePlan
