@@ -57,7 +57,8 @@ def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_p
     with WireClient(port) as client:
 
         def came(words: str, after: float = 0.0) -> bool:
-            return any(words in str(m) for when, m in list(client.messages) if when > after)
+            said = (str(message) for when, message in list(client.messages) if when > after)
+            return any(re.search(words, one) for one in said)
 
         def engine() -> int:
             processes = Path("/proc").glob("[0-9]*/stat")
@@ -71,8 +72,9 @@ def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_p
         )
         eventually(lambda: came(">ready"), "it is open", 60.0)
         client.set_value(widget(client, "GuiButtonMessage", "Track all frames"), True)
-        journal = tmp_path / "session/tracks/journal.jsonl"
-        eventually(lambda: journal.read_text().count('"tracked"') > 2, "frames are tracked", 90.0)
+        eventually(
+            lambda: came(r"Tracking: ([3-9]|\d\d) of 100 frames"), "frames are tracked", 90.0
+        )
         loaded = Path(f"/proc/{program.pid}/maps").read_text()
         assert not [name for name in ("llvmlite", "scipy", "skimage") if f"/{name}/" in loaded]
         killed = engine()
@@ -80,12 +82,11 @@ def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_p
         os.kill(killed, signal.SIGKILL)
         eventually(lambda: came("The engine was ended", began), "it is told")
         assert came("Tracking stopped at frame", began)
-        eventually(lambda: came("Brought back from last time", began), "it is back", 60.0)
+        eventually(lambda: came("tracked frames", began), "they are back", 60.0)
         assert engine() != killed
         slider = widget(client, "GuiSliderMessage", "x mm")
         sent = client.set_value(slider, 12.0)
         eventually(lambda: came("batched_positions", sent), "the hand moves")
-        eventually(lambda: '"pose"' in journal.read_text(), "the pose is kept")
     program.send_signal(signal.SIGINT)
     out, err = program.communicate(timeout=30)
     assert program.returncode == 0
