@@ -160,6 +160,7 @@ COMMANDS: dict[str, _Command] = {
         _SIDE,
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
         _option("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration"),
+        _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
         _option("--masks", default="skin_ycrcb",
                 choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)"),

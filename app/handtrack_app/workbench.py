@@ -165,7 +165,6 @@ class Workbench:
                     self.state.start, self.state.stop = snapshot.start, snapshot.stop
                     if not known:
                         self.state.values = ()
-                        self.state.undo.forget_poses()
                 self.player.fps = snapshot.fps
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)

@@ -43,7 +43,8 @@ class _Opened:
 Request = SessionRequest | _Previewed | _Opened
 
 _LOOKS_ELSEWHERE = (
-    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess,
+    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess, commands.Undo,
+    commands.Redo,
 )  # fmt: skip
 _PREPARING = "Preparing the first pose …"
 
@@ -140,7 +141,7 @@ class Worker:
             elif desk is not None:
                 self._guarded(desk.idle)
             if self._session is not None:
-                self._guarded(self._session.accept_settled_edit)
+                self._guarded(self._session.write_what_rests)
             elif self._preview is not None and not self._preview.painter.is_stale:
                 self._shown.set()
         session = self._session

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 
-from handtrack.session.clouds_settings import CloudSettings
-
 
 @dataclass(frozen=True)
 class ShowFrame:
@@ -27,6 +25,8 @@ class SetPose:
     """(S,) joint parameters [m, rad]"""
     version: int
     """counts the user's edits; the answering snapshot carries it back"""
+    tag: str = ""
+    """the control that is moved: what follows soon with the same is one step of undo"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class PullTip:
     target: tuple[float, float, float]
     """world [m]"""
     version: int
+    tag: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,27 @@ class ForgetPose:
 
     frame: int
     version: int
+
+
+@dataclass(frozen=True)
+class Undo:
+    """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
+
+    version: int
+
+
+@dataclass(frozen=True)
+class Redo:
+    """Make the step again that was undone last."""
+
+    version: int
+
+
+@dataclass(frozen=True)
+class RestoreTake:
+    """Make a take the current track."""
+
+    number: int
 
 
 @dataclass(frozen=True)
@@ -127,6 +149,8 @@ class SetSetting:
 
     name: str
     value: object
+    tag: str = ""
+    """as of a pose; several settings changed at one time have one"""
 
 
 @dataclass(frozen=True)
@@ -140,6 +164,7 @@ class SetLimits:
 
     name: str
     interval: tuple[float, float] | None
+    tag: str = ""
 
 
 @dataclass(frozen=True)
@@ -214,13 +239,6 @@ class SetClouds:
 
 
 @dataclass(frozen=True)
-class UseClouds:
-    """Take these settings of [clouds], all of them: undo."""
-
-    settings: CloudSettings | None
-
-
-@dataclass(frozen=True)
 class SampleSkin:
     """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
 
@@ -247,8 +265,8 @@ class StartAgain:
 
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
-    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | StartAgain
+    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | StartAgain
 )  # fmt: skip
 
 _LATEST_WINS = (ShowFrame, WantPictures, WantCloud, WantSurface, SampleSkin)
