@@ -137,6 +137,8 @@ class FakeRun:
     broken: bool = False
     sizing_s: float = 0.0
     forearm: bool = False
+    hungry: bool = False
+    """a frame takes 100 GB"""
 
     @property
     def notes(self) -> list[str]:
@@ -199,6 +201,8 @@ class FakeRun:
                     return
             if self.broken and frame > start_frame:
                 raise ValueError("a mistake of ours")
+            if self.hungry:
+                np.ones(12_500_000_000)
             result = self._result(frame, start_params, start_frame)
             if control.on_early is not None:
                 control.on_early(result)

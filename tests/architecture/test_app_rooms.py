@@ -15,10 +15,11 @@ APP = REPOSITORY / "app" / "handtrack_app"
 ARROWS: dict[str, set[str]] = {
     "protocol": set(),
     "engine": {"protocol"},
+    "process": {"protocol", "engine", "rerun"},
     "page": {"protocol"},
     "rerun": {"protocol", "engine"},
-    "workbench": {"protocol", "engine", "page", "rerun"},
-    "commands": {"engine", "page", "rerun", "workbench"},
+    "workbench": {"protocol", "engine", "page", "process"},
+    "commands": {"protocol", "engine", "page", "process", "rerun", "workbench"},
     "cli": set(),
 }
 """room → the rooms it imports; `cli` finds the commands by their names"""

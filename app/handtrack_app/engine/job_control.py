@@ -366,4 +366,5 @@ class JobControl:
         if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
-        self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+        eta_s = job.eta_s()
+        self._publish(ProgressSnapshot(state, words, done, total, eta_s, job.kind, job.frame))

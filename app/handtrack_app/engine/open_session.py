@@ -167,7 +167,7 @@ class OpenSession:
                 jobs.show_progress()
             case commands.Cancel():
                 jobs.leave()  # acted on in `send` already; most jobs report their end themselves
-            case commands.Follow():
+            case commands.Follow() | commands.StartAgain():
                 pass  # acted on in `send`
             case commands.SetSetting() | commands.SetLimits():
                 self._change(request)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,9 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
-from handtrack.session import bundled
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
@@ -120,22 +117,6 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
         away = np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1)
         points = points[away <= np.quantile(away, _NEAR) + _DEEP_M]
     return np.median(points, axis=0)
-
-
-def working_folder(folder: Path) -> Path:
-    """Return the folder to work in: a copy in the user's data folder for a recording that lies in a checkout.
-
-    The copy's name carries a stamp of the recording, so that a changed recording gets a new one. An installed
-    program's bundled session is such a copy already; any other folder is returned as it is.
-    """
-    source = Path(folder).resolve()
-    if source.parent != bundled.checkout_shelf():
-        return Path(folder)
-    stamp = hashlib.sha256()
-    for name in (SESSION_FILE, INIT_FILE, TRUTH_FILE):
-        if (source / name).is_file():
-            stamp.update((source / name).read_bytes())
-    return bundled.working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")
 
 
 _BY_HAND = (

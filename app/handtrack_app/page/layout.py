@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import viser
+
 from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
@@ -15,6 +17,7 @@ from handtrack_app.page.panels.takes import TakesPanel
 from handtrack_app.page.panels.timeline import TimelinePanel
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.scene.stage import Stage
+from handtrack_app.protocol.commands import StartAgain
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import (
     Notice,
@@ -44,6 +47,9 @@ class PageLayout:
         self.saved = ""
         gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
+        self.failure = gui.add_markdown("", visible=False)
+        self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
+        page.on(self.again, lambda _: page.send(StartAgain()))
         tabs = gui.add_tab_group()
         self.keys = Keys(gui)
         self._add_keys(page)
@@ -111,6 +117,9 @@ class PageLayout:
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
         self.progress = progress
+        failed = progress.state == "failed"
+        put(self.again, visible=failed)
+        put(self.failure, visible=failed and bool(self.failure.content))
         self.tracking.show(progress)
         self.guesses.show_progress(progress)
         put(self.head, content=head(self.snapshot, progress, self.saved))
@@ -124,7 +133,8 @@ class PageLayout:
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened on the page, also for those who come later."""
         if self.progress.state == "failed" and notice.level == "error":
-            self.page.gui.add_markdown(f"**{notice.title}**\n\n{notice.text}")
+            self.failure.content = f"**{notice.title}**\n\n{notice.text}"
+            self.failure.visible = True
 
 
 STYLE_SHEET = """<style>

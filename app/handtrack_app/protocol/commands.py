@@ -1,10 +1,11 @@
 """What the page asks of the engine: commands, frozen and picklable, with no viser in them.
 
-The engine runs on threads today; because nothing here is shared, it can become a process without a change to the page.
+The engine runs in a process of its own, or on threads of the page's (tests): nothing here is shared.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 
@@ -257,8 +258,28 @@ class RestoreClouds:
     """Go back to the settings of [clouds] as session.toml has them."""
 
 
+@dataclass(frozen=True)
+class StartAgain:
+    """Start the engine that ended too often; for whoever keeps its process."""
+
+
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | StartAgain
 )  # fmt: skip
+
+_LATEST_WINS = (ShowFrame, WantPictures, WantCloud, WantSurface, SampleSkin)
+
+
+def kind_of(request: object) -> Hashable | None:
+    """Return what a newer command has in common with one that still waits, and that it replaces; None: it replaces none."""
+    if isinstance(request, SetClouds):
+        return ("clouds", *(name for name, _ in request.values))
+    if isinstance(request, SetSetting):
+        return ("setting", request.name)
+    if isinstance(request, SetLimits):
+        return ("limits", request.name)
+    if isinstance(request, SetPose | PullTip):
+        return (type(request), request.frame)  # an edit never replaces another frame's
+    return type(request) if isinstance(request, _LATEST_WINS) else None

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.session import bundled
-from handtrack_app.engine.opening import working_folder
+from handtrack.session.bundled import working_folder
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
