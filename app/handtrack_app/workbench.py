@@ -12,11 +12,13 @@ from pathlib import Path
 
 import viser
 
+from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.door.door import Door, open_door
+from handtrack_app.door.log import logging_to
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import Opening, working_folder
 from handtrack_app.engine.worker import Opener, Worker
-from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page
 from handtrack_app.page.player import Demo, Player
@@ -67,6 +69,7 @@ class Workbench:
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
         self._demo = Demo() if demo else None
+        self.door: Door
         self.server: viser.ViserServer
 
     @property
@@ -75,14 +78,18 @@ class Workbench:
 
     @property
     def url(self) -> str:
-        return f"http://{self.host}:{self.port}"
+        """The address of the page, with the token that lets in."""
+        return self.door.url
 
     # ---- life
 
     def start(self) -> Workbench:
         """Serve the page and begin to open the session."""
-        self.server = guarded_server(self.host, self.wanted_port)
-        self.page = Page(self.server, self.state, self.send, self.redraw, self.go_to)
+        self.door = open_door(self.host, self.wanted_port)
+        self.server = self.door.server
+        self.page = Page(
+            self.server, self.state, self.send, self.redraw, self.go_to, self.door.gate.said
+        )
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.player = Player(self.state, self.go_to)
@@ -231,14 +238,7 @@ class Workbench:
         self._ready.set()
 
 
-def log_to(path: Path) -> None:
-    """Keep tracebacks, ours and those of odd requests from the network, in a file in place of the terminal."""
-    records = logging.FileHandler(path, delay=True)
-    records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
-    for name in ("handtrack_app", "websockets"):
-        logging.getLogger(name).addHandler(records)
-
-
+@logging_to(snapshots.LOG_FILE)
 def run_workbench(
     session_folder: Path,
     *,
@@ -258,7 +258,6 @@ def run_workbench(
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
-    log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
     folder = working_folder(session_folder)
     opener = None if live is None else partial(open_live_document, live)

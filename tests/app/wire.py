@@ -17,9 +17,10 @@ from websockets.typing import Subprotocol
 class WireClient:
     """Connects, collects every message with the time it came, and sends GUI updates."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, url: str) -> None:
+        """url: of the page, with its token."""
         self._socket = connect(
-            f"ws://127.0.0.1:{port}",
+            url.replace("http", "ws", 1),
             subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
             max_size=None,
         )
@@ -65,6 +66,19 @@ class WireClient:
         """Send one message; return when."""
         self._socket.send(msgspec.msgpack.encode(message))
         return time.perf_counter()
+
+    def send_raw(self, data: bytes | str) -> None:
+        """Send what may be no message at all."""
+        self._socket.send(data)
+
+    def send_packed(self, frames: bytes) -> None:
+        """Send frames of the websocket's protocol, packed already."""
+        self._socket.socket.sendall(frames)
+
+    @property
+    def close_code(self) -> int | None:
+        """Why the server closed the connection; 1006 if without a word, None while it is open."""
+        return self._socket.protocol.close_code
 
     def set_value(self, handle: Any, value: Any) -> float:
         """Send a GUI value as the page would; return when."""

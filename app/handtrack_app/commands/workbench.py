@@ -10,8 +10,8 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.commands.terminal.output import check_new
 from handtrack_app.commands.terminal.progress import say
+from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.page.access import FIRST_PORT, choose_port
 
 
 def run(args: argparse.Namespace) -> int:

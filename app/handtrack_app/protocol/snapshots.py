@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N, S, T, V, W
 from handtrack.geometry.camera import Camera
+from handtrack.session.bundled import user_data_folder
 from handtrack.session.clouds_settings import CloudSettings
 
-LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
+LOG_FILE = user_data_folder() / "logs" / "workbench.log"
 HAND_REACH_M = 0.11
 """how far a hand extends around its middle"""
 
