@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 import sys
 import threading
 import time
@@ -12,13 +13,14 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
 from handtrack_app.door.door import Door, open_door
 from handtrack_app.door.log import logging_to
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.opening import Opening, working_folder
 from handtrack_app.engine.worker import Opener, Worker
+from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page
 from handtrack_app.page.player import Demo, Player
@@ -96,6 +98,13 @@ class Workbench:
         self.server.on_client_connect(self._welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
+        self.editing = Editing(self.page)
+        self.door.gate.may_edit, self.door.gate.looked_on = (
+            self.editing.may_edit,
+            self.editing.refuse,
+        )
+        self.server.on_client_connect(self.editing.welcome)
+        self.server.on_client_disconnect(self.editing.leave)
         self.player.start()
         self.worker.start()
         return self
@@ -276,6 +285,8 @@ def run_workbench(
         if failure is not None:
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+        if not is_loopback(host):
+            print(f"From other machines: {bench.door.url_by(socket.gethostname())}", flush=True)
         if live is not None and live.record is not None:
             bench.send(commands.Record(True, str(live.record)))
         if folder != Path(session_folder) or demo:

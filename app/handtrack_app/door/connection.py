@@ -56,6 +56,7 @@ class _GatedConnection(ServerConnection):
 
     async def recv(self, decode: bool | None = None) -> bytes:  # type: ignore[override]
         """Return the next message that may pass."""
+        client = self._gate.client_of(self)
         while True:
             message = self._flow.take()
             if message is not None:
@@ -69,10 +70,10 @@ class _GatedConnection(ServerConnection):
                 await self._send_away()
                 continue  # viser hears that the connection is closed
             try:
-                if not self._flow.put(*self._gate.examine(raw)):
+                if not self._flow.put(*self._gate.examine(raw, client)):
                     raise NotForUs("more than waits")
             except NotForUs as why:
-                self._gate.refuse(why, str(self.remote_address))
+                self._gate.refuse(why, client)
 
     async def _send_away(self) -> None:
         log.warning("%s sent too much and was sent away", self.remote_address)

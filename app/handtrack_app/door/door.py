@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import threading
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,9 +33,13 @@ class Door:
 
     @property
     def url(self) -> str:
-        """The address of the page, with the token."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.server.get_port()}/?token={self.token}"
+        """The address of the page on this machine, with the token."""
+        return self.url_by(LOOPBACK if self.host in ("0.0.0.0", "::") else self.host)
+
+    def url_by(self, name: str) -> str:
+        """Return the address with another of this machine's names."""
+        name = f"[{name}]" if ":" in name else name
+        return f"http://{name}:{self.server.get_port()}/?token={self.token}"
 
 
 def open_door(host: str = LOOPBACK, port: int = 0, label: str = "handtrack") -> Door:
@@ -43,7 +48,10 @@ def open_door(host: str = LOOPBACK, port: int = 0, label: str = "handtrack") -> 
     Raises HandtrackError when the port was taken since it was chosen.
     """
     gate, handshake = Gate(), Handshake(own_names(host))
-    with _behind(handshake, gate):
+    with (
+        _behind(handshake, gate),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):  # an address without the token
         server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
     gate.server = server
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
@@ -57,7 +65,7 @@ def open_door(host: str = LOOPBACK, port: int = 0, label: str = "handtrack") -> 
     return Door(server, host, gate, handshake.token)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _behind(handshake: Handshake, gate: Gate) -> Iterator[None]:
     """While a viser server starts, put handshake and gate in front of its own handling."""
     original = library.serve

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,10 +27,15 @@ _MOST_KEPT = 2000
 """widgets whose last value is kept; the page has about 200"""
 
 Value = words.Value
+_Widgets = Mapping[str, Any]
 
 
 class NotForUs(Exception):
     """A message that no page of ours would send."""
+
+
+class LooksOn(NotForUs):
+    """What a page does that looks on while another one edits: the widget or node of this name."""
 
 
 @dataclass
@@ -41,9 +46,18 @@ class Gate:
     """none yet while it starts"""
     refused: int = 0
     """messages"""
+    may_edit: Callable[[int], bool] = lambda _: True
+    """whether a client may do more than look around"""
+    looked_on: Callable[[int, str], None] = lambda _client, _name: None
+    """is called where it did more"""
     _said: dict[str, Value] = field(default_factory=dict)
 
-    def examine(self, raw: bytes | str) -> tuple[Hashable, bytes]:
+    def client_of(self, connection: object) -> int | None:
+        """Return viser's number of a client by its connection; None before viser has it."""
+        live = {} if self.server is None else self.server._websock_server._live_connections
+        return next((number for number, one in live.items() if one is connection), None)
+
+    def examine(self, raw: bytes | str, client: int | None = None) -> tuple[Hashable, bytes]:
         """Return of what kind a message is, and what viser is handed; of one kind only the newest counts.
 
         Raises NotForUs.
@@ -54,14 +68,23 @@ class Gate:
             message = words.DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise NotForUs(str(error)) from None
-        kind, message = self._checked(message)
+        own = self._own_widgets(client)
+        kind, message = self._checked(message, own)
+        name = getattr(message, "uuid", None) or getattr(message, "name", "")
+        if kind != "camera" and name not in own and not (client is None or self.may_edit(client)):
+            raise LooksOn(name)
         return kind, msgspec.msgpack.encode(message)
 
-    def refuse(self, why: NotForUs, client: str) -> None:
+    def refuse(self, why: NotForUs, client: int | None) -> None:
         """Count a message that does not pass; the log tells the 1st, 2nd, 4th, 8th …"""
+        if isinstance(why, LooksOn) and client is not None:
+            self.looked_on(client, str(why))
+            return
         self.refused += 1
         if self.refused & (self.refused - 1) == 0:
-            log.warning("%d messages refused; the last, of %s: %.200s", self.refused, client, why)
+            log.warning(
+                "%d messages refused; the last, of client %s: %.200s", self.refused, client, why
+            )
 
     def said(self, handle: Any) -> Any:
         """Return the value that a page last gave to a widget, a list where the widget has a tuple.
@@ -70,11 +93,18 @@ class Gate:
         """
         return self._said.get(handle._impl.uuid, handle.value)
 
-    def _checked(self, message: words.Message) -> tuple[Hashable, words.Message]:
+    def _own_widgets(self, client: int | None) -> _Widgets:
+        """Return the widgets that one client alone has."""
+        if self.server is None or client is None:
+            return {}
+        handle = self.server.get_clients().get(client)
+        return {} if handle is None else handle.gui._gui_input_handle_from_uuid
+
+    def _checked(self, message: words.Message, own: _Widgets) -> tuple[Hashable, words.Message]:
         once = object()  # like no other: each of these counts
         match message:
             case words.GuiUpdateMessage():
-                return self._update(message)
+                return self._update(message, own)
             case words.ViewerCameraMessage():
                 for vector in (message.wxyz, message.up_direction):
                     if not any(vector):
@@ -105,9 +135,11 @@ class Gate:
                 return ("drag", message.name), message
         return once, message
 
-    def _update(self, message: words.GuiUpdateMessage) -> tuple[Hashable, words.Message]:
+    def _update(
+        self, message: words.GuiUpdateMessage, own: _Widgets
+    ) -> tuple[Hashable, words.Message]:
         known = {} if self.server is None else self.server.gui._gui_input_handle_from_uuid
-        handle = known.get(message.uuid)
+        handle = known.get(message.uuid) or own.get(message.uuid)
         if handle is None or isinstance(handle, viser.GuiUploadButtonHandle):
             raise NotForUs("an unknown widget")
         props = handle._impl.props

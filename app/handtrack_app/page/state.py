@@ -147,6 +147,8 @@ class UserState:
     speed: float = 1.0
     follow: bool = True
     """the view follows the tracker"""
+    editor: int | None = None
+    """the client whose changes count"""
     display: Display = field(default_factory=Display)
     undo: UndoStack = field(default_factory=UndoStack)
     lock: threading.RLock = field(default_factory=threading.RLock)

@@ -91,6 +91,8 @@ def test_a17_each_start_has_a_token_of_its_own(door, open_host):
     assert len(door.token) >= 32
     assert door.token not in repr(open_host)
     assert door.url == f"http://127.0.0.1:{door.server.get_port()}/?token={door.token}"
+    assert open_host.url_by("lab-pc").startswith("http://lab-pc:")
+    assert open_host.url.startswith("http://127.0.0.1:")
 
 
 @pytest.mark.parametrize(

@@ -108,21 +108,18 @@ def test_frames_and_ranges_from_clients_are_checked(
     assert tracking.order("range") == commands.Track(0, FRAMES, 2)
 
 
-def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench: Workbench) -> None:
     """A pose that comes late writes its frame into the slider between the user's move and its callback."""
-    timeline = bench.layout.timeline
-    before, really = bench.state.frame, bench.page.said
+    state = bench.layout.timeline.slider._impl
+    before = state.value
 
-    def late(widget):
-        timeline.slider.value = before
-        return really(widget)
+    async def late(_: object) -> None:
+        state.value = before
 
-    object.__setattr__(bench.page, "said", late)
+    state.update_cb.insert(0, late)
     with WireClient(bench.url) as client:
-        client.set_value(timeline.slider, 3)
-        eventually(lambda: bench.state.frame == 3, "the frame that the user chose")
+        client.set_value(bench.layout.timeline.slider, before + 2)
+        eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
 
 
 def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
