@@ -99,9 +99,11 @@ def test_a14_while_tracking_is_paused_every_frame_is_on_disk(tmp_path: Path) -> 
         worker.send(commands.Pause(True))
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
 
-        def kept() -> bool:
-            shown = set(worker.document.results)
-            return len(shown) >= 4 and shown == set(Store(tmp_path / "tracks").frames_of(1))
-
-        eventually(kept, "what is shown is on disk")
+        results, store = worker.document.results, Store(tmp_path / "tracks")
+        eventually(
+            lambda shown=results, store=store: (
+                len(shown) >= 4 and set(shown) == set(store.frames_of(1))
+            ),
+            "what is shown is on disk",
+        )
         worker.send(commands.Cancel())
