@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack_app.engine.document import renamed
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
@@ -56,3 +58,10 @@ def test_what_was_changed_with_the_other_model_stays_changed(tmp_path: Path) -> 
 def test_parameters_go_by_name() -> None:
     found = renamed(np.array([1.0, 2.0]), ("a", "b"), ("b", "c"), np.array([8.0, 9.0]))
     np.testing.assert_array_equal(found, [2.0, 9.0])
+
+
+def test_a_take_of_another_model_is_not_brought_back_unseen(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
+    _use(store, "ball6")
+    with pytest.raises(HandtrackError, match="Take 1 was tracked with another model"):
+        store.restore_take(1)

@@ -259,9 +259,14 @@ class Persistence:
 
     def restore_take(self, number: int) -> bool:
         """Make a take the whole current track; return whether that changed anything. Raises HandtrackError."""
-        frames = self.document.takes.frames_of(number)
-        if not frames:
+        take, frames = self.document.takes.get(number), self.document.takes.frames_of(number)
+        if take is None or not frames:
             raise HandtrackError(f"Take {number} has no frames that could be shown.")
+        if take.parameter_names != self.document.model.parameter_names:
+            raise HandtrackError(
+                f"Take {number} was tracked with another model than the one in force, {self.document.run.labels.model} with "
+                f"coupling {self.document.model.coupling}. Choose its model in the tab Settings first."
+            )
         whole = Span(number, min(frames), max(frames) + 1)
         return self.do(f"Take {number} restored", keys.spans([whole]))
 

@@ -43,6 +43,8 @@ class TakeShelf:
                 except HandtrackError:
                     continue  # begun by a program that was killed at once; `handtrack takes` tells of it
                 first, stop = about.frames
+                if stop - first == 1:
+                    continue  # a single frame that was fitted: undo goes back to it
                 when = about.begun.replace("T", " ").removesuffix("+00:00")
                 size = there[number].bytes / 1e6
                 words = f"{when} UTC, frames {first} to {stop - 1}, {size:.1f} MB"

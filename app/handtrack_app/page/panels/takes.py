@@ -23,13 +23,13 @@ class TakesPanel:
     folder: viser.GuiFolderHandle | None = None
     numbers: tuple[str, ...] = ()
 
-    def _build(self) -> None:
+    def _build(self, numbers: tuple[str, ...]) -> None:
         gui = self.page.gui
         with self.tab:
             self.folder = gui.add_folder("Takes", expand_by_default=False)
         with self.folder:
             self.list = gui.add_html("")
-            self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", self.numbers)
+            self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
             self.back = gui.add_button(
                 "Bring this take back", icon=viser.Icon.RESTORE, color="gray",
                 hint="It becomes the whole track again. Undo takes that back; nothing is ever overwritten.",
@@ -45,13 +45,14 @@ class TakesPanel:
         """Show the takes that there are."""
         if not work.takes:
             return
-        before, self.numbers = self.numbers, tuple(str(c.number) for c in work.takes[:_MOST])
+        numbers = tuple(str(card.number) for card in work.takes[:_MOST])
         if self.folder is None:
-            self._build()
-        elif self.numbers != before:
-            self.chosen.options = self.numbers
-            self.chosen.value = self.numbers[0]
+            self._build(numbers)
+        elif numbers != self.numbers:
+            self.chosen.options = numbers
+            self.chosen.value = numbers[0]
         put(self.list, content=takes_table(work))
+        self.numbers = numbers
 
 
 def takes_table(work: WorkSnapshot) -> str:
