@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 import sys
 import threading
 import time
@@ -13,8 +14,11 @@ from typing import TYPE_CHECKING
 import viser
 
 from handtrack.session.bundled import working_folder
+from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
+from handtrack_app.door.door import Door, open_door
+from handtrack_app.door.log import logging_to
 from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.page.access import FIRST_PORT, choose_port, guarded_server, host_warning
+from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page
 from handtrack_app.page.player import Demo, Player
@@ -24,6 +28,7 @@ from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.log_file import LOG_FILE
 from handtrack_app.protocol.mailbox import Mailbox
 
 if TYPE_CHECKING:
@@ -70,6 +75,7 @@ class Workbench:
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
         self._demo = Demo() if demo else None
+        self.door: Door
         self.server: viser.ViserServer
 
     @property
@@ -78,20 +84,31 @@ class Workbench:
 
     @property
     def url(self) -> str:
-        return f"http://{self.host}:{self.port}"
+        """The address of the page, with the token that lets in."""
+        return self.door.url
 
     # ---- life
 
     def start(self) -> Workbench:
         """Serve the page and begin to open the session."""
-        self.server = guarded_server(self.host, self.wanted_port)
-        self.page = Page(self.server, self.state, self.send, self.redraw, self.go_to)
+        self.door = open_door(self.host, self.wanted_port)
+        self.server = self.door.server
+        self.page = Page(
+            self.server, self.state, self.send, self.redraw, self.go_to, self.door.gate.said
+        )
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.player = Player(self.state, self.go_to)
         self.server.on_client_connect(self._welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
+        self.editing = Editing(self.page)
+        self.door.gate.may_edit, self.door.gate.looked_on = (
+            self.editing.may_edit,
+            self.editing.refuse,
+        )
+        self.server.on_client_connect(self.editing.welcome)
+        self.server.on_client_disconnect(self.editing.leave)
         self.player.start()
         self.worker.start()
         return self
@@ -188,6 +205,8 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.WorkSnapshot():
+                self.layout.show_work(snapshot)
             case snapshots.LiveSnapshot():
                 self.layout.live.show(snapshot)
             case snapshots.TimelineSnapshot():
@@ -231,14 +250,7 @@ class Workbench:
         self._ready.set()
 
 
-def log_to(path: Path) -> None:
-    """Keep tracebacks, ours and those of odd requests from the network, in a file in place of the terminal."""
-    records = logging.FileHandler(path, delay=True)
-    records.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
-    for name in ("handtrack_app", "websockets"):
-        logging.getLogger(name).addHandler(records)
-
-
+@logging_to(LOG_FILE)
 def run_workbench(
     session_folder: Path,
     *,
@@ -261,7 +273,6 @@ def run_workbench(
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
-    log_to(snapshots.LOG_FILE)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
     folder = working_folder(session_folder)
     plan = EnginePlan(folder, live, rerun, take_over, memory=memory)
@@ -273,6 +284,8 @@ def run_workbench(
         if failure is not None:
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
+        if not is_loopback(host):
+            print(f"From other machines: {bench.door.url_by(socket.gethostname())}", flush=True)
         if live is not None and live.record is not None:
             bench.send(commands.Record(True, str(live.record)))
         if folder != Path(session_folder) or demo:

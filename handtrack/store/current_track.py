@@ -68,6 +68,10 @@ class CurrentTrack(Mapping[int, FrameResult]):
         take = self._take(frame)
         return None if take is None else take.heads[frame]
 
+    def count_of(self, take: TakeFrames) -> int:
+        """Return how many frames a take shows."""
+        return sum(self._take(frame) is take for frame in take)
+
     def _take(self, frame: object) -> TakeFrames | None:
         for frames, take in reversed(self.layers):
             if frame in take and frame in frames:

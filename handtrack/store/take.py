@@ -75,7 +75,9 @@ class Take:
     @property
     def about(self) -> TakeAbout:
         """Raises HandtrackError when all of its descriptions are damaged."""
-        about = self._heads.about
+        first = next(self._records(payloads=False), None)  # where it stands, unless that is damaged
+        about = _about(first) if first is not None and first.kind == _ABOUT else None
+        about = about or self._heads.about
         if about is None:
             raise HandtrackError(
                 f"{self.folder}: what this take is about is damaged, or of a later version of handtrack, so its frames "

@@ -19,6 +19,7 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     SessionSnapshot,
     TimelineSnapshot,
+    WorkSnapshot,
 )
 
 _BODY_REACH_M = 0.9
@@ -79,6 +80,11 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         size=model.scale.overall,
         offered_size=None if document.offered_scale is None else document.offered_scale.overall,
     )
+
+
+def work_snapshot(document: Document, saved: str) -> WorkSnapshot:
+    """Return what is on disk of the user's work."""
+    return WorkSnapshot(saved, document.takes.cards(document.results))
 
 
 def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:

@@ -10,8 +10,8 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.edits import Values
 from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.edits import Values
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 
 _MOST = 8  # of a list

@@ -13,11 +13,12 @@ from handtrack_app.engine.document_snapshots import (
     read_errors,
     session_snapshot,
     timeline_snapshot,
+    work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
-from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
@@ -48,16 +49,6 @@ _KEEPS = (
     | commands.FitSize
     | commands.TakeSize
 )
-_BY_HAND = (
-    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
-    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
-)
-_NO_POSE = {
-    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
-    + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": _BY_HAND.format(kind="body", pose="Pose"),
-}
-
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
     "hand', or pose it, then 'Track live'."
@@ -93,6 +84,7 @@ class OpenSession:
         )
         self._clouds = CloudService(document, render_thread)
         self._counted, self._told = False, set[str]()
+        self._told_work: tuple[int, str] | None = None
         self._reads_errors = True  # of a long track, while nobody waits
 
     def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
@@ -112,7 +104,7 @@ class OpenSession:
         elif self._live is not None:
             say("info", "Live", _LIVE)
         elif document.run.first is None:
-            say("info", "No first pose yet", _NO_POSE[document.model.kind])
+            say("info", "No first pose yet", NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
         self._say_notes(document.run.session.warnings)
         self.jobs.show_progress()
@@ -312,8 +304,18 @@ class OpenSession:
 
     def write_what_rests(self) -> None:
         """Write edits once none came for a while; what fails is told, and tried again with the next."""
-        if self.store.write_what_rests():
-            self._publish(timeline_snapshot(self.document))
+        try:
+            if self.store.write_what_rests():
+                self._publish(timeline_snapshot(self.document))
+        finally:
+            self._tell_work()
+
+    def _tell_work(self) -> None:
+        """Say what is on disk, where that changed."""
+        now = (id(self.document.results), self.store.saved)
+        if now != self._told_work:
+            self._told_work = now
+            self._publish(work_snapshot(self.document, self.store.saved))
 
     # ---- showing
 

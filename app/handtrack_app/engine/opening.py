@@ -119,6 +119,17 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
     return np.median(points, axis=0)
 
 
+_BY_HAND = (
+    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
+    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
+)
+NO_POSE = {
+    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
+    + _BY_HAND.format(kind="hand", pose="Fingers"),
+    "body": _BY_HAND.format(kind="body", pose="Pose"),
+}
+"""what to do where nobody said where the hand or the body is, by kind of model"""
+
 _NOTHING = (
     "Nothing tells where the {kind} is yet: this session has neither masks nor clouds. In the tab Cloud, match a pair of "
     "cameras ('Clouds from this pair'); or give the cameras masks in session.toml, a folder of files or a method such as "

@@ -6,6 +6,7 @@ import functools
 import html
 import logging
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -46,6 +47,8 @@ class Page:
     """apply changed display options to the scene"""
     go_to: Callable[[float], None]
     """show a frame"""
+    said: Callable[[Any], Any] = operator.attrgetter("value")
+    """the value that a page last gave to a widget; its own may be the program's by now, written since"""
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""

@@ -84,6 +84,8 @@ class UserState:
     speed: float = 1.0
     follow: bool = True
     """the view follows the tracker"""
+    editor: int | None = None
+    """the client whose changes count"""
     display: Display = field(default_factory=Display)
     lock: threading.RLock = field(default_factory=threading.RLock)
 

@@ -1,8 +1,10 @@
-"""Where details of mistakes are kept; light to import."""
+"""Where details of mistakes are kept: files of the user's own; light to import."""
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
+from handtrack.session.bundled import user_data_folder
 
-LOG_FILE = Path(tempfile.gettempdir()) / "handtrack_workbench.log"
+LOG_FILE = user_data_folder() / "logs" / "workbench.log"
+"""what the page's process notes"""
+ENGINE_LOG = LOG_FILE.with_name("engine.log")
+"""what the engine's process, and libraries in it, print"""

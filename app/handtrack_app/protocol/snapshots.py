@@ -333,10 +333,31 @@ class CloudCard:
     """the settings in force as they are"""
 
 
+@dataclass(frozen=True)
+class TakeCard:
+    """One tracking of the session."""
+
+    number: int
+    words: str
+    """when, which frames, how large"""
+    shown: int
+    """how many of its frames are of the current track"""
+
+
+@dataclass(frozen=True)
+class WorkSnapshot:
+    """What is on disk of the user's work."""
+
+    saved: str
+    """`saved`, `saving`, `unsaved` (it could not be written, and is tried again) or `kept nowhere`; empty of a live session"""
+    takes: tuple[TakeCard, ...]
+    """the latest first"""
+
+
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
     | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | GuessesSnapshot | LiveSnapshot
+    | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
 
 

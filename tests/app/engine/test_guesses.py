@@ -59,7 +59,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
 
 
 def press(bench: Workbench, handle: Any, option: str) -> None:
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(handle, option)
         time.sleep(0.2)
 
@@ -106,7 +106,7 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
     search.set()
     press(bench, bench.layout.guesses.find, "any frame")
     eventually(lambda: ">found<" in card.content, "found")
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
         eventually(lambda: ">set by hand<" in card.content, "edited")
         eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")

@@ -44,7 +44,7 @@ def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
     panel, path = bench.layout.settings, bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
     control = panel.controls["cloud.weight"][1]
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(control, 2.0)
         eventually(lambda: bool(panel.save.visible), "it can be saved")
         client.set_value(panel.save, True)

@@ -75,7 +75,7 @@ def test_a_slider_moves_the_limb(opened):
     hand = opened.stage.hand
     foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))
     before = np.array(hand.parts[foot].position)
-    with WireClient(opened.port) as client:
+    with WireClient(opened.url) as client:
         client.set_value(opened.layout.pose.sliders["left_knee_flex"], 90.0)
         eventually(
             lambda: np.linalg.norm(np.array(hand.parts[foot].position) - before) > 0.3,

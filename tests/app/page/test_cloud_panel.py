@@ -36,7 +36,7 @@ def test_saving_is_offered_where_something_is_not_saved(page: Workbench) -> None
     panel = page.layout.cloud
     save, back = panel.widgets["save"], panel.widgets["back"]
     assert not save.visible
-    with WireClient(page.port) as client:
+    with WireClient(page.url) as client:
         client.set_value(panel.filters.sliders.known["voxel_m"][1], 8.0)
         eventually(lambda: bool(save.visible and back.visible), "offered")
         client.set_value(save, True)
@@ -63,7 +63,7 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(page: Workbench)
     def shown() -> set[bool]:
         return {bool(thing.visible) for thing in (hand, root, points)}
 
-    with WireClient(page.port) as client:
+    with WireClient(page.url) as client:
         client.set_value(wide, True)
         eventually(lambda: page.state.display.cloud_wide, "a large picture")
         client.set_value(skin.drag, True)

@@ -249,7 +249,7 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> No
     view, panel = page.stage.cloud, page.layout.cloud
     before = len(view.points.points)
     assert len(view.points.colors) == before
-    with WireClient(page.port) as client:
+    with WireClient(page.url) as client:
         client.set_value(panel.filters.sliders.known["voxel_m"][1], 8.0)
         eventually(lambda: len(view.points.points) < before, "fewer points")
         eventually(lambda: "cells" in panel.counts.content, "counted")
@@ -277,7 +277,7 @@ def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
 def test_the_surface_stands_where_the_ellipsoids_did(page: Workbench) -> None:
     stage = page.stage
     assert stage.hand is not None
-    with WireClient(page.port) as client:
+    with WireClient(page.url) as client:
         client.set_value(page.layout.session.mode, "surface")
         eventually(lambda: stage.surface.visible and not stage.hand.flesh.visible, "the surface")
         page.page.play(True)
@@ -305,7 +305,7 @@ def test_another_model_takes_the_hands_place(page: Workbench) -> None:
         )
         eventually(lambda: len(page.state.values) == len(page.state.names), "and its pose")
         version = page.state.version
-        with WireClient(page.port) as client:
+        with WireClient(page.url) as client:
             client.set_value(page.layout.pose.sliders["root_tx"], 5.0 + place)
             eventually(lambda version=version: page.state.version > version, "it can be posed")
 

@@ -20,7 +20,7 @@ def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Work
     control = panel.controls["cloud.weight"][1]
     iterations = panel.controls["solver.iterations"][1]
     usual = iterations.value
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(control, 2.0)
         eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
         eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
@@ -41,7 +41,7 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
     slider = panel.ranges["index_pip_flex"]
     before = tuple(slider.value)
     assert not panel.back.visible
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(slider, [0, 60])
         eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
@@ -61,7 +61,7 @@ def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
     slider: Any = cloudy.layout.cloud.filters.sliders.known["voxel_m"][1]
     undo = cloudy.layout.pose.edit_buttons
     assert slider.value == 3.0
-    with WireClient(cloudy.port) as client:
+    with WireClient(cloudy.url) as client:
         client.set_value(slider, 6.0)
         eventually(lambda: _clouds(cloudy).filters.voxel_m == 0.006, "coarser")
         client.set_value(undo, "Undo")

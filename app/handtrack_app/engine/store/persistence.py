@@ -12,6 +12,7 @@ from pathlib import Path
 
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
+from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
@@ -74,6 +75,8 @@ class Persistence:
         except OSError as error:
             told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
             return cls(document, None, Store(folder).history(), told)
+        for ours in (folder, folder.parent):
+            remove_abandoned(ours)  # the lease is ours: nobody else writes there
         return cls(document, store, store.history(), " ".join(store.damage(takes=False)))
 
     @property
@@ -191,7 +194,15 @@ class Persistence:
     @property
     def is_saved(self) -> bool:
         """Whether all that was done is on disk, or nowhere to be kept."""
-        return not self._unwritten
+        return not self._unwritten and not (self._take and self._take.waiting)
+
+    @property
+    def saved(self) -> str:
+        """How far the work is on disk, as WorkSnapshot says it."""
+        if self.store is None:
+            return "kept nowhere" if self.warning else ""
+        waits = self._first_waits is not None
+        return "saved" if self.is_saved else "saving" if waits else "unsaved"
 
     # ---- takes
 

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.store.current_track import TakeFrames
+from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.store import Store
+from handtrack_app.protocol.snapshots import TakeCard
 
 
 class TakeShelf:
@@ -28,6 +29,25 @@ class TakeShelf:
     def frames_of(self, number: int) -> tuple[int, ...]:
         """Return the frames that a take has."""
         return tuple(self.get(number) or ())
+
+    def cards(self, track: CurrentTrack) -> tuple[TakeCard, ...]:
+        """Return what is told of each take, the latest first."""
+        there = {} if self._store is None else {take.number: take for take in self._store.takes()}
+        shown = {number: track.count_of(take) for number, take in self._known.items() if take}
+        cards = []
+        for number in sorted({*there, *shown}, reverse=True):
+            words = f"{len(self._known.get(number) or ())} frames, not on disk"
+            if number in there:
+                try:
+                    about = there[number].about
+                except HandtrackError:
+                    continue  # begun by a program that was killed at once; `handtrack takes` tells of it
+                first, stop = about.frames
+                when = about.begun.replace("T", " ").removesuffix("+00:00")
+                size = there[number].bytes / 1e6
+                words = f"{when} UTC, frames {first} to {stop - 1}, {size:.1f} MB"
+            cards.append(TakeCard(number, words, shown.get(number, 0)))
+        return tuple(cards)
 
     def put(self, number: int, take: TakeFrames) -> None:
         """Add a take that is being tracked."""

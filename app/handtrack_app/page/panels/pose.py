@@ -176,7 +176,7 @@ class PosePanel:
 
     def _moved(self, name: str, event: UserEvent) -> None:
         slider = event.target
-        value = number(slider.value, slider.min, slider.max)
+        value = number(self.page.said(slider), slider.min, slider.max)
         if value is None:
             slider.value = round(self.page.state.value_of(name) / unit_of(name), 1)
             return
