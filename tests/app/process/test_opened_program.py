@@ -52,9 +52,9 @@ def widget(client: WireClient, kind: str, label: str) -> Any:
 
 def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_path: Path) -> None:
     assert program.stdout is not None and program.stderr is not None
-    address = re.compile(r"is open at http://127.0.0.1:(\d+)")
-    port = next(int(said[1]) for line in program.stdout if (said := address.search(line)))
-    with WireClient(port) as client:
+    address = re.compile(r"is open at (\S+)")
+    url = next(said[1] for line in program.stdout if (said := address.search(line)))
+    with WireClient(url) as client:
 
         def came(words: str, after: float = 0.0) -> bool:
             said = (str(message) for when, message in list(client.messages) if when > after)
