@@ -47,7 +47,7 @@ class Page:
         def found() -> Any:
             return next((s for s in self.seen[after:] if isinstance(s, kind) and test(s)), None)
 
-        eventually(lambda: found() is not None, f"a {kind.__name__}", 30.0)
+        eventually(lambda: found() is not None, f"a {kind.__name__}", 90.0)
         return found()
 
     def idle(self, after: int = 0) -> None:
