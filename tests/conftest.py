@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 # as the command line does, before NumPy is there: threads of BLAS cost more than they bring at these sizes
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
+if "HANDTRACK_HOME" not in os.environ:  # copies and logs do not go to whoever runs the tests
+    os.environ["HANDTRACK_HOME"] = tempfile.mkdtemp(prefix="handtrack_tests_")
+    atexit.register(shutil.rmtree, os.environ["HANDTRACK_HOME"], ignore_errors=True)
 
 import numpy as np
 import pytest

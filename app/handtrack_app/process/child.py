@@ -12,6 +12,7 @@ import os
 import pickle
 import signal
 import threading
+import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -123,6 +124,10 @@ def _say_opened(engine: EngineThread, put: Callable[[FromEngine], None]) -> None
 
 def _portable(error: Exception | None) -> Exception | None:
     """Return an error, or one with the same words that another process can take."""
+    if error is not None and not isinstance(error, HandtrackError):
+        error.add_note(
+            "".join(traceback.format_exception(error))
+        )  # of a mistake: where it was made
     try:
         return pickle.loads(pickle.dumps(error))
     except Exception:  # whatever an error is made of

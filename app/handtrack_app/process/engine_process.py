@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -19,6 +20,7 @@ from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import ProgressSnapshot, Snapshot
 
+log = logging.getLogger(__name__)
 _MOST_AGAIN = 3  # within so many seconds; after that it would only end once more
 _WITHIN_S = 60.0
 _MOST_WAITING = 1000  # commands: nobody presses so many while an engine begins
@@ -101,7 +103,11 @@ class EngineProcess:
     def _live(self) -> None:
         plan = self._plan
         while not self._stopping.is_set():
-            code = self._one_life(plan)
+            try:
+                code = self._one_life(plan)
+            except OSError:  # the system starts no more processes
+                log.exception("no engine could be started")
+                code = 1
             if not self._stopping.is_set() and not self._tell_end(code):
                 self._is_down = True
                 self._again.clear()

@@ -15,7 +15,7 @@ LEAST_GB = 1.0
 _SHARE = 0.75
 """of what there is: a quarter is for page, browser and system. Guards such as earlyoom and systemd-oomd end programs at the
 last tenth; a refusal that can be told in words is to come before"""
-_CONTROL_GROUPS = Path("/sys/fs/cgroup")
+_CONTROL_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def memory_limit(asked_gb: float | None = None) -> int:
@@ -57,7 +57,7 @@ def machine_memory() -> int:
 def _group_limits() -> Iterator[int]:
     """Yield what the control groups of this process, and those above them, allow [bytes]."""
     with suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text().splitlines():
+        for line in _OWN_GROUPS.read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers:
                 root, name = _CONTROL_GROUPS, "memory.max"

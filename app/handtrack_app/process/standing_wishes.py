@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 
@@ -15,7 +16,7 @@ _AT_WORK = ("tracking", "paused")
 
 
 class StandingWishes:
-    """Reads along what is said to the engine and by it."""
+    """Reads along what is said to the engine and by it, on any thread."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.version = 0
@@ -24,24 +25,15 @@ class StandingWishes:
         """the frame tracked last, while tracking runs"""
         self.recording = ""
         """the folder that running cameras are recorded to"""
-        self._clock = clock
+        self._clock, self._lock = clock, threading.Lock()
         self._wishes: dict[type, Command] = {}
         self._frame: int | None = None
         self._edits: dict[int, tuple[float, commands.SetPose]] = {}
 
     def note(self, command: Command) -> None:
         """The page says this to the engine."""
-        match command:
-            case commands.SetPose():
-                self._edits[command.frame] = (self._clock(), command)
-            case _ if isinstance(command, _STANDING):
-                self._wishes[type(command)] = command
-            case commands.ShowFrame():
-                pass
-            case _:
-                self._edits.clear()  # what came before it is not to come back over it
-        version = getattr(command, "version", 0)
-        self.version = max(self.version, version)
+        with self._lock:
+            self._note(command)
 
     def see(self, snapshot: Snapshot) -> None:
         """The engine says this to the page."""
@@ -56,7 +48,21 @@ class StandingWishes:
     def again(self) -> list[Command]:
         """Return what is to be said again: wishes, edits that may not have been written, and the frame shown at last."""
         now, frame = self._clock(), self._frame
-        edits = [edit for when, edit in self._edits.values() if now - when < _UNWRITTEN_S]
-        self._edits.clear()
         show = [] if frame is None else [commands.ShowFrame(frame)]
-        return [*self._wishes.values(), *edits, *show]
+        with self._lock:
+            edits = [edit for when, edit in self._edits.values() if now - when < _UNWRITTEN_S]
+            self._edits.clear()
+            return [*self._wishes.values(), *edits, *show]
+
+    def _note(self, command: Command) -> None:
+        match command:
+            case commands.SetPose():
+                self._edits[command.frame] = (self._clock(), command)
+            case _ if isinstance(command, _STANDING):
+                self._wishes[type(command)] = command
+            case commands.ShowFrame():
+                pass
+            case _:
+                self._edits.clear()  # what came before it is not to come back over it
+        version = getattr(command, "version", 0)
+        self.version = max(self.version, version)

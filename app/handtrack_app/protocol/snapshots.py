@@ -11,7 +11,7 @@ from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.protocol.log_file import ENGINE_LOG
 
 HAND_REACH_M = 0.11
 """how far a hand extends around its middle"""
@@ -211,7 +211,7 @@ class Notice:
         if isinstance(error, MemoryError):
             return cls("error", "Not enough memory", str(not_enough_memory("This", error)))
         what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
-        text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."
+        text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {ENGINE_LOG}."
         return cls("error", title, text)
 
 

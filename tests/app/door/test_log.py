@@ -31,7 +31,7 @@ def test_a17_the_log_is_the_users_own_and_in_his_folder(log, tmp_path):
     assert "handtrack_app.test WARNING odd" in log.read_text()
     if os.name == "posix":
         assert stat.S_IMODE(log.stat().st_mode) == 0o600
-    command = "from handtrack_app.protocol.snapshots import LOG_FILE; print(LOG_FILE)"
+    command = "from handtrack_app.protocol.log_file import LOG_FILE; print(LOG_FILE)"
     said = subprocess.run(
         [sys.executable, "-c", command],
         env=os.environ | {"HANDTRACK_HOME": str(tmp_path)}, capture_output=True, text=True, check=True,
@@ -107,4 +107,4 @@ def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypa
 
 
 def test_the_page_names_the_log():
-    assert str(snapshots.LOG_FILE) in snapshots.Notice.of_mistake(ValueError("x")).text
+    assert str(snapshots.ENGINE_LOG) in snapshots.Notice.of_mistake(ValueError("x")).text
