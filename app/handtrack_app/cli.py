@@ -13,7 +13,7 @@ import traceback
 from pathlib import Path
 from typing import NamedTuple
 
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, not_enough_memory
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> int:
             what = f"cannot be written, or not be read ({error.strerror})"
         return _failed(args, f"{where}{what}.", EXIT_USAGE)
     except MemoryError as error:
-        return _failed(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
+        return _failed(args, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
         return _failed(args, _internal(error), EXIT_INTERNAL)
 
@@ -140,6 +140,8 @@ _SERVER = (
     _option("--port", type=int, help="port (default: 8080, or the next free one)"),
     _option("--no-browser", action="store_true", help="do not open a browser window"),
     _option("--rerun", action="store_true", help="also stream residuals to rerun's viewer"),
+    _option("--memory", type=float, metavar="GB",
+            help="most that decoding and tracking may use (default: 3/4 of this machine's)"),
 )  # fmt: skip
 
 COMMANDS: dict[str, _Command] = {

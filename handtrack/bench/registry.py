@@ -54,6 +54,8 @@ _LONG = {
     "dance_appearance": "jumps.dance_appearance",
     "monocular_dance": "jumps.monocular_dance",
     "balancing": "silhouettes.balancing",
+    "hostile": "workbench.hostile",
+    "soak": "workbench.soak",
 }
 """function → the module below `handtrack.bench`"""
 

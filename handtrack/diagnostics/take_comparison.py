@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.tracking.frame.result import TrackResult
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Silhouette
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.result import FrameResult, TrackResult
+
+_LOOKED_AT = 50  # frames; a mean of so many shows a difference between takes
 
 
 def compared(first: TrackResult, second: TrackResult) -> dict[str, float | int | None]:
@@ -32,6 +39,22 @@ def compared(first: TrackResult, second: TrackResult) -> dict[str, float | int |
         "energy_of_first": _median(first.energy[a]),
         "energy_of_second": _median(second.energy[b]),
     }
+
+
+def mean_overlap(
+    model: ArticulatedModel,
+    seen: Callable[[int], Sequence[Silhouette]],
+    frames: Sequence[FrameResult],
+) -> float | None:
+    """Return how well a track covers the masks: intersection over union, the mean of cameras and of frames, at most 50 that
+    are evenly spread. seen: the silhouettes of a frame. None where there are none.
+    """
+    chosen = sorted({round(at) for at in np.linspace(0, len(frames) - 1, _LOOKED_AT)})
+    found = []
+    for result in (frames[index] for index in chosen):
+        bones = model.bones(model.transform.solver_params(result.parameters))
+        found += outline_overlap(seen(result.frame), model.flesh["fine"], bones).iou.tolist()
+    return float(np.mean(found)) if found else None
 
 
 def _median(values: np.ndarray) -> float | None:

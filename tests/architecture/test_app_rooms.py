@@ -14,15 +14,17 @@ from tests.conftest import REPOSITORY
 APP = REPOSITORY / "app" / "handtrack_app"
 ARROWS: dict[str, set[str]] = {
     "protocol": set(),
+    "door": set(),
     "engine": {"protocol"},
+    "process": {"protocol", "engine", "rerun"},
     "page": {"protocol"},
     "rerun": {"protocol", "engine"},
-    "workbench": {"protocol", "engine", "page", "rerun"},
-    "commands": {"engine", "page", "rerun", "workbench"},
+    "workbench": {"protocol", "door", "engine", "page", "process"},
+    "commands": {"protocol", "door", "engine", "process", "rerun", "workbench"},
     "cli": set(),
 }
 """room → the rooms it imports; `cli` finds the commands by their names"""
-VIEWERS = {"viser": {"page", "workbench"}, "rerun": {"rerun"}}
+VIEWERS = {"viser": {"door", "page", "workbench"}, "rerun": {"rerun"}}
 """library → the rooms that may import it"""
 MOST_ANY = 25
 """uses of the type that checks nothing, in the whole application"""

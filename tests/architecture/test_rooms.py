@@ -41,7 +41,7 @@ ARROWS: dict[str, set[str]] = {
         "geometry", "observation", "model", "sampling", "tracking.frame", "tracking.search",
         "tracking.hypotheses",
     },
-    "diagnostics": {"geometry", "model", "terms", "tracking.frame"},
+    "diagnostics": {"geometry", "model", "observation", "terms", "tracking.frame"},
     "store": {"files", "terms", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
         "files", "geometry", "capture", "observation", "model", "tracking", "tracking.frame",

@@ -10,10 +10,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from handtrack.diagnostics.metrics import evaluate
-from handtrack.diagnostics.take_comparison import compared
+from handtrack.diagnostics.take_comparison import compared, mean_overlap
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import scale_from
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.lease import holder_of
@@ -74,11 +76,34 @@ def _compare(
         for take in takes:
             error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
             found[f"take_{take.number}_error_mm"] = error
+    for take in takes:
+        overlap = _overlap(session, take, frames)
+        if overlap is not None:
+            found[f"take_{take.number}_overlap"] = overlap
     if args.json:
         print(json.dumps(found, indent=1))
         return
     for name, value in found.items():
         print(f"{name:28s} {'-' if value is None else f'{value:.4g}'}")
+
+
+def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
+    """Return how well a take covers the session's masks; None where it cannot be told."""
+    labels = take.about.labels
+    values = json.loads(labels.settings or "{}") | {"model.fit_size": False}
+    try:
+        run = TrackingRun.open(session, values, use_init=False)
+        run = run.with_scale(scale_from(json.loads(labels.scale), take.folder))
+        if run.model.parameter_names != labels.parameter_names:
+            run = run.with_forearm(not run.forearm)
+        if run.model.parameter_names != labels.parameter_names:
+            return None
+        return mean_overlap(
+            run.model, lambda frame: run.seen(frame).silhouettes, take.results(frames)
+        )
+    except (HandtrackError, ValueError, KeyError, TypeError) as error:
+        say(f"note: how well take {take.number} covers the masks cannot be told: {error}")
+        return None
 
 
 def _list(store: Store, args: argparse.Namespace) -> None:

@@ -242,8 +242,10 @@ def _bytes(path: Path) -> tuple[bytes, str]:
 def _decoded(data: bytes, flags: int) -> Array | None:
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:  # larger than OpenCV allows
-        return None
+    except cv2.error as error:
+        if error.code == cv2.Error.StsNoMem:
+            raise MemoryError(error.err) from None
+        return None  # larger than OpenCV allows
 
 
 def _check_depth(image: Array, path: Path) -> None:

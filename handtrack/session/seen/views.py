@@ -20,7 +20,7 @@ from handtrack.capture.images.frames import (
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import Segmenter
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
@@ -112,19 +112,19 @@ class View:
 
     def image(self, frame: int) -> Array[H, W, D3] | None:
         """Return the frame's image uint8 BGR, None where missing."""
-        return None if self.images is None else self.images.read(frame)
+        return None if self.images is None else self._read(self.images, frame)
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed; None where missing."""
         if self.mask_files is not None:
-            return self.mask_files.read(frame)
+            return self._read(self.mask_files, frame)
         source = self._segmented_source
-        image = None if source is None else source.read(frame)
+        image = None if source is None else self._read(source, frame)
         return None if image is None else self._segmenter(image)
 
     def depth_m(self, frame: int) -> Array[H, W] | None:
         """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
-        image = None if self.depth is None else self.depth.read(frame)
+        image = None if self.depth is None else self._read(self.depth, frame)
         return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
 
     def hand_pixels(self, frame: int) -> Bytes[H, W] | None:
@@ -163,6 +163,12 @@ class View:
             return 0
         own = self.keypoint_files.frames
         return len(own if self.times is None else self.times.frames(own))
+
+    def _read(self, source: FrameSource, frame: int) -> Array | None:
+        try:
+            return source.read(frame)
+        except MemoryError as error:
+            raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
 
     @property
     def _segmented_source(self) -> FrameSource | None:

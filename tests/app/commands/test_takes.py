@@ -25,7 +25,10 @@ def session(tracked: Path, tmp_path: Path) -> Path:
         writer = store.begin(replace(first.about, by="another", frames=(1, 4)))
         for result in first.results(range(1, 4)):
             points = result.joint_positions + [0.01, 0.0, 0.0]
-            writer.add(Step(replace(result, joint_positions=points, keypoints21=points)))
+            moved = result.parameters + np.eye(1, len(result.parameters))[0] * 0.01
+            writer.add(
+                Step(replace(result, parameters=moved, joint_positions=points, keypoints21=points))
+            )
     return folder
 
 
@@ -62,6 +65,7 @@ def test_two_takes_are_compared(handtrack: CommandLine, session: Path) -> None:
     assert found["distance_mm"] == pytest.approx(10.0)
     assert found["energy_of_first"] == found["energy_of_second"]
     assert found["take_1_error_mm"] < found["take_2_error_mm"]
+    assert found["take_1_overlap"] > 0.9 > found["take_2_overlap"] > 0.5
     assert "distance_max_mm" in handtrack("takes", session, "--compare", 1, 2).out
 
 

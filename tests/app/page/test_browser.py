@@ -98,7 +98,7 @@ def browsing(bench: Workbench) -> Iterator[PageUnderTest]:
                 else r.abort()
             ),
         )
-        page.goto(f"{bench.url}/?fixedDpr=0.5")
+        page.goto(f"{bench.url}&fixedDpr=0.5")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
         yield PageUnderTest(page)
         browser.close()

@@ -9,58 +9,10 @@ from typing import Any
 import pytest
 
 from handtrack_app.page.page import Keys
-from handtrack_app.page.state import ChangeStep, PoseStep, UndoStack, UserState
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-
-def _change(value: float, before: float = 0.0) -> ChangeStep:
-    return ChangeStep(
-        "Cloud",
-        (commands.SetSetting("cloud.weight", before),),
-        (commands.SetSetting("cloud.weight", value),),
-    )
-
-
-def test_a_drag_of_a_setting_is_one_step_back_to_where_it_began() -> None:
-    stack = UndoStack()
-    for k in range(1, 20):
-        stack.record(_change(float(k), float(k - 1)), "Cloud", now=10 + 0.05 * k)
-    assert stack.past == [_change(19.0, 0.0)]
-
-
-def test_poses_and_changes_go_back_in_their_order() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.edit({"a": 0.5}, "slider a")
-    state.changes(_change(2.0))
-    assert state.travel(back=True) == _change(2.0)
-    assert state.values == (0.5,)
-    assert state.travel(back=True) == PoseStep(0, (0.0,))
-    assert state.travel(back=False) == PoseStep(0, (0.5,))
-    assert state.travel(back=False) == _change(2.0)
-    assert state.travel(back=False) is None
-
-
-def test_another_model_drops_its_poses_and_keeps_the_way_back() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.edit({"a": 0.5}, "slider a")
-    state.changes(_change(2.0))
-    state.undo.forget_poses()
-    assert state.undo.past == [_change(2.0)]
-
-
-def test_while_tracking_runs_settings_wait() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.changes(_change(2.0))
-    assert not state.waits_for_settings(back=True)
-    state.tracking = True
-    assert state.waits_for_settings(back=True)
-    assert not state.waits_for_settings(back=False)
-    state.edit({"a": 0.5}, "slider a")
-    assert not state.waits_for_settings(back=True)
 
 
 def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Workbench) -> None:
@@ -68,7 +20,7 @@ def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Work
     control = panel.controls["cloud.weight"][1]
     iterations = panel.controls["solver.iterations"][1]
     usual = iterations.value
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(control, 2.0)
         eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
         eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
@@ -89,7 +41,7 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
     slider = panel.ranges["index_pip_flex"]
     before = tuple(slider.value)
     assert not panel.back.visible
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(slider, [0, 60])
         eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
@@ -101,6 +53,7 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
 def cloudy(tmp_path: Path) -> Iterator[Workbench]:
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
     assert workbench.wait_ready(60.0)
+    eventually(lambda: hasattr(workbench.layout.cloud, "filters"), "the session is open")
     yield workbench
     workbench.stop()
 
@@ -109,7 +62,7 @@ def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
     slider: Any = cloudy.layout.cloud.filters.sliders.known["voxel_m"][1]
     undo = cloudy.layout.pose.edit_buttons
     assert slider.value == 3.0
-    with WireClient(cloudy.port) as client:
+    with WireClient(cloudy.url) as client:
         client.set_value(slider, 6.0)
         eventually(lambda: _clouds(cloudy).filters.voxel_m == 0.006, "coarser")
         client.set_value(undo, "Undo")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import socket
 import time
 from pathlib import Path
 
@@ -13,7 +11,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.protocol import commands, snapshots
-from handtrack_app.workbench import Workbench, log_to, run_workbench
+from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -51,7 +49,7 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> Non
     slider, hand = bench.layout.pose.sliders["index_mcp_flex"], bench.stage.hand
     assert hand is not None
     before, value = np.array(hand.flesh.batched_positions), slider.value
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(slider, 60.0)
         eventually(
             lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
@@ -68,7 +66,7 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> Non
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "abc", None, [1, 2]])
 def test_a_slider_value_that_is_no_number_does_nothing(bench: Workbench, value: object) -> None:
     slider = bench.layout.pose.sliders["index_mcp_flex"]
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(slider, value)
         time.sleep(0.15)
         assert bench.state.version == 0
@@ -80,7 +78,7 @@ def test_a_slider_value_that_is_no_number_does_nothing(bench: Workbench, value: 
 
 def test_a_slider_value_out_of_range_is_clamped(bench: Workbench) -> None:
     slider = bench.layout.pose.sliders["index_mcp_flex"]
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(slider, 1e12)
         eventually(lambda: bench.state.version == 1 and slider.value <= slider.max, "clamped")
     index = bench.state.names.index("index_mcp_flex")
@@ -98,7 +96,7 @@ def test_frames_and_ranges_from_clients_are_checked(
         shown.append(pose.frame)
 
     monkeypatch.setattr(bench.layout, "show_pose", noted)
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.set_value(timeline.slider, 1e9)
         eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
         eventually(lambda: FRAMES - 1 in shown, "its pose")  # moves the slider once more
@@ -110,8 +108,22 @@ def test_frames_and_ranges_from_clients_are_checked(
     assert tracking.order("range") == commands.Track(0, FRAMES, 2)
 
 
+def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench: Workbench) -> None:
+    """A pose that comes late writes its frame into the slider between the user's move and its callback."""
+    state = bench.layout.timeline.slider._impl
+    before = state.value
+
+    async def late(_: object) -> None:
+        state.value = before
+
+    state.update_cb.insert(0, late)
+    with WireClient(bench.url) as client:
+        client.set_value(bench.layout.timeline.slider, before + 2)
+        eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
+
+
 def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         for position, wxyz in (
             ((math.nan, 0, 0), (1, 0, 0, 0)),
             ((0, 0, 0), (0, 0, 0, 0)),
@@ -135,7 +147,7 @@ def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
 
 def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
     tracking = bench.layout.tracking
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         client.send({
             "type": "GuiUpdateMessage", "uuid": tracking.starters[0]._impl.uuid, "updates": {"value": True},
         })  # fmt: skip
@@ -169,7 +181,7 @@ def latencies(bench: Workbench, count: int) -> np.ndarray:
     """Return seconds from a slider message on the wire to the moved hand's message back at the client."""
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     waits = []
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         time.sleep(0.5)
         for k in range(count):
             sent = client.set_value(slider, 10.0 + 0.5 * k)
@@ -200,31 +212,10 @@ def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -
         run_workbench(tmp_path / "nothing", port=0, open_browser=False)
 
 
-def test_a_request_that_is_no_browsers_prints_nothing(
-    bench: Workbench,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    log = tmp_path / "log"
-    for name in ("handtrack_app", "websockets"):
-        monkeypatch.setattr(logging.getLogger(name), "handlers", [])
-    # once it has served a page, viser itself keeps such records from every log of the process
-    monkeypatch.setattr(logging.getLogger("websockets.server"), "filters", [])
-    log_to(log)
-    with socket.create_connection(("127.0.0.1", bench.port)) as wire:
-        wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        while wire.recv(4096):
-            pass
-    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
-    logging.getLogger("websockets").handlers[0].close()
-    assert "Traceback" not in capfd.readouterr().err
-
-
 def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
     bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
     time.sleep(0.1)
-    with WireClient(bench.port) as client:
+    with WireClient(bench.url) as client:
         eventually(
             lambda: any("Welcome back" in str(message) for _, message in client.messages), "told"
         )

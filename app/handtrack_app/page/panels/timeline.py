@@ -52,7 +52,7 @@ class TimelinePanel:
         with self.tab:
             self.slider = gui.add_slider("Frame", session.start, last, 1, session.first_frame)
             self.play = gui.add_button_group("Playback", _PLAY)
-        page.on(self.slider, lambda event: page.go_to(event.target.value))
+        page.on(self.slider, lambda event: page.go_to(page.said(event.target)))
         page.on(self.play, lambda event: self._pressed(event.target.value))
 
     def _pressed(self, key: str) -> None:

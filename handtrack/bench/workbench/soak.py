@@ -1,0 +1,70 @@
+"""Benchmark: the workbench for five minutes with four clients that edit in turns, of whom one comes and goes: memory and handles."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from handtrack.bench.workbench.hostile import latencies_ms, pose_sliders
+from handtrack.bench.workbench.program import RunningWorkbench
+from handtrack.bench.workbench.wire import WireClient
+
+_MINUTES, _SETTLED = 5.0, 2.0
+_CLIENTS, _RATE, _STAY_S = 4, 10.0, 5.0
+
+
+def soak() -> dict[str, Any]:
+    """Return how memory and handles grow after the first two minutes, while clients pose, scrub, and one reconnects."""
+    with RunningWorkbench() as program, WireClient(program.url) as first:
+        time.sleep(5.0)
+        sliders = pose_sliders(first)
+        frame = next(one for one in first.widgets() if one["props"].get("label") == "Frame")
+        others = [WireClient(program.url) for _ in range(_CLIENTS - 1)]
+        began, taken, sent, came = time.monotonic(), [], 0, 1
+        renewed = began
+        while (now := time.monotonic()) < began + 60 * _MINUTES:
+            for k, client in enumerate((first, *others)):
+                props = sliders[(k + sent) % len(sliders)]
+                span = props["props"]["max"] - props["props"]["min"]
+                client.set_value(props["uuid"], props["props"]["min"] + span * ((sent % 97) / 97))
+                if k == 1:
+                    client.set_value(frame["uuid"], sent % 100)
+            sent += 1
+            if now - renewed > _STAY_S:
+                others.pop().__exit__(None, None, None)
+                others.append(WireClient(program.url))
+                came, renewed = came + 1, now
+                take_over((first, *others)[came % _CLIENTS])
+                taken.append((now - began, program.resident_mb(), program.open_files(), program.threads()))  # fmt: skip
+            time.sleep(1 / _RATE)
+        take_over(first)
+        waits = latencies_ms(first, sliders[0], 30)
+        for client in others:
+            client.__exit__(None, None, None)
+        settled = np.array([row for row in taken if row[0] > 60 * _SETTLED])
+        growth = 3600 * float(np.polyfit(settled[:, 0], settled[:, 1], 1)[0])
+        return {
+            "ratio": growth / 5.0,
+            "reference": "5 MB an hour, by a line through the last three minutes",
+            "minutes": _MINUTES,
+            "messages": sent * (_CLIENTS + 1),
+            "reconnects": came,
+            "memory_first_mb": taken[0][1],
+            "memory_settled_mb": float(settled[0, 1]),
+            "memory_last_mb": float(settled[-1, 1]),
+            "growth_mb_an_hour": growth,
+            "open_files": f"{int(settled[:, 2].min())} to {int(settled[:, 2].max())}",
+            "threads": f"{int(settled[:, 3].min())} to {int(settled[:, 3].max())}",
+            "latency_at_the_end_ms": float(np.median(waits)),
+        }
+
+
+def take_over(client: WireClient) -> None:
+    """Let a client edit, if it looks on."""
+    time.sleep(1.0)
+    button = client.button("Take over editing")
+    if button is not None:
+        client.set_value(button, True)
+        time.sleep(0.2)

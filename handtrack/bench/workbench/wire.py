@@ -1,0 +1,126 @@
+"""A bare client on the wire, as viser's page speaks: for latency, and for input that no page would send."""
+
+from __future__ import annotations
+
+import threading
+import time
+from importlib.metadata import version
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import zstandard
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+_MOST_KEPT = 20_000
+"""messages; more than the whole scene"""
+
+
+class WireClient:
+    """Connects, collects every message with the time it came, and sends GUI updates."""
+
+    def __init__(self, url: str) -> None:
+        """url: of the page, with its token."""
+        self._socket = connect(
+            url.replace("http", "ws", 1),
+            subprotocols=[Subprotocol(f"viser-v{version('viser')}")],
+            max_size=None,
+        )
+        self.messages: list[tuple[float, dict[str, Any]]] = []
+        self._came = threading.Condition()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+        self.send({  # only a client that told its camera counts
+            "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
+            "near": 0.01, "far": 100.0, "image_height": 600, "image_width": 800, "look_at": [0.0, 0.0, 0.0],
+            "up_direction": [0.0, -1.0, 0.0],
+        })  # fmt: skip
+
+    def __enter__(self) -> WireClient:
+        return self
+
+    def __exit__(
+        self, kind: type | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._socket.close()
+        self._thread.join(5.0)
+
+    def _read(self) -> None:
+        unpack = zstandard.ZstdDecompressor()
+        try:
+            for raw in self._socket:
+                now = time.perf_counter()
+                assert isinstance(raw, bytes)
+                size, packed = (
+                    int.from_bytes(raw[:8], "little"),
+                    int.from_bytes(raw[8:16], "little"),
+                )
+                inner = unpack.decompress(raw[16 : 16 + packed], max_output_size=size)
+                with self._came:
+                    del self.messages[:-_MOST_KEPT]
+                    self.messages += [
+                        (now, message) for message in msgspec.msgpack.decode(inner)["messages"]
+                    ]
+                    self._came.notify_all()
+        except Exception:  # the server went away: the test that minds will see no message
+            return
+
+    def send(self, message: dict[str, Any]) -> float:
+        """Send one message; return when."""
+        self._socket.send(msgspec.msgpack.encode(message))
+        return time.perf_counter()
+
+    def send_raw(self, data: bytes | str) -> None:
+        """Send what may be no message at all."""
+        self._socket.send(data)
+
+    def send_packed(self, frames: bytes) -> None:
+        """Send frames of the websocket's protocol, packed already."""
+        self._socket.socket.sendall(frames)
+
+    @property
+    def close_code(self) -> int | None:
+        """Why the server closed the connection; 1006 if without a word, None while it is open."""
+        return self._socket.protocol.close_code
+
+    def set_value(self, handle: Any, value: Any) -> float:
+        """Send a GUI value as the page would; return when. handle: viser's, or its name on the wire."""
+        uuid = handle if isinstance(handle, str) else handle._impl.uuid
+        return self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+
+    def widgets(self) -> list[dict[str, Any]]:
+        """Return the messages that made the widgets a user can set, in their order."""
+        with self._came:
+            return [
+                message
+                for _, message in self.messages
+                if message["type"].startswith("Gui")
+                and {"uuid", "value", "props"} <= message.keys()
+            ]
+
+    def button(self, label: str) -> str | None:
+        """Return a button's name on the wire; None where the page has none, or no more."""
+        there = None
+        with self._came:
+            for _, message in self.messages:
+                if message.get("props", {}).get("label") == label:
+                    there = message["uuid"]
+                elif message["type"] == "GuiRemoveMessage" and message["uuid"] == there:
+                    there = None
+        return there
+
+    def wait_for(self, after: float, name: str, prop: str, timeout: float = 5.0) -> float | None:
+        """Return when the first update of a scene node's property came after a time; None if none did."""
+
+        def found() -> float | None:
+            for came, message in reversed(self.messages):
+                if came < after:
+                    return None
+                if message.get("name") == name and prop in message.get("updates", {}):
+                    return came
+            return None
+
+        with self._came:
+            self._came.wait_for(lambda: found() is not None, timeout)
+            return found()

@@ -1,0 +1,322 @@
+"""What passes the gate: through a real socket to viser, and the rules alone."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from urllib.parse import urlsplit
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed
+
+from handtrack_app.door.flow import BURST, MOST_WAITING, RATE, Allowance, Flow
+from handtrack_app.door.gate import LARGEST_MESSAGE, NotForUs
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
+    "near": 0.01, "far": 100, "image_height": 600, "image_width": 800, "look_at": [0, 0, 0],
+    "up_direction": [0.0, -1.0, 0.0],
+}  # fmt: skip
+DRAG = {
+    "type": "SceneNodeDragMessage", "phase": "update", "name": "/control", "instance_index": None,
+    "start_position": [0, 0, 0], "start_screen_pos": [0, 0], "end_position": [0, 0, 0], "end_screen_pos": [0, 0],
+    "button": "left", "modifier": None, "owner": "",
+}  # fmt: skip
+MOVE = {
+    "type": "TransformControlsUpdateMessage", "name": "/control", "wxyz": [1, 0, 0, 0], "position": [1, 2, 3], "owner": "",
+}  # fmt: skip
+
+
+def examined(small, message):
+    kind, packed = small.door.gate.examine(msgspec.msgpack.encode(message))
+    return kind, msgspec.msgpack.decode(packed)
+
+
+def update(handle, **updates):
+    return {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid, "updates": updates}
+
+
+# ---- the rules
+
+
+@pytest.mark.parametrize("message", [CAMERA, DRAG, MOVE])
+def test_what_the_page_sends_passes_unchanged(small, message):
+    assert examined(small, message)[1] == message
+
+
+@pytest.mark.parametrize(
+    ("widget", "value", "passed"),
+    [
+        ("slider", 2, 2.0),
+        ("slider", 1e300, 10.0),
+        ("whole", 3.0, 3),
+        ("whole", -1e300, 0),
+        ("span", [3.0, 99], [3, 10]),
+        ("button", True, True),
+        ("row", "Right", "Right"),
+        ("choice", "Two", "Two"),
+        ("box", True, True),
+    ],
+)
+def test_a_value_of_the_widgets_kind_passes_within_its_limits(small, widget, value, passed):
+    found = examined(small, update(getattr(small, widget), value=value))[1]["updates"]
+    assert found == {"value": passed}
+    assert type(found["value"]) is type(passed)
+
+
+@pytest.mark.parametrize(
+    ("widget", "value"),
+    [
+        *[("slider", value) for value in (math.nan, math.inf, "1", None, True, [1], {}, b"1")],
+        *[
+            ("span", value)
+            for value in ([1], [1, 2, 3], [1, math.nan], [True, 2], 5, "ab", [[1], 2])
+        ],
+        *[("choice", value) for value in ("Three", 1, None, ["One"])],
+        *[
+            ("row", "Up"),
+            ("row", 0),
+            ("box", 1),
+            ("box", "yes"),
+            ("button", 1),
+            ("button", "x" * 5000),
+        ],
+    ],
+)
+def test_a11_a_value_of_another_kind_is_refused(small, widget, value):
+    with pytest.raises(NotForUs):
+        examined(small, update(getattr(small, widget), value=value))
+
+
+@pytest.mark.parametrize(
+    "updates",
+    [{"update_cb": []}, {"value": 1.0, "removed": True}, {"props": {}}, {}, {"__class__": 1}],
+)
+def test_a11_only_the_value_can_be_set(small, updates):
+    with pytest.raises(NotForUs):
+        examined(small, update(small.slider, **updates))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"type": "FileTransferStartUpload", "source_component_uuid": "UUID", "transfer_uuid": "1", "filename": "x",
+         "mime_type": "x", "size_bytes": 10**12, "part_count": 3000},
+        {"type": "FileTransferPart", "source_component_uuid": "UUID", "transfer_uuid": "1", "part_index": 0, "content": b"x"},
+        {"type": "RunJavascriptMessage", "source": "1"},
+        {"type": "ResetGuiMessage"},
+        {"type": "ShareUrlRequest"},
+        {"type": "GuiUpdateMessage", "uuid": "nobody", "updates": {"value": 1}},
+        {"type": "CommandTriggerMessage", "uuid": "nobody"},
+        {"type": "NoSuchMessage"},
+        {},
+        [1, 2],
+        DRAG | {"name": "/nobody"},
+        DRAG | {"phase": "later"},
+        MOVE | {"position": [math.nan, 0, 0]},
+        MOVE | {"wxyz": [0, 0, 0, 0]},
+        MOVE | {"more": 1},
+        CAMERA | {"fov": 0.0},
+        CAMERA | {"position": [0, 0]},
+        {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": None, "ray_direction": None,
+         "screen_pos": [[0, 0]], "modifier": None},
+        {"type": "ScenePointerMessage", "event_type": "rect-select", "ray_origin": None, "ray_direction": None,
+         "screen_pos": [[0, 0]], "modifier": None},
+    ],
+)  # fmt: skip
+def test_a11_c49_other_messages_are_refused(small, message):
+    if isinstance(message, dict) and message.get("source_component_uuid"):
+        message = message | {"source_component_uuid": small.slider._impl.uuid}
+    with pytest.raises(NotForUs):
+        examined(small, message)
+
+
+@pytest.mark.parametrize("raw", [b"", b"\xc1", b"\x91" * 60_000, "text", b"\xdd\xff\xff\xff\xff"])
+def test_a11_what_is_no_message_is_refused(small, raw):
+    with pytest.raises(NotForUs):
+        small.door.gate.examine(raw)
+
+
+def test_a_widget_that_is_switched_off_stays(small):
+    small.slider.disabled = True
+    with pytest.raises(NotForUs, match="switched off"):
+        examined(small, update(small.slider, value=2.0))
+
+
+# ---- the flow of one client
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_burst_passes_at_once_then_the_newest_of_each_kind_at_a_steady_rate():
+    clock = Clock()
+    flow = Flow(clock)
+    passed = []
+    for k in range(int(BURST) + 100):
+        assert flow.put("slider", b"%d" % k)
+        passed += [message] if (message := flow.take()) else []
+    assert passed[-1] == b"%d" % (BURST - 1)
+    assert flow.take() is None
+    clock.now += flow.pause() or 0.0
+    assert flow.take() == b"%d" % (BURST + 99)
+    assert flow.pause() is None
+    clock.now += 1.0
+    kinds = [flow.put(k, b"") for k in range(1000)]
+    assert sum(kinds) == MOST_WAITING
+    assert sum(flow.take() is not None for _ in range(1000)) == pytest.approx(RATE, abs=2)
+
+
+def test_an_allowance_comes_back_with_time():
+    clock = Clock()
+    allowed = Allowance(10.0, 3.0, clock)
+    assert [allowed.take() for _ in range(4)] == [True, True, True, False]
+    assert allowed.wait() == pytest.approx(0.1)
+    clock.now += 0.1
+    assert allowed.take() and not allowed.take()
+
+
+# ---- through the socket
+
+
+def test_a_value_reaches_the_callback(small):
+    with WireClient(small.url) as client:
+        client.set_value(small.slider, 3)
+        client.set_value(small.row, "Right")
+        eventually(lambda: set(small.heard) == {3.0, "Right"}, "both came")
+    assert small.slider.value == 3.0
+
+
+def test_a11_no_client_can_take_a_widgets_callbacks(small):
+    with WireClient(small.url) as client:
+        client.send(update(small.slider, update_cb=[]))
+        client.send(update(small.slider, value=math.nan))
+        client.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the callback lives")
+    assert small.door.gate.refused == 2
+
+
+def test_a11_a_number_too_large_for_the_wire_ends_nobody(small):
+    """viser makes a whole number of it, and cannot pack it for anybody else."""
+    with WireClient(small.url) as other, WireClient(small.url) as client:
+        client.set_value(small.whole, 1e300)
+        eventually(lambda: small.whole.value == 10, "the widget's limit")
+        client.set_value(small.whole, 4)
+        eventually(
+            lambda: any(m.get("updates") == {"value": 4} for _, m in other.messages),
+            "the other client hears of it",
+        )
+
+
+def test_a11_c49_an_upload_is_refused_and_its_widget_lives(small):
+    uploads = small.door.server.gui._current_file_upload_states
+    with WireClient(small.url) as client:
+        client.send({
+            "type": "FileTransferStartUpload", "source_component_uuid": small.slider._impl.uuid, "transfer_uuid": "1",
+            "filename": "x", "mime_type": "x", "size_bytes": 10**12, "part_count": 3000,
+        })  # fmt: skip
+        for k in range(50):
+            client.send({
+                "type": "FileTransferPart", "source_component_uuid": small.slider._impl.uuid, "transfer_uuid": "1",
+                "part_index": k, "content": bytes(50_000),
+            })  # fmt: skip
+        client.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the widget lives")
+        assert not uploads
+
+
+def test_a11_a_large_message_ends_its_sender_only(small):
+    with WireClient(small.url) as other, WireClient(small.url) as client:
+        with contextlib.suppress(ConnectionClosed):
+            client.send({"type": "X", "more": bytes(LARGEST_MESSAGE + 1)})
+        eventually(lambda: client.close_code == 1009, "sent away")
+        other.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the other one goes on")
+
+
+def test_a11_who_floods_is_sent_away_and_the_others_go_on(small):
+    with WireClient(small.url) as other, WireClient(small.url) as client:
+        with contextlib.suppress(ConnectionClosed):
+            for k in range(20_000):
+                client.set_value(small.whole, k % 10)
+        eventually(lambda: client.close_code is not None, "sent away")
+        other.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the other one goes on", 1.0)
+
+
+def test_a11_pings_without_end_send_their_sender_away(small):
+    ping = b"\x89\xfd" + bytes(4 + 125)
+    with WireClient(small.url) as client:
+        with contextlib.suppress(OSError):
+            client.send_packed(ping * 100_000)
+        eventually(lambda: client.close_code is not None, "sent away")
+
+
+def test_the_last_of_many_values_arrives(small):
+    """More than passes at once: the older ones of a widget give way, not the last."""
+    with WireClient(small.url) as client:
+        for k in range(1500):
+            client.set_value(small.slider, (k % 20) / 2)
+        client.set_value(small.slider, 7.0)
+        eventually(lambda: small.slider.value == 7.0, "the last one", 3.0)
+        time.sleep(0.05)
+        assert len(small.heard) < 1000
+
+
+def test_what_the_page_said_outlives_what_the_program_writes(small):
+    with WireClient(small.url) as client:
+        client.set_value(small.slider, 3.0)
+        eventually(lambda: small.slider.value == 3.0, "came")
+    small.slider.value = 9.0
+    assert small.door.gate.said(small.slider) == 3.0
+    assert small.door.gate.said(small.whole) == 1
+
+
+@pytest.mark.parametrize("bad", ["text", b"\xc1"])
+def test_a11_nothing_reaches_the_terminal(small, capfd, bad):
+    with WireClient(small.url) as client:
+        client.send_raw(bad)
+        client.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the same client goes on")
+    time.sleep(0.1)
+    told = capfd.readouterr()
+    assert told.out == ""
+    assert "Traceback" not in told.err
+
+
+def test_a11_who_does_not_read_is_given_up_and_the_others_go_on(small, monkeypatch):
+    monkeypatch.setattr("handtrack_app.door.connection._SLOW_S", 2.0)
+    live = small.door.server._websock_server._live_connections
+    noise = np.random.default_rng(0).integers(0, 255, (1500, 1500, 3), dtype=np.uint8)
+    with WireClient(small.url) as other, silent(small.url):
+        eventually(lambda: len(live) == 2, "both are there")
+        for k in range(3):
+            small.door.server.scene.add_image(f"/noise{k}", noise, 1.0, 1.0, format="png")
+        eventually(lambda: len(live) == 1, "given up", 20.0)
+        other.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the other one goes on", 1.0)
+
+
+@contextlib.contextmanager
+def silent(url):
+    """A client that shakes hands and then reads nothing."""
+    address = urlsplit(url)
+    with socket.create_connection((address.hostname, address.port)) as wire:
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        wire.sendall(
+            f"GET /?{address.query} HTTP/1.1\r\nHost: {address.netloc}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n".encode()
+        )
+        yield wire

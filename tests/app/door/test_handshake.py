@@ -1,0 +1,211 @@
+"""Who is let in, tried on a running server."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import socket
+import time
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from handtrack_app.door import connection as door_connection
+from handtrack_app.door.door import open_door
+from handtrack_app.door.handshake import MOST_CLIENTS
+from tests.app.waiting import eventually
+
+VISER = ["viser-v1.1.1"]
+
+
+@pytest.fixture(scope="module")
+def door():
+    running = open_door()
+    yield running
+    running.server.stop()
+
+
+@pytest.fixture(scope="module")
+def open_host():
+    running = open_door("0.0.0.0")
+    yield running
+    running.server.stop()
+
+
+def asked(door, path=None, **headers) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", door.server.get_port(), timeout=10)
+    connection.request("GET", f"/?token={door.token}" if path is None else path, headers=headers)
+    answer = connection.getresponse()
+    answer.words = answer.read().decode()
+    connection.close()
+    return answer
+
+
+def socket_of(door, token=True, host="127.0.0.1", **options):
+    port = door.server.get_port()
+    url = f"ws://{host}:{port}/" + (f"?token={door.token}" if token else "")
+    return connect(url, subprotocols=VISER, max_size=None, **options)
+
+
+def refused_status(door, **options) -> int:
+    with pytest.raises(InvalidStatus) as refused:
+        socket_of(door, **options)
+    return refused.value.response.status_code
+
+
+def test_the_page_is_served_on_loopback_alone(door):
+    assert door.server.get_host() == "127.0.0.1"
+    assert asked(door).status == 200
+    address = f"localhost:{door.server.get_port()}"
+    assert asked(door, Host=address, Origin=f"http://{address}").status == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?tokens=x"])
+def test_a17_c47_without_the_token_no_page_is_served(door, path):
+    answer = asked(door, path)
+    assert answer.status == 403
+    assert "the whole address that it printed" in answer.words
+    assert "Set-Cookie" not in answer.headers
+
+
+def test_a17_c47_without_the_token_no_socket_is_opened(door):
+    assert refused_status(door, token=False) == 403
+    wrong = {"Cookie": f"handtrack_{door.server.get_port()}=wrong"}
+    assert refused_status(door, token=False, additional_headers=wrong) == 403
+
+
+def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(door):
+    port = door.server.get_port()
+    cookie = asked(door).headers["Set-Cookie"]
+    assert cookie == f"handtrack_{port}={door.token}; Path=/; HttpOnly; SameSite=Strict"
+    kept = {"Cookie": f"other=1; {cookie.partition(';')[0]}"}
+    assert asked(door, "/", **kept).status == 200
+    origin = f"http://127.0.0.1:{port}"
+    with socket_of(door, token=False, additional_headers=kept, origin=origin) as page:
+        assert page.recv(timeout=10)
+
+
+def test_a17_each_start_has_a_token_of_its_own(door, open_host):
+    assert door.token != open_host.token
+    assert len(door.token) >= 32
+    assert door.token not in repr(open_host)
+    assert door.url == f"http://127.0.0.1:{door.server.get_port()}/?token={door.token}"
+    assert open_host.url_by("lab-pc").startswith("http://lab-pc:")
+    assert open_host.url.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1.evil.example", "[bad", "", "localhost:x"]
+)
+def test_a_name_that_is_not_ours_is_refused(door, host):
+    """A site whose name was made to point to loopback."""
+    assert asked(door, Host=host).status == 403
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example"])
+def test_a10_c46_on_an_open_host_a_foreign_name_is_refused(open_host, origin):
+    """Also where Origin and Host agree: the site's own name points here."""
+    headers = {"Host": "evil.example"} | ({"Origin": origin} if origin else {})
+    assert asked(open_host, **headers).status == 403
+    with socket.create_connection(("127.0.0.1", open_host.server.get_port())) as wire:
+        assert refused_status(open_host, host="evil.example", sock=wire, origin=origin) == 403
+
+
+def test_a10_on_an_open_host_this_machine_is_known(open_host):
+    port = open_host.server.get_port()
+    for name in ("127.0.0.1", "localhost", "0.0.0.0", socket.gethostname()):
+        assert asked(open_host, Host=f"{name}:{port}").status == 200
+    assert asked(open_host, Host=f"192.0.2.7:{port}").status == 403
+
+
+def test_c46_a_page_of_another_site_cannot_connect(door):
+    for origin in (
+        "http://evil.example",
+        "null",
+        "http://127.0.0.1:1",
+        "https://localhost.evil.example",
+    ):
+        assert refused_status(door, origin=origin) == 403
+
+
+def test_its_own_page_and_programs_can_connect(door):
+    for origin in (None, f"http://127.0.0.1:{door.server.get_port()}"):
+        with socket_of(door, origin=origin) as page:
+            assert page.recv(timeout=10)
+
+
+def test_a_header_that_stands_twice_is_refused(door):
+    port = door.server.get_port()
+    with socket.create_connection(("127.0.0.1", port)) as wire:
+        hosts = f"Host: 127.0.0.1:{port}\r\n" * 2
+        wire.sendall(f"GET /?token={door.token} HTTP/1.1\r\n{hosts}\r\n".encode())
+        assert b" 400 " in wire.recv(100)
+
+
+def test_a16_no_site_can_frame_the_page(door):
+    for answer in (asked(door), asked(door, "/")):
+        assert answer.headers["X-Frame-Options"] == "DENY"
+        policy = answer.headers["Content-Security-Policy"]
+        assert "frame-ancestors 'none'" in policy
+        scripts = next(one for one in policy.split("; ") if one.startswith("script-src "))
+        assert scripts.count("'sha256-") == 2 and "unsafe-inline" not in scripts
+        assert answer.headers["Referrer-Policy"] == "no-referrer"
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_no_client_can_open_a_tunnel(door):
+    assert door.server.request_share_url() is None
+
+
+def test_the_library_is_left_as_it_was():
+    import websockets.asyncio.server as library
+
+    before = library.serve
+    open_door().server.stop()
+    assert library.serve is before
+
+
+def test_a11_the_number_of_clients_is_bounded():
+    door = open_door()
+    with contextlib.ExitStack() as clients:
+        statuses = []
+        for _ in range(3 * MOST_CLIENTS):
+            try:
+                clients.enter_context(socket_of(door))
+            except InvalidStatus as refused:
+                statuses.append(refused.response.status_code)
+                time.sleep(0.1)
+        assert {429, 503} == set(statuses)
+        assert len(door.server._websock_server._live_connections) <= MOST_CLIENTS
+    door.server.stop()
+
+
+def test_a11_half_open_connections_keep_nobody_out(door):
+    port = door.server.get_port()
+    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(150)]
+    assert asked(door).status == 200
+    gone = [wire for wire in idle if closed(wire)]
+    assert len(gone) >= len(idle) - door_connection.MOST_CONNECTIONS
+    for wire in idle:
+        wire.close()
+
+
+def closed(wire: socket.socket) -> bool:
+    wire.settimeout(0.02)
+    try:
+        return wire.recv(1) == b""
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
+
+
+def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, capfd):
+    port = door.server.get_port()
+    url = f"ws://127.0.0.1:{port}/?token={door.token}"
+    with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
+        old.recv(timeout=10)
+    assert end.value.rcvd.code == 1002
+    eventually(lambda: not door.server._websock_server._live_connections, "gone")
+    assert capfd.readouterr().out == ""

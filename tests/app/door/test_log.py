@@ -1,0 +1,110 @@
+"""The log of a running workbench: in a file of its user, and nothing of it on the terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+import stat
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+from handtrack_app.door.log import _A_MINUTE, logging_to
+from handtrack_app.protocol import snapshots
+from tests.app.waiting import eventually
+
+
+@pytest.fixture
+def log(tmp_path: Path):
+    path = tmp_path / "logs" / "workbench.log"
+    with logging_to(path):
+        yield path
+
+
+def test_a17_the_log_is_the_users_own_and_in_his_folder(log, tmp_path):
+    logging.getLogger("handtrack_app.test").warning("odd")
+    assert "handtrack_app.test WARNING odd" in log.read_text()
+    if os.name == "posix":
+        assert stat.S_IMODE(log.stat().st_mode) == 0o600
+    command = "from handtrack_app.protocol.snapshots import LOG_FILE; print(LOG_FILE)"
+    said = subprocess.run(
+        [sys.executable, "-c", command],
+        env=os.environ | {"HANDTRACK_HOME": str(tmp_path)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert said.stdout.strip() == str(tmp_path / "logs" / "workbench.log")
+
+
+def test_a17_a_log_that_others_could_read_is_closed_to_them(tmp_path):
+    path = tmp_path / "workbench.log"
+    path.write_text("old\n")
+    path.chmod(0o644)
+    with logging_to(path):
+        logging.getLogger("handtrack_app.test").warning("odd")
+    assert path.read_text().startswith("old\n")
+    if os.name == "posix":
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_a17_the_log_is_rotated(tmp_path, monkeypatch):
+    monkeypatch.setattr("handtrack_app.door.log._BYTES", 2000)
+    monkeypatch.setattr("handtrack_app.door.log._A_MINUTE", 10**6)
+    path = tmp_path / "workbench.log"
+    with logging_to(path):
+        for _ in range(200):
+            logging.getLogger("handtrack_app.test").warning("x" * 100)
+    sizes = [file.stat().st_size for file in tmp_path.iterdir()]
+    assert len(sizes) == 4 and max(sizes) <= 2000
+
+
+def test_a11_what_asyncio_viser_and_warnings_tell_goes_there(log, capfd):
+    async def forgotten() -> None:
+        asyncio.get_running_loop().call_exception_handler({"message": "a task failed"})
+
+    asyncio.run(forgotten())
+    logging.getLogger("some.library").error("odd")
+    warnings.warn("queued on a closed connection", stacklevel=1)
+    found = log.read_text()
+    assert all(words in found for words in ("a task failed", "some.library ERROR odd", "queued on"))
+    assert capfd.readouterr().err == ""
+
+
+def test_a11_a_flood_of_records_is_cut(log):
+    for k in range(10 * _A_MINUTE):
+        logging.getLogger("flooded").warning("%d", k)
+    lines = log.read_text().splitlines()
+    assert len(lines) in (_A_MINUTE, 2 * _A_MINUTE)  # the minute may have ended meanwhile
+    assert lines[_A_MINUTE - 1].endswith("(more are not written in this minute)")
+
+
+def test_a_log_that_cannot_be_written_says_nothing(tmp_path, capfd):
+    (tmp_path / "logs").write_text("a file where the folder would be")
+    with logging_to(tmp_path / "logs" / "workbench.log"):
+        logging.getLogger("handtrack_app.test").warning("odd")
+    assert capfd.readouterr().err == ""
+
+
+def test_afterwards_the_terminal_is_as_it_was(tmp_path):
+    before = list(logging.getLogger().handlers)
+    with logging_to(tmp_path / "log"):
+        assert logging.getLogger().handlers != before
+    assert logging.getLogger().handlers == before
+
+
+def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypatch):
+    # once it has served a page, viser itself keeps such records from every log of the process
+    monkeypatch.setattr(logging.getLogger("websockets.server"), "filters", [])
+    with socket.create_connection(("127.0.0.1", small.door.server.get_port())) as wire:
+        wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        while wire.recv(4096):
+            pass
+    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_the_page_names_the_log():
+    assert str(snapshots.LOG_FILE) in snapshots.Notice.of_mistake(ValueError("x")).text

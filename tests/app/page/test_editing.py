@@ -1,0 +1,95 @@
+"""Two pages on one workbench: one edits, the other looks on and can take over."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from handtrack_app.workbench import Workbench
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+
+def said(client: WireClient, title: str) -> bool:
+    return any(m.get("props", {}).get("title") == title for _, m in list(client.messages))
+
+
+def take_over_button(client: WireClient) -> str | None:
+    return client.button("Take over editing")
+
+
+def first_and_second(bench: Workbench, first: WireClient) -> WireClient:
+    eventually(lambda: bench.state.editor is not None, "the first edits")
+    second = WireClient(bench.url)
+    eventually(lambda: take_over_button(second) is not None, "the second may take over")
+    assert take_over_button(first) is None
+    return second
+
+
+def value_of(client: WireClient, handle: Any) -> object:
+    told = [
+        m["updates"]
+        for _, m in list(client.messages)
+        if m.get("uuid") == handle._impl.uuid and "updates" in m
+    ]
+    return told[-1].get("value") if told else None
+
+
+def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    before, frame = slider.value, bench.state.frame
+    with WireClient(bench.url) as first, first_and_second(bench, first) as second:
+        assert said(second, "Another page edits")
+        second.set_value(slider, 60.0)
+        second.set_value(bench.layout.timeline.slider, frame + 2)
+        second.set_value(bench.layout.pose.edit_buttons, "Undo")
+        second.send({
+            "type": "TransformControlsUpdateMessage", "name": "/root", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
+        })  # fmt: skip
+        eventually(lambda: value_of(second, slider) == before, "its page is put back")
+        time.sleep(0.1)
+        assert (slider.value, bench.state.frame, bench.state.version) == (before, frame, 0)
+        first.set_value(slider, 50.0)
+        eventually(lambda: bench.state.version == 1, "the first one edits")
+        eventually(lambda: value_of(second, slider) == 50.0, "and the second one sees it")
+    assert bench.door.gate.refused == 0
+
+
+def test_c42_the_second_page_takes_over(bench: Workbench) -> None:
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    with WireClient(bench.url) as first, first_and_second(bench, first) as second:
+        second.set_value(take_over_button(second), True)
+        eventually(lambda: said(first, "Another page took over"), "the first is told")
+        eventually(lambda: take_over_button(first) is not None, "and may take it back")
+        eventually(lambda: take_over_button(second) is None, "the button goes")
+        first.set_value(slider, 30.0)
+        second.set_value(slider, 60.0)
+        eventually(lambda: slider.value == 60.0 and bench.state.version == 1, "the second edits")
+        first.set_value(take_over_button(first), True)
+        eventually(lambda: take_over_button(second) is not None, "taken back")
+        first.set_value(slider, 30.0)
+        eventually(lambda: slider.value == 30.0, "the first edits again")
+
+
+def test_c42_editing_is_passed_on_when_its_page_goes(bench: Workbench) -> None:
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    with WireClient(bench.url) as first:
+        second = first_and_second(bench, first)
+    with second:
+        eventually(lambda: said(second, "You edit now"), "told")
+        second.set_value(slider, 60.0)
+        eventually(lambda: bench.state.version == 1, "the second edits")
+    eventually(lambda: bench.state.editor is None, "nobody is there")
+    with WireClient(bench.url) as third:
+        eventually(lambda: bench.state.editor is not None, "the next to come edits")
+        assert take_over_button(third) is None
+
+
+def test_c42_no_other_page_can_press_its_button(bench: Workbench) -> None:
+    with WireClient(bench.url) as first, first_and_second(bench, first) as second:
+        editor = bench.state.editor
+        with WireClient(bench.url) as third:
+            eventually(lambda: take_over_button(third) is not None, "came")
+            third.set_value(take_over_button(second), True)
+            time.sleep(0.2)
+            assert bench.state.editor == editor
