@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import io
 import os
@@ -52,7 +53,10 @@ def _run(args: argparse.Namespace) -> int:
         if error.errno is None:
             return _failed(args, _internal(error), EXIT_INTERNAL)
         where = "" if error.filename is None else f"{error.filename}: "
-        return _failed(args, f"{where}{error.strerror}.", EXIT_USAGE)
+        what = error.strerror
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            what = f"cannot be written, or not be read ({error.strerror})"
+        return _failed(args, f"{where}{what}.", EXIT_USAGE)
     except MemoryError as error:
         return _failed(args, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
@@ -60,6 +64,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _failed(args: argparse.Namespace, text: str, code: int) -> int:
+    if os.strerror(errno.EMFILE) in text:
+        text += " Close other programs, or allow more open files: `ulimit -n 4096`."
     paragraph = " ".join(text.splitlines())
     print(f"handtrack {args.command}: {paragraph}", file=sys.stderr)
     return code

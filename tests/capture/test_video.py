@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from pathlib import Path
 
@@ -118,6 +119,41 @@ def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
         f"announces {FRAMES} frames, but only {count} can be decoded; it is cut off or damaged"
     )
     assert expected in source.warnings[0]
+
+
+@pytest.mark.parametrize(("turn", "size"), [(90, (48, 64)), (180, (64, 48)), (270, (48, 64))])
+def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(
+    turn: int, size: tuple[int, int], tmp_path: Path
+) -> None:
+    path = tmp_path / "portrait.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[:24, :32] = 255
+    for _ in range(3):
+        writer.write(picture)
+    writer.release()
+    assert VideoFile(path).warnings == ()
+    data, (cos, sin) = bytearray(path.read_bytes()), {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
+    matrix = (
+        cos,
+        sin,
+        0,
+        -sin,
+        cos,
+        0,
+        0,
+        0,
+        1 << 14,
+    )  # of 16 bits behind the point, the last of 30
+    struct.pack_into(">9i", data, data.index(b"tkhd") + 44, *(value << 16 for value in matrix))
+    path.write_bytes(data)
+    source = VideoFile(path, size)
+    image = source.read(0)
+    assert image is not None
+    assert np.argwhere(image.mean(axis=2) > 128).min(axis=0).tolist() == {
+        90: [0, 24], 180: [24, 32], 270: [32, 0],
+    }[turn]  # fmt: skip
+    assert [f"asks to be turned by {turn}°" in text for text in source.warnings] == [True]
 
 
 def test_files_that_are_no_videos_are_refused(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
+from handtrack.session.side import doubt_of_side
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
@@ -107,9 +109,11 @@ def run(args: argparse.Namespace) -> int:
             if later and not problem and not stop():
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
+            doubts = _doubts_of_side(run_, results, args, stop)
             code = _save(
-                run_, results, frames, out, stop(), problem, take, began if args.json else None
-            )
+                run_, results, frames, out, stop(), problem, take, doubts,
+                began if args.json else None,
+            )  # fmt: skip
             if args.explain is not None:
                 there = next((r for r in results if r.frame == args.explain), None)
                 text = "\n".join(explained(args.explain, reports, there))
@@ -141,6 +145,18 @@ def _opened(
     return None if stop() else run_
 
 
+def _doubts_of_side(
+    run_: TrackingRun, results: Sequence[FrameResult], args: argparse.Namespace, stop: Stop
+) -> list[str]:
+    """Return that the other hand was tracked, in words, where nothing but session.toml says which it is."""
+    joints_given = args.init != "auto" and run_.first is not None and run_.first.xyz is not None
+    if joints_given or stop():
+        return []
+    tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}
+    text = doubt_of_side(run_.session, run_.settings, run_.model, tracked, Control(stop))
+    return [text] if text else []
+
+
 def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettings) -> range:
     """Return the frames asked for once those of videos are counted. Raises HandtrackError where there are none such."""
     counted = session.frame_range
@@ -158,6 +174,7 @@ def _save(
     stopped: bool,
     ended_by: str,
     take: TrackedTake,
+    doubts: Sequence[str],
     json_since: float | None,
 ) -> int:
     """Write the result and tell how it went, as JSON where `json_since` says when it began [s]."""
@@ -169,7 +186,7 @@ def _save(
     if not problem:
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
-    notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *_doubts(results)]
+    notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *doubts, *_doubts(results)]
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
         print(

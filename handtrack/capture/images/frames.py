@@ -5,6 +5,7 @@ A miss is a value, None.
 
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -217,10 +218,15 @@ def _check(found: tuple[int, int], expected: tuple[int, int] | None, where: str)
 
 
 def _bytes(path: Path) -> tuple[bytes, str]:
-    """Return a file's content, and what is wrong with it. Not cv2.imread, which fails on non-ASCII paths on Windows."""
+    """Return a file's content, and what is wrong with it. Not cv2.imread, which fails on non-ASCII paths on Windows.
+
+    Raises HandtrackError where the fault is ours: too many files are open.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
         return b"", f"cannot be read ({error.strerror})"
     if not data:
         return data, "the file is empty"

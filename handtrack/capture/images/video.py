@@ -19,6 +19,10 @@ from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, announc
 from handtrack.errors import HandtrackError
 
 _CACHE_BYTES = 64 << 20
+_TURNED = (
+    "asks to be turned by {}°, which is done, also when calibrating. If the calibration was made otherwise, take that mark out "
+    "of the file."
+)
 _MOST_ANNOUNCED = 10_000_000  # days of video: a container that says more is counted at once
 _CHECKPOINT_EVERY = 250  # frames; what a far step back costs at most, beside the window
 
@@ -57,6 +61,8 @@ class VideoFile:
         self._remember(0, first)
         self.nominal_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
         """what the container says [1/s]; 0 when it says nothing."""
+        turn = int(self._capture.get(cv2.CAP_PROP_ORIENTATION_META))
+        self._turned = (_TURNED.format(turn),) if turn in (90, 180, 270) else ()
 
     @property
     def where(self) -> str:
@@ -99,7 +105,8 @@ class VideoFile:
     @property
     def warnings(self) -> tuple[str, ...]:
         known = self.audit
-        return () if known is None else tuple(f"{self._where}: {text}" for text in known.oddities)
+        found = self._turned if known is None else (*self._turned, *known.oddities)
+        return tuple(f"{self._where}: {text}" for text in found)
 
     def has(self, frame: int) -> bool:
         return frame in self.frames

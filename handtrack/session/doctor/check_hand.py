@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,10 +13,14 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
-from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.model_file import load_model, read_scale, scale_from
 from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import POSES_FILE
 from handtrack.session.seen.views import View
+from handtrack.session.side import doubt_of_side
+from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.initialize import fit_keypoints
 
 if TYPE_CHECKING:
@@ -109,6 +114,24 @@ def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
         return
     views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
     yield ok(f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
+
+
+def check_side(session: Session) -> Iterator[Finding]:
+    """Yield that the other hand was tracked, where there is a result and no joints that would tell."""
+    path = session.folder / POSES_FILE
+    if (session.init is not None and session.init.xyz is not None) or not path.is_file():
+        return
+    track = read_npz(path)
+    if track.side != session.file.hand.side:
+        return
+    arm = any(name.startswith("wrist_") for name in track.parameter_names)
+    size = scale_from(json.loads(track.scale), path)
+    model = load_model(track.model, track.side, size, forearm=arm)
+    rows = zip(track.frame, track.status, track.parameters, strict=True)
+    tracked = {int(f): p for f, s, p in rows if s != Status.LOST and f in session.frame_range}
+    if model.parameter_names == track.parameter_names:
+        doubt = doubt_of_side(session, session.settings, model, tracked)
+        yield from [warning(f"{POSES_FILE}: {doubt}")] if doubt else []
 
 
 def check_truth(session: Session) -> Iterator[Finding]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
+import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes
+from handtrack.arrays import Array, Bytes, H, W
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.video import VideoFile
@@ -26,6 +27,7 @@ _EMPTY_SHARE = 0.0005  # of the image: less than that is no hand
 _INVERTED_SHARE = 0.5
 _CUT_SHARE = 0.5  # of the hand, by the region of interest
 _RATE_TOLERANCE = 0.01
+_SECOND_PIECE = 0.25  # of the largest: a face, another arm; a finger that is cut off is less
 
 
 class _MaskLook(NamedTuple):
@@ -36,6 +38,8 @@ class _MaskLook(NamedTuple):
     """whether the hand reaches the image's border."""
     outside: float
     """share of the hand outside of the region of interest."""
+    second: float
+    """size of the second largest piece beside the largest."""
 
 
 def check_view(view: View, session: Session) -> Iterator[Finding]:
@@ -188,7 +192,13 @@ def _check_masks(view: View) -> Iterator[Finding]:
             f"{who}: in {len(cut)} of {len(looks)} masks most of the hand lies outside of roi = "
             f"{list(view.settings.roi or ())}, frames {listed(cut)}, and is not observed.",
         )
-    if not (empty or inverted or touching or cut):
+    pieces = [look.frame for look in looks if look.second > _SECOND_PIECE]
+    if pieces:
+        yield warning(
+            f"{who}: {len(pieces)} of {len(looks)} masks have a second piece, more than {_SECOND_PIECE:.0%} as large as the "
+            f"first, frames {listed(pieces)}. Is it a face, or another arm? A roi = [x, y, w, h] leaves it out."
+        )
+    if not (empty or inverted or touching or cut or pieces):
         yield ok(f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
 
 
@@ -201,7 +211,20 @@ def _looks(view: View) -> Iterator[_MaskLook]:
             inside = view.hand_pixels(frame)
             kept = hand if inside is None else hand & (inside > 0)
             outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0
-            yield _MaskLook(frame, float(hand.mean()), _touches_border(mask), float(outside))
+            yield _MaskLook(
+                frame,
+                float(hand.mean()),
+                _touches_border(mask),
+                float(outside),
+                _second_piece(kept),
+            )
+
+
+def _second_piece(hand: Array[H, W]) -> float:
+    """Return the size of the second largest piece beside the largest; 0 where there is one alone."""
+    _, _, stats, _ = cv2.connectedComponentsWithStats(hand.astype(np.uint8))
+    sizes = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+    return float(sizes[1] / sizes[0]) if len(sizes) > 1 else 0.0
 
 
 def _touches_border(mask: Bytes) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_cameras import check_cameras
 from handtrack.session.doctor.check_clouds import check_clouds
-from handtrack.session.doctor.check_hand import check_init, check_model, check_truth
+from handtrack.session.doctor.check_hand import check_init, check_model, check_side, check_truth
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.doctor.check_views import (
@@ -51,6 +51,7 @@ def examine(session: Session) -> list[Finding]:
         check_clouds,
         check_model,
         check_init,
+        check_side,
         check_truth,
     ):
         found += _all_of(check(session))

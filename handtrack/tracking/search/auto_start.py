@@ -80,7 +80,7 @@ def auto_start(
     landscape = replace(
         landscape,
         shapes=[shape for model in models for shape in hand_shapes(model)] if models else (),
-        solve=_fitting(settings, seen, control),
+        solve=fitting(settings, seen, control),
         looks_for_fingers=settings.tracker.escape,
         resize=resize,
         control=control,
@@ -95,9 +95,9 @@ def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
     return lambda number, tried: tell(number / count, f"{tried} poses are tried")
 
 
-def _fitting(
+def fitting(
     settings: TrackerSettings, seen: Observation, control: Control
-) -> Callable[[ArticulatedModel, Floats, bool], Solved]:
+) -> Callable[[ArticulatedModel, Floats[P], bool], Solved]:
     """Return what fits a frame as the tracker does, by what is seen alone."""
     thorough = settings.with_values({"tracker.hypotheses": 1})
     plain = thorough.with_values({"tracker.escape": False})

@@ -97,6 +97,20 @@ POOR_CLOUD = Search(
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
 )  # fmt: skip
+OTHER_SIDE = Search(
+    situation="the hand may be of the other side",
+    when=(
+        "after tracking from a first pose that was found, or given without joints: in up to 4 frames, until this side fits "
+        "better; then of this side likewise"
+    ),
+    rounds=(
+        Round((Propose("rigid grid nearby", 28),), keep=0, enter=28, fits=(Fit("wide", 8),)),
+        Round(enter=10, fits=(Fit("wide", 12),)),
+        Round(enter=3, fits=(Fit("tracker with lost fingers"),)),
+    ),
+    measure="as for a first pose",
+    taken="never: told, where the log-odds of all frames together are above 5",
+)
 FIRST_HYPOTHESES = Search(
     situation="several hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
@@ -122,7 +136,7 @@ NEXT_HYPOTHESES = Search(
 )
 SEARCHES = (
     FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, POOR_CLOUD,
-    LOST_HAND,
+    LOST_HAND, OTHER_SIDE,
 )  # fmt: skip
 """in the order in which a frame asks for them"""
 

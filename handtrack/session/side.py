@@ -1,0 +1,55 @@
+"""Whether session.toml names the right side: told where what was tracked fits the other hand decisively better."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from handtrack.arrays import Floats, P, S
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Observation
+from handtrack.session.session import Session
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.hand_distance import hand_distance
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.other_side import evidence_of_other_side
+
+_LOOKS = 4  # frames, evenly spread
+_DECISIVE = 5.0  # log-odds, 150 to 1; docs/reliability.md
+
+
+def doubt_of_side(
+    session: Session,
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    tracked: Mapping[int, Floats[S]],
+    control: Control = Control(),
+) -> str:
+    """Return that the hand is the other one, in words; empty where that is not clear.
+
+    tracked: joint parameters by frame. A flat hand seen from afar is like the other one's back: nothing is told of it.
+    """
+    if model.kind != "hand" or not model.has_keypoints21 or not tracked:
+        return ""
+    frames = sorted(tracked)
+    rows = np.unique(np.linspace(0, len(frames) - 1, _LOOKS).round().astype(int))
+    other_side = "left" if model.side == "right" else "right"
+    other = load_model(model.name, other_side, model.scale, forearm=model.has_forearm)
+    alone = settings.with_values({"tracker.hypotheses": 1})
+
+    def looks() -> Iterator[tuple[Observation, Floats[P]]]:
+        for frame in (frames[row] for row in rows):
+            params = model.transform.solver_params(tracked[frame])
+            near = hand_distance(model, model.bones(params))
+            used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
+            yield session.observation(frame, *used, near), params
+
+    odds = evidence_of_other_side(model, other, alone, looks(), control)
+    if odds < _DECISIVE:
+        return ""
+    return (
+        f"a {other_side} hand fits what was seen decisively better than a {model.side} one (log-odds {odds:.1f} in "
+        f'{len(rows)} frames). Is side = "{model.side}" right in session.toml?'
+    )

@@ -1,0 +1,80 @@
+"""Whether what was seen is the other hand: a left and a right one, looked for at the same place, are told apart by how well they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.auto_start import fitting
+from handtrack.tracking.search.engine import Candidate, Tried, run_rounds, tell
+from handtrack.tracking.search.evidence.hand_shapes import (
+    hand_shapes,
+    palm_middle,
+    shape_of,
+)
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.policy import OTHER_SIDE
+from handtrack.tracking.search.start_confidence import independent_errors
+
+_NEAR_M = 0.10  # how far the other hand's palm may be from this one's
+
+
+def evidence_of_other_side(
+    model: ArticulatedModel,
+    other: ArticulatedModel,
+    settings: TrackerSettings,
+    looks: Iterable[tuple[Observation, Floats[P]]],
+    control: Control = Control(),
+) -> float:
+    """Return the log-odds that the hand is the other one; below 0, and looking ends, once this one explains more.
+
+    looks: what was seen of some frames, and this hand's pose there. The other hand is looked for around it; where it fits
+    better, this one is looked for likewise, so that a poor pose of the right hand does not speak against it.
+    """
+    shapes_of = cache(hand_shapes)  # of this hand they are rarely needed
+
+    def least_of(hand: ArticulatedModel, landscape: EvidenceLandscape, standing: float) -> float:
+        return _least(replace(landscape, shapes=shapes_of(hand)), standing)
+
+    total = 0.0
+    for seen, params in looks:
+        landscape = EvidenceLandscape.of(seen, settings)
+        if landscape is None:
+            continue
+        shape = shape_of(model, model.joint_params(params), "tracked")
+        ours = landscape.measured(Candidate(model, params, origin="tracked", shape=shape))
+        count = independent_errors(landscape.sources, ours)
+        landscape = replace(
+            landscape,
+            solve=fitting(settings, seen, control),
+            within=(palm_middle(model, params), _NEAR_M),
+            control=control,
+        )
+        theirs = least_of(other, landscape, ours.cost)
+        least = ours.cost
+        if theirs < least:
+            least = min(least, least_of(model, landscape, theirs))
+        if control.should_stop():
+            return 0.0
+        total += 0.5 * count * float(np.log(least / theirs))
+        if total < 0:
+            break
+    return total
+
+
+def _least(landscape: EvidenceLandscape, standing: float) -> float:
+    """Return the least cost at which a hand of the landscape's shapes was found."""
+    control, tried = landscape.control, Tried()
+    found = run_rounds(OTHER_SIDE, landscape, [], control, tried=tried)
+    best = min(found, key=lambda c: c.cost, default=None)
+    why = f"is it a {landscape.shapes[0].model.side} hand?"
+    tell(OTHER_SIDE, control, landscape.seen.frame, why, tried, best, standing)
+    return np.inf if best is None else best.cost

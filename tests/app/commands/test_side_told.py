@@ -1,0 +1,46 @@
+"""The other hand was tracked: `track` and `doctor` say so, where no joints were given that would tell (fault C31)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from handtrack.session.formats.tables import read_npz
+from tests.app.command_line import CommandLine
+
+DOUBT = "a left hand fits decisively better"
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
+    """The frames of each time that the side is asked for; it is always doubted."""
+    times: list[list[int]] = []
+
+    def doubted(*given: object) -> str:
+        times.append(sorted(given[3]))  # type: ignore[call-overload]
+        return DOUBT
+
+    for place in ("handtrack_app.commands.track", "handtrack.session.doctor.check_hand"):
+        monkeypatch.setattr(f"{place}.doubt_of_side", doubted)
+    return times
+
+
+def test_c31_track_and_doctor_name_the_other_side(
+    handtrack: CommandLine, tracked: Path, tmp_path: Path, asked: list[list[int]]
+) -> None:
+    session = Path(shutil.copytree(tracked, tmp_path / "session"))
+    assert handtrack("track", session, "--frames", "0:2").code == 0
+    assert DOUBT not in handtrack("doctor", session).out
+    assert asked == []  # its first pose says where each joint is
+    poses = read_npz(session / "tracks/poses.npz")
+    row = dict(zip(poses.parameter_names, map(float, poses.parameters[0]), strict=True))
+    (session / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
+    ended = handtrack("track", session, "--frames", "0:2", "--json", "--restart")
+    assert ended.code == 0
+    assert asked == [[0, 1]]
+    assert DOUBT in json.loads(ended.out)["warnings"]
+    assert f"note: {DOUBT}" in ended.err
+    assert f"warning: tracks/poses.npz: {DOUBT}" in handtrack("doctor", session).out
