@@ -12,7 +12,9 @@ from handtrack.bench.workbench.program import RunningWorkbench
 from handtrack.bench.workbench.wire import WireClient
 
 _MINUTES, _SETTLED = 5.0, 2.0
-_CLIENTS, _RATE, _STAY_S = 4, 10.0, 5.0
+_CLIENTS, _STAY_S = 4, 5.0
+_RATE = 10.0
+"""frames scrubbed a second; a pose is set each second, as by a quick person: each is kept, so that it can be undone"""
 
 
 def soak() -> dict[str, Any]:
@@ -25,12 +27,15 @@ def soak() -> dict[str, Any]:
         began, taken, sent, came = time.monotonic(), [], 0, 1
         renewed = began
         while (now := time.monotonic()) < began + 60 * _MINUTES:
-            for k, client in enumerate((first, *others)):
-                props = sliders[(k + sent) % len(sliders)]
-                span = props["props"]["max"] - props["props"]["min"]
-                client.set_value(props["uuid"], props["props"]["min"] + span * ((sent % 97) / 97))
-                if k == 1:
-                    client.set_value(frame["uuid"], sent % 100)
+            for client in (
+                first,
+                *others,
+            ):  # those that look on are refused, and their pages put back
+                client.set_value(frame["uuid"], sent % 100)
+                if sent % int(_RATE) == 0:
+                    slider = sliders[sent // int(_RATE) % len(sliders)]
+                    low, high = slider["props"]["min"], slider["props"]["max"]
+                    client.set_value(slider["uuid"], low + (high - low) * (sent % 97) / 97)
             sent += 1
             if now - renewed > _STAY_S:
                 others.pop().__exit__(None, None, None)
@@ -49,7 +54,8 @@ def soak() -> dict[str, Any]:
             "ratio": growth / 5.0,
             "reference": "5 MB an hour, by a line through the last three minutes",
             "minutes": _MINUTES,
-            "messages": sent * (_CLIENTS + 1),
+            "frames_shown": sent,
+            "poses_set": int(sent / _RATE),
             "reconnects": came,
             "memory_first_mb": taken[0][1],
             "memory_settled_mb": float(settled[0, 1]),
