@@ -27,3 +27,25 @@ def listed_names(given: str, known: Sequence[str], what: str = "known") -> str:
     return f"{what}: {', '.join(known)}" + (
         f". Did you mean '{by_small[near[0]]}'?" if near else ""
     )
+
+
+def not_enough_memory(what: str, error: BaseException) -> HandtrackError:
+    """Return the error for what needs more memory than there is. error: what the system or a library said of it."""
+    limit = _memory_limit()
+    most = "there is" if limit is None else f"the {limit / 1e9:.1f} GB that handtrack may use here"
+    said = f" ({error})" if str(error) else ""
+    more = "" if limit is None else ", allow it more (`handtrack open --memory GB`)"
+    return HandtrackError(
+        f"{what} needs more memory than {most}{said}. Close other programs{more}, or use fewer cameras, smaller images or "
+        "thinner clouds."
+    )
+
+
+def _memory_limit() -> int | None:
+    """Return bytes that this process may use; None where nothing limits them."""
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
+    return None if limit == resource.RLIM_INFINITY else limit

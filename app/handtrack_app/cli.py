@@ -12,7 +12,7 @@ import traceback
 from pathlib import Path
 from typing import NamedTuple
 
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, not_enough_memory
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -54,7 +54,7 @@ def _run(args: argparse.Namespace) -> int:
         where = "" if error.filename is None else f"{error.filename}: "
         return _failed(args, f"{where}{error.strerror}.", EXIT_USAGE)
     except MemoryError as error:
-        return _failed(args, f"this needs more memory than there is. {error}".strip(), EXIT_USAGE)
+        return _failed(args, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
         return _failed(args, _internal(error), EXIT_INTERNAL)
 
@@ -134,6 +134,8 @@ _SERVER = (
     _option("--port", type=int, help="port (default: 8080, or the next free one)"),
     _option("--no-browser", action="store_true", help="do not open a browser window"),
     _option("--rerun", action="store_true", help="also stream residuals to rerun's viewer"),
+    _option("--memory", type=float, metavar="GB",
+            help="most that decoding and tracking may use (default: 3/4 of this machine's)"),
 )  # fmt: skip
 
 COMMANDS: dict[str, _Command] = {
@@ -158,6 +160,7 @@ COMMANDS: dict[str, _Command] = {
         _SIDE,
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
         _option("--world-unit-m", type=float, default=1.0, help="metres in one unit of the calibration"),
+        _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
         _option("--masks", default="skin_ycrcb",
                 choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)"),

@@ -8,27 +8,30 @@ import sys
 import threading
 import time
 import webbrowser
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import viser
 
+from handtrack.session.bundled import working_folder
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
 from handtrack_app.door.door import Door, open_door
 from handtrack_app.door.log import logging_to
-from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.engine.opening import Opening, working_folder
-from handtrack_app.engine.worker import Opener, Worker
 from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page
 from handtrack_app.page.player import Demo, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.state import UserState
+from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.engine_process import EngineProcess
+from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
-from handtrack_app.rerun.recorder import LiveRecorder
+
+if TYPE_CHECKING:
+    from handtrack_app.engine.worker import Opener, Worker
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
@@ -48,25 +51,25 @@ class Workbench:
         demo: bool = False,
         open_pages: bool = False,
         take_over: bool = False,
+        plan: EnginePlan | None = None,
+        child: EngineChild | None = None,
     ) -> None:
         """opener: what opens the folder instead of `Opening`. rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
-        open_pages: open rerun's viewer in the browser, too. take_over: write, even if another program does.
+        open_pages: open rerun's viewer in the browser, too. take_over: write, even if another program does. plan: what a process of its own is to
+        do as the engine, in place of threads of this one; child: that process, if it is started already.
         """
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
-        self._snapshots: Mailbox[snapshots.Snapshot] = Mailbox(
-            lambda one: (
-                None if isinstance(one, snapshots.Notice | snapshots.Download) else type(one)
-            )
-        )
-        self._recorder = LiveRecorder(self._snapshots.put) if rerun else None
-        watch = None if self._recorder is None else self._recorder.show
-        opening = Opening()
-        self.worker = Worker(
-            self.folder, self._snapshots.put, opener or opening.document, watch,
-            opening.preview if opener is None else None, take_over,
-        )  # fmt: skip
+        self._snapshots: Mailbox[snapshots.Snapshot] = Mailbox(snapshots.kind_of)
+        self.worker: Worker | EngineProcess
+        if plan is not None:
+            self.worker = EngineProcess(plan, self._snapshots.put, child)
+        else:
+            from handtrack_app.process.engine_thread import EngineThread  # the engine's imports
+
+            plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
+            self.worker = EngineThread(plan, self._snapshots.put)
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
@@ -114,8 +117,6 @@ class Workbench:
         self._stopping.set()
         self.player.stop()
         self.worker.stop(_STOP_S)
-        if self._recorder is not None:
-            self._recorder.close()
         self._thread.join(5.0)
         self.server.stop()
 
@@ -180,7 +181,6 @@ class Workbench:
                     self.state.start, self.state.stop = snapshot.start, snapshot.stop
                     if not known:
                         self.state.values = ()
-                        self.state.undo.forget_poses()
                 self.player.fps = snapshot.fps
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)
@@ -204,6 +204,8 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.WorkSnapshot():
+                self.layout.show_work(snapshot)
             case snapshots.LiveSnapshot():
                 self.layout.live.show(snapshot)
             case snapshots.TimelineSnapshot():
@@ -258,27 +260,23 @@ def run_workbench(
     demo: bool = False,
     live: LiveOptions | None = None,
     take_over: bool = False,
+    memory: int | None = None,
+    child: EngineChild | None = None,
 ) -> None:
     """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. take_over: write, even if another program does. A bundled session is opened as the user's own copy.
+    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. take_over: write, even if another program does.
+    memory: most that the engine may use [bytes]; child: its process, if that is started already. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
     folder = working_folder(session_folder)
-    opener = None if live is None else partial(open_live_document, live)
+    plan = EnginePlan(folder, live, rerun, take_over, memory=memory)
     bench = Workbench(
-        folder,
-        host,
-        chosen,
-        opener,
-        rerun=rerun,
-        demo=demo,
-        open_pages=open_browser,
-        take_over=take_over,
+        folder, host, chosen, demo=demo, open_pages=open_browser, plan=plan, child=child
     ).start()
     try:
         failure = bench.worker.wait_shown(_PATIENCE_S)

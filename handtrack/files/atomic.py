@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_PART = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}\.part(?P<suffix>\.\w+)?")
+_ABANDONED_S = 600.0  # nobody writes a file for so long without touching it
 
 
 @contextmanager
@@ -43,6 +48,23 @@ def replace_text(path: Path, text: str) -> None:
     """Write a text file whole or not at all."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8", newline="")
+
+
+def remove_abandoned(folder: Path) -> list[Path]:
+    """Remove the files that programs killed inside `replacing` left in a folder; return them.
+
+    For who alone may write there. Ours by their names, and not touched for ten minutes.
+    """
+    gone = []
+    for path in folder.glob(".*.part*"):
+        named = _PART.fullmatch(path.name)
+        if named is None or Path(named["name"]).suffix != (named["suffix"] or ""):
+            continue
+        with suppress(OSError):
+            if path.is_file() and time.time() - path.lstat().st_mtime > _ABANDONED_S:
+                path.unlink()
+                gone.append(path)
+    return gone
 
 
 def _sync(path: Path) -> None:

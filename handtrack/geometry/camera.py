@@ -91,6 +91,15 @@ class Camera:
         """Return the camera with the same matrix, pose and size, and no distortion."""
         return replace(self, distortions=np.zeros(5))
 
+    def scaled(self, size: tuple[int, int]) -> Camera:
+        """Return the camera of the same images, scaled to width, height [px]: a pixel's place x, with its centre at whole
+        numbers, becomes s (x + ½) − ½.
+        """
+        across, down = (new / old for new, old in zip(size, self.size, strict=True))
+        matrix = np.diag([across, down, 1.0]) @ self.matrix
+        matrix[:2, 2] += 0.5 * np.array([across, down]) - 0.5
+        return replace(self, size=size, matrix=matrix)
+
     def undistort_points(self, pixels: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
         """Return pixels of the undistorted camera; NaN where the lens cannot have put them."""
         return self._pixels(undistort(self._directions(pixels), self.distortions))
@@ -122,6 +131,17 @@ class Camera:
 
     def _pixels(self, directions: Floats) -> Floats:
         return directions * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+
+
+def scaled_by(size: tuple[int, int], found: tuple[int, int]) -> float | None:
+    """Return the one factor by which images of a size (width, height) may have been scaled to another, to a pixel of
+    rounding; None where there is none.
+    """
+    factors = found[0] / size[0], found[1] / size[1]
+    if 1.0 in factors:  # cut off, or padded, on one side
+        return None
+    fits = any(abs(s * size[i] - found[i]) <= 1.0 for i, s in ((1, factors[0]), (0, factors[1])))
+    return 0.5 * sum(factors) if fits else None
 
 
 @dataclass(frozen=True, eq=False)

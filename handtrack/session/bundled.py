@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
-from handtrack.session.layout import SESSION_FILE, TRACKS_FOLDER
+from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRACKS_FOLDER, TRUTH_FILE
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _INSTALLED = _PACKAGE / "bundled_sessions"
@@ -36,6 +37,22 @@ def bundled_session(name: str = "open_fist_open") -> Path:
     return working_copy(source, name)
 
 
+def working_folder(folder: Path) -> Path:
+    """Return the folder to work in: a copy in the user's data folder for a recording that lies in a checkout.
+
+    The copy's name carries a stamp of the recording, so that a changed recording gets a new one. An installed
+    program's bundled session is such a copy already; any other folder is returned as it is.
+    """
+    source = Path(folder).resolve()
+    if source.parent != _CHECKOUT:
+        return Path(folder)
+    stamp = hashlib.sha256()
+    for name in (SESSION_FILE, INIT_FILE, TRUTH_FILE):
+        if (source / name).is_file():
+            stamp.update((source / name).read_bytes())
+    return working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")
+
+
 def working_copy(source: Path, name: str) -> Path:
     """Return the folder of that name in the user's data folder, completed from `source`; HandtrackError where it cannot be written."""
     target = user_data_folder() / "sessions" / name
@@ -59,11 +76,6 @@ def user_data_folder() -> Path:
     if sys.platform == "darwin":
         return Path("~/Library/Application Support/handtrack").expanduser()
     return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "handtrack"
-
-
-def checkout_shelf() -> Path:
-    """Return where the recordings lie in a checkout."""
-    return _CHECKOUT
 
 
 def _shelf() -> Path:

@@ -165,7 +165,11 @@ class TrackingRun:
             return self
         if not forearm_in_view(self.model, params, _seen(self.session, self.settings, frame)):
             return self
-        return replace(self, forearm=True).with_scale(self.scale)
+        return self.with_forearm(True)
+
+    def with_forearm(self, on: bool) -> TrackingRun:
+        """Return the run with or without a forearm in its model, where that is left to the program."""
+        return replace(self, forearm=on).with_scale(self.scale)
 
     def whole_hands(self) -> list[ArticulatedModel]:
         """Return the hands with all joints that may be in view: without and with a forearm, if that is left open."""

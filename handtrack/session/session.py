@@ -23,7 +23,6 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
-from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.formats.truth import Truth, read_truth
 from handtrack.session.layout import (
     CALIBRATION_FILE,
@@ -34,8 +33,9 @@ from handtrack.session.layout import (
     inside,
     matching_files,
 )
+from handtrack.session.seen.camera_times import SessionTimes, recording_of, session_times
 from handtrack.session.seen.clouds import CloudSource, cloud_source
-from handtrack.session.seen.views import View
+from handtrack.session.seen.views import View, scaled_camera
 from handtrack.session.session_file import (
     CloudSettings,
     SessionFile,
@@ -69,13 +69,13 @@ class Session:
         """the session's cameras, in the order of session.toml."""
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
+        self._times = self._read_times()
         self.views = self._views()
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
         self.cloud_filters = self._filters(self.settings.tracker.seed)
         """how the hand's points are told from the others, by [clouds]."""
         self._clouds: CloudSource | None = cloud_source(file, self.cloud_files, self.views, rig)
-        self._times = self._read_times()
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
@@ -118,7 +118,7 @@ class Session:
     @property
     def fps(self) -> float:
         """Frames a second, from session.toml or the median of its timestamps."""
-        return self._times.fps
+        return self._times.line.fps
 
     @cached_property
     def frame_count(self) -> int:
@@ -140,7 +140,8 @@ class Session:
     @property
     def videos(self) -> list[VideoFile]:
         """The views' videos."""
-        return [s for view in self.views for s in view.sources if isinstance(s, VideoFile)]
+        recordings = (recording_of(s) for view in self.views for s in view.sources)
+        return [source for source in recordings if isinstance(source, VideoFile)]
 
     @property
     def is_counted(self) -> bool:
@@ -186,8 +187,8 @@ class Session:
         raise unknown_name("camera", camera, self.camera_names, str(self.folder / SESSION_FILE))
 
     def time_s(self, frame: int) -> float:
-        """Return the time of a frame [s]: frame / fps, or the median of the cameras' timestamps."""
-        return self._times.time_of(frame)
+        """Return the time of a frame [s]: frame / fps, or the time stamp of the first camera that has any."""
+        return self._times.line.time_of(frame)
 
     def image(self, camera: str, frame: int) -> Array[H, W, D3] | None:
         """Return an image uint8 BGR as it was taken, None where missing."""
@@ -262,7 +263,10 @@ class Session:
         return changed
 
     def _views(self) -> tuple[View, ...]:
-        return tuple(View(self.folder, c, self.rig[c.name]) for c in self.file.cameras)
+        by_time = self._times.cameras
+        return tuple(
+            View(self.folder, c, self.rig[c.name], by_time.get(c.name)) for c in self.file.cameras
+        )
 
     def _filters(self, seed: int) -> CloudFilters:
         clouds = self.file.clouds
@@ -344,14 +348,8 @@ class Session:
         except HandtrackError as error:
             raise HandtrackError(f"{self.folder / SESSION_FILE}, [tracking]: {error}") from None
 
-    def _read_times(self) -> FrameTimes:
-        recording = self.file.session
-        if recording.timestamps is None:
-            assert recording.fps is not None
-            return FrameTimes(recording.fps)
-        where = f"{self.folder / SESSION_FILE}, [session], timestamps"
-        path = matching_files(self.folder, recording.timestamps, where)[0]
-        return read_timestamps(path, self.camera_names, recording.fps)
+    def _read_times(self) -> SessionTimes:
+        return session_times(self.folder, self.file.session, self.file.cameras)
 
     def _read_init(self, path: Path) -> FirstPose:
         return read_first_pose(path, self._parameter_names())
@@ -373,7 +371,9 @@ class Session:
 
 
 def session_rig(folder: Path, file: SessionFile) -> CameraRig:
-    """Return the calibration of a session's cameras, in their order. Raises HandtrackError for one that has none."""
+    """Return the calibration of a session's cameras, in their order and for their images' size. Raises HandtrackError for
+    one that has none.
+    """
     everything = read_rig(inside(folder, CALIBRATION_FILE, str(folder)), file.session.world_unit_m)
     for camera in file.cameras:
         if camera.name not in everything:
@@ -381,7 +381,7 @@ def session_rig(folder: Path, file: SessionFile) -> CameraRig:
                 f"{folder / SESSION_FILE}: camera '{camera.name}' has no calibration in "
                 f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
             )
-    return CameraRig(tuple(everything[camera.name] for camera in file.cameras))
+    return CameraRig(tuple(scaled_camera(everything[c.name], c, folder) for c in file.cameras))
 
 
 def _remember(

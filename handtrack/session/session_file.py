@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +33,8 @@ _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _BAYER = tuple(pattern.lower() for pattern in PATTERNS)
 _Text = Annotated[str, FULL]
 _FOREARM = Meta(description='true, false or "auto"')
+_SIZE = Meta(description="2 whole numbers [width, height], in pixels")
+_FINITE_S = Meta(ge=-sys.float_info.max, le=sys.float_info.max, description="a number [s]")
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,9 @@ class CameraSettings:
     """a video, or a pattern of numbered files."""
     masks: _Text | MaskMethod | None = None
     """a pattern of numbered files, or how masks are computed."""
+    image_size: Annotated[tuple[int, int], _SIZE] | None = None
+    """width, height [px] of all that the camera gave, where that is the calibration's images scaled: its matrix is scaled
+    likewise."""
     roi: Roi | None = None
     """x, y, w, h [px] in the image as it was taken; outside of it nothing counts as observed."""
     depth: _Text | None = None
@@ -86,6 +92,11 @@ class CameraSettings:
     """a pattern of numbered files of 2D joints, as OpenPose writes them."""
     keypoint_layout: Annotated[str, one_of(tuple(LAYOUTS))] | None = None
     """which of their points are which joints: body_25, body_25b, hand_left or hand_right."""
+    fps: Annotated[float, above(0, "1/s")] | None = None
+    """the camera's frames a second, where they are not the session's: its frames are then taken by time."""
+    lag_s: Annotated[float, _FINITE_S] | None = None
+    """by how much the camera's clock is late, or its recording began early [s]: what happened at a time stands this much
+    later in it."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,27 @@ def size_of(folder: Path) -> int:
 
 def read_log(folder: Path, damage: list[str], payloads: bool = True) -> Iterator[Record]:
     """Yield the records of a log in order. A sentence for whatever is damaged or missing is added to `damage`."""
+    for _, record in read_segments(folder, damage, payloads):
+        yield record
+
+
+def read_at(path: Path, offset: int) -> Record:
+    """Return the record at a place of a segment. Raises HandtrackError where none stands there any more."""
+    with suppress(OSError), path.open("rb") as file:
+        file.seek(offset)
+        found = next(scan(file), None)
+        if isinstance(found, Record) and found.offset == offset:
+            return found
+    raise HandtrackError(
+        f"{path}: the record at byte {offset} was there when the session was opened and cannot be read any more. Is the "
+        "disk damaged, or was the file replaced? Open the session again to see what is left."
+    )
+
+
+def read_segments(
+    folder: Path, damage: list[str], payloads: bool = True
+) -> Iterator[tuple[Path, Record]]:
+    """Yield the records of a log, each with the segment that it stands in; see `read_log`."""
     for path in segments(folder):
         if path.is_symlink() or not path.is_file():
             damage.append(f"{path} is no ordinary file, so it was not read.")
@@ -51,7 +72,7 @@ def read_log(folder: Path, damage: list[str], payloads: bool = True) -> Iterator
                         f"{path}: {missing} record(s) before number {found.seq} are lost."
                     )
                 expected = found.seq + 1
-                yield found
+                yield path, found
 
 
 def _words(path: Path, gap: Gap) -> str:
@@ -75,8 +96,8 @@ class LogWriter:
 
     def append(
         self, kind: str, data: dict[str, Any], payload: bytes = b"", durable: bool = True
-    ) -> None:
-        """Write a record whole, or raise HandtrackError and leave the log as it was.
+    ) -> int:
+        """Write a record whole, or raise HandtrackError and leave the log as it was. Return where it begins in the file.
 
         durable: on disk when this returns. Otherwise the operating system has it, which outlives this program; `sync`
         brings it to disk.
@@ -96,9 +117,10 @@ class LogWriter:
             except OSError as error:
                 self._give_up()
                 raise self._failed(error) from None
-            self._torn = False
-            self._seq, self._end = self._seq + 1, self._end + len(block)
+            self._torn, begin = False, self._end
+            self._seq, self._end = self._seq + 1, begin + len(block)
             self._unsynced = not durable
+            return begin
 
     def sync(self) -> None:
         """Bring to disk what was appended without waiting for it. Raises HandtrackError."""

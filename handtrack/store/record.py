@@ -14,7 +14,7 @@ import json
 import re
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
 
 _LONGEST_LINE = 1 << 20
@@ -33,6 +33,8 @@ class Record:
     data: dict[str, Any] = field(default_factory=dict)
     payload: bytes = b""
     """empty too where payloads were passed over"""
+    offset: int = 0
+    """where it begins in the file that it was read from"""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
         line = file.readline(_LONGEST_LINE)
         if not line:
             return
-        found = _record(line, file, payloads)
+        found = _record(begin, line, file, payloads)
         if found is not None:
             yield found
             continue
@@ -78,15 +80,15 @@ def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
         yield Gap(begin, after - begin, at_end)
 
 
-def _record(line: bytes, file: BinaryIO, payloads: bool) -> Record | None:
-    """Return the record that begins with a line, None when there is none. Reads to the record's end."""
+def _record(begin: int, line: bytes, file: BinaryIO, payloads: bool) -> Record | None:
+    """Return the record that begins with a line at `begin`, None when there is none. Reads to the record's end."""
     crc, space, text = line[:8], line[8:9], line[9:-1]
     if space != b" " or line[-1:] != b"\n" or crc != b"%08x" % zlib.crc32(text):
         return None
     try:
         read = json.loads(text.decode())
         size, sum_ = read.get("payload", (0, 0))
-        record = Record(int(read["seq"]), str(read["kind"]), dict(read["data"]))
+        record = Record(int(read["seq"]), str(read["kind"]), dict(read["data"]), offset=begin)
     except (ValueError, KeyError, TypeError, RecursionError):
         return None  # another program's line, with a right checksum
     if not size:
@@ -97,7 +99,7 @@ def _record(line: bytes, file: BinaryIO, payloads: bool) -> Record | None:
         payload = file.read(size)
         if len(payload) < size or zlib.crc32(payload) != sum_:
             return None
-        record = Record(record.seq, record.kind, record.data, payload)
+        record = replace(record, payload=payload)
     else:
         file.seek(size, 1)
     return record if file.read(1) == b"\n" else None

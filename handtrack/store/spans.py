@@ -1,8 +1,10 @@
-"""Spans of takes, of which a track is composed."""
+"""Spans of takes, of which a track is composed. Later ones lie over earlier ones: where a take lacks a frame, the one below
+shows, so a take may be laid over others before its first frame is tracked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 
@@ -29,3 +31,27 @@ def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:
         else:
             joined.append(span)
     return tuple(joined)
+
+
+def resolved(
+    spans: Sequence[Span], frames_of: Callable[[int], Collection[int]]
+) -> tuple[Span, ...]:
+    """Return what shows of spans that lie over one another: ascending, each frame once. frames_of: those that a take has."""
+    found: tuple[Span, ...] = ()
+    for span in spans:
+        for first, stop in _runs(f for f in frames_of(span.take) if span.first <= f < span.stop):
+            found = with_span(found, Span(span.take, first, stop))
+    return found
+
+
+def _runs(frames: Iterable[int]) -> Iterator[tuple[int, int]]:
+    """Yield where frames follow one another: half-open."""
+    first = stop = -1
+    for frame in sorted(frames):
+        if frame != stop:
+            if stop > first:
+                yield first, stop
+            first = frame
+        stop = frame + 1
+    if stop > first:
+        yield first, stop

@@ -1,6 +1,6 @@
 """Store: the takes of a session and its current track; the only writer of the session's tracks/.
 
-    tracks/actions/000007.log        what was decided: which spans of which takes are current, what was removed
+    tracks/actions/000007.log        what was decided: poses, settings, which spans of which takes are current, what was removed
     tracks/takes/0003/000007.log     a take's frames
     tracks/lease-000007.json         who writes now
 
@@ -13,18 +13,23 @@ import shutil
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
+from handtrack.store.history import NOTE, Action, Change, History
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
-from handtrack.store.spans import Span, with_span
+from handtrack.store.spans import Span, resolved, with_span
 from handtrack.store.take import Take, TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 
 _ACTIONS, _TAKES = "actions", "takes"
-_CURRENT, _PRUNED, _FILE = "current", "pruned", "file"
+_ACTION, _PRUNED, _FILE = "action", "pruned", "file"
+_CURRENT = "current"  # of an earlier version: spans alone
+SPANS = "spans"
+"""the value of a session's state that says what the current track is composed of"""
 _SYNC_S = 0.5
 
 
@@ -48,10 +53,31 @@ class Store:
             raise HandtrackError(f"{self.folder}: no take {number}; its takes: {there}.")
         return known[number]
 
+    def history(self) -> History:
+        """Return what was decided so far. Reads all of it."""
+        history = History()
+        for record in read_log(self.folder / _ACTIONS, [], payloads=False):
+            with suppress(ValueError, KeyError, TypeError):  # of a later version
+                if record.kind == _ACTION:
+                    history.take(Action.of(record.data))
+                elif record.kind == _CURRENT:
+                    spans = Change(SPANS, None, record.data["spans"])
+                    history.take(history.next("", [spans], NOTE))
+        return history
+
     def current(self) -> tuple[Span, ...]:
-        """Return the spans of takes that the current track is composed of, in ascending order."""
-        chosen = list(self._actions(_CURRENT))
-        return tuple(Span(*map(int, span)) for span in chosen[-1]["spans"]) if chosen else ()
+        """Return the spans of takes that show as the current track, in ascending order."""
+        spans = spans_of(self.history().state.get(SPANS))
+        ordered = sorted(spans, key=lambda span: span.first)
+        if all(one.stop <= other.first for one, other in pairwise(ordered)):
+            return tuple(ordered)
+        return resolved(spans, self.frames_of)
+
+    def frames_of(self, number: int) -> tuple[int, ...]:
+        """Return the frames that a take has; none of one that was removed or cannot be read."""
+        with suppress(HandtrackError):
+            return self.take(number).frames
+        return ()
 
     def current_track(self) -> TrackResult | None:
         """Return the current track; None where nothing was tracked. It is labelled as its latest take is.
@@ -78,12 +104,13 @@ class Store:
         """Return digests of track files whose frames are all in takes; `session.takes.track_files` makes them."""
         return {str(data["digest"]) for data in self._actions(_FILE)}
 
-    def damage(self) -> list[str]:
-        """Return a sentence for each part that is damaged or missing. Reads everything."""
+    def damage(self, takes: bool = True) -> list[str]:
+        """Return a sentence for each part that is damaged or missing. Reads everything; without the takes, if wanted."""
         found: list[str] = []
         for _ in read_log(self.folder / _ACTIONS, found):
             pass
-        return [*found, *(text for take in self._all_takes() for text in take.damage)]
+        read = self._all_takes() if takes else ()
+        return [*found, *(text for take in read for text in take.damage)]
 
     def unfinished(self, inputs: Mapping[str, str]) -> Take | None:
         """Return the latest take that was made from these inputs, if it did not come to its end."""
@@ -117,6 +144,7 @@ class WritableStore(Store):
         written = [int(p.stem) for log in self._logs() for p in segments(log)]
         self.lease = Lease.acquire(folder, program, max(written, default=0) + 1, take_over)
         self._writers = [LogWriter(folder / _ACTIONS, self.lease.generation, self.lease.check)]
+        self._history = super().history()
         self._ended = threading.Event()
         self._keeper = threading.Thread(target=self._keep, name="store", daemon=True)
         self._keeper.start()
@@ -141,9 +169,20 @@ class WritableStore(Store):
         """Add to a take that did not come to its end."""
         return self._writer(take, take.about)
 
-    def make_current(self, spans: Sequence[Span]) -> None:
-        """Say what the current track is composed of."""
-        self._act(_CURRENT, {"spans": [[s.take, s.first, s.stop] for s in spans]})
+    def history(self) -> History:
+        """Return what was decided so far, what this program wrote included; whoever adds to it is to `write` it."""
+        return self._history
+
+    def write(self, action: Action) -> None:
+        """Bring an action to disk. Raises HandtrackError, and nothing is written."""
+        self._act(_ACTION, action.content)
+
+    def make_current(self, spans: Sequence[Span], words: str = "Another take") -> None:
+        """Say what the current track is composed of; undo in the workbench takes it back."""
+        history, after = self._history, [[s.take, s.first, s.stop] for s in spans]
+        action = history.next(words, [Change(SPANS, history.state.get(SPANS), after)])
+        self.write(action)
+        history.take(action)
 
     def know_file(self, digest: str) -> None:
         """Say that the frames of a track file are all in takes."""
@@ -165,7 +204,7 @@ class WritableStore(Store):
                     f"{frames.start} to {frames.stop - 1}."
                 )
             spans = with_span(self.current(), Span(number, first, stop))
-        self.make_current(spans)
+        self.make_current(spans, f"Take {number} restored")
         return spans
 
     def prune(self, number: int) -> int:
@@ -219,3 +258,8 @@ class WritableStore(Store):
             if waits >= BEAT_S:
                 self.lease.beat()
                 waits = 0.0
+
+
+def spans_of(value: object) -> tuple[Span, ...]:
+    """Return the spans that a session's state names, the uppermost last."""
+    return tuple(Span(*map(int, span)) for span in value) if isinstance(value, list) else ()

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from handtrack.errors import HandtrackError
-from handtrack.store.log import LogWriter, read_log, size_of
+from handtrack.store.log import LogWriter, read_at, read_log, read_segments, size_of
 from handtrack.store.record import Record
 from handtrack.store.step_record import read_result, read_step, result_content, step_content
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
@@ -41,6 +41,23 @@ class TakeAbout:
     """of the programs that made it"""
 
 
+@dataclass(frozen=True, eq=False)
+class FrameHead:
+    """What is known of a stored frame without its arrays, and where they are."""
+
+    frame: int
+    status: Status
+    energy: float
+    energies: Mapping[str, float]
+    """its parts, by the names of the terms"""
+    path: Path
+    offset: int
+
+    def read(self) -> FrameResult:
+        """Return the whole frame. Raises HandtrackError where it cannot be read any more."""
+        return read_result(read_at(self.path, self.offset))
+
+
 @dataclass(frozen=True)
 class _Heads:
     about: TakeAbout | None
@@ -58,7 +75,9 @@ class Take:
     @property
     def about(self) -> TakeAbout:
         """Raises HandtrackError when all of its descriptions are damaged."""
-        about = self._heads.about
+        first = next(self._records(payloads=False), None)  # where it stands, unless that is damaged
+        about = _about(first) if first is not None and first.kind == _ABOUT else None
+        about = about or self._heads.about
         if about is None:
             raise HandtrackError(
                 f"{self.folder}: what this take is about is damaged, or of a later version of handtrack, so its frames "
@@ -115,6 +134,17 @@ class Take:
                 latest[result.frame] = result
         return [latest[frame] for frame in sorted(latest)]
 
+    def frame_heads(self, damage: list[str]) -> dict[int, FrameHead]:
+        """Return what is known of each of its frames, the latest of each. Reads and checks everything, and holds no arrays.
+
+        damage: gets a sentence for each part that is damaged or missing.
+        """
+        wanted, found = range(*self.about.frames), dict[int, FrameHead]()
+        for path, record in read_segments(self.folder, damage):
+            if record.kind in (_STEP, _POSE) and record.data.get("frame") in wanted:
+                found[record.data["frame"]] = _head(record.data, path, record.offset)
+        return found
+
     def track(self, frames: range | None = None) -> TrackResult:
         """Return its frames as one result. Raises HandtrackError where there are none."""
         found = self.results(frames)
@@ -151,13 +181,25 @@ class TakeWriter:
         """Keep a tracked frame, whatever happens to this program; a second later at most it is on disk."""
         self._log.append(_STEP, *step_content(step), durable=False)
 
-    def replace(self, result: FrameResult) -> None:
-        """Keep another pose of a frame that is there: of all frames together, say. Tracking goes on from the first."""
-        self._log.append(_POSE, *result_content(result), durable=False)
+    def replace(self, result: FrameResult) -> FrameHead:
+        """Keep a pose that nothing is tracked on from: another one of a frame that is there, of all frames together, say.
+        Return where it is.
+        """
+        data, payload = result_content(result)
+        return _head(data, self._log.path, self._log.append(_POSE, data, payload, durable=False))
+
+    def sync(self) -> None:
+        """Bring to disk what was added."""
+        self._log.sync()
 
     def finish(self) -> None:
         """Say that it is tracked to its end; all of it is on disk."""
         self._log.append(_END, asdict(self.about))
+
+
+def _head(data: Mapping[str, Any], path: Path, offset: int) -> FrameHead:
+    status, energies = Status(data["status"]), dict(data["energies"])
+    return FrameHead(int(data["frame"]), status, float(data["energy"]), energies, path, offset)
 
 
 def _about(record: Record) -> TakeAbout | None:

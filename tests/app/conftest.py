@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from handtrack.session.journal import Journal
+from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
@@ -27,19 +30,23 @@ def bench(tmp_path: Path) -> Iterator[Workbench]:
 
 
 @pytest.fixture
-def journals_closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Journals that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
+def left_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Stores that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
     monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
-    opened, really = [], Journal.open
+    opened: list[Persistence] = []
+    really = Persistence.open.__func__  # type: ignore[attr-defined]
 
-    def remembered(folder: Path) -> Journal:
-        opened.append(really(folder))
+    def remembered(
+        cls: type[Persistence], document: Document, take_over: bool = False
+    ) -> Persistence:
+        opened.append(really(cls, document, take_over))
         return opened[-1]
 
-    monkeypatch.setattr(Journal, "open", remembered)
+    monkeypatch.setattr(Persistence, "open", classmethod(remembered))
     yield
-    for journal in opened:
-        journal.close()
+    for store in opened:
+        with suppress(HandtrackError, OSError):
+            store.close()
 
 
 @pytest.fixture

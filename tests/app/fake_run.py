@@ -18,7 +18,7 @@ from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model
+from handtrack.model.model_file import load_model, scale_table
 from handtrack.observation.observation import Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -32,7 +32,7 @@ from handtrack.session.session_file import (
     SessionFile,
 )
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.run import Run
@@ -136,6 +136,9 @@ class FakeRun:
     step_s: float = 0.02
     broken: bool = False
     sizing_s: float = 0.0
+    forearm: bool = False
+    hungry: bool = False
+    """a frame takes 100 GB"""
 
     @property
     def notes(self) -> list[str]:
@@ -148,6 +151,10 @@ class FakeRun:
 
     def with_clouds(self, clouds: CloudSettings | None) -> FakeRun:
         raise HandtrackError("the fake session has no clouds")
+
+    def with_forearm(self, on: bool) -> FakeRun:
+        model = load_model("hand26", coupling=self.model.coupling, forearm=on)
+        return replace(self, forearm=on, model=model)
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self
@@ -194,6 +201,8 @@ class FakeRun:
                     return
             if self.broken and frame > start_frame:
                 raise ValueError("a mistake of ours")
+            if self.hungry:
+                np.ones(12_500_000_000)
             result = self._result(frame, start_params, start_frame)
             if control.on_early is not None:
                 control.on_early(result)
@@ -212,15 +221,16 @@ class FakeRun:
             keypoints21=self.model.keypoints21(bones) if self.model.has_keypoints21 else None,
         )  # fmt: skip
 
-    def result(self, frames: Iterable[FrameResult]) -> TrackResult:
-        return TrackResult.from_frames(
-            sorted(frames, key=lambda r: r.frame),
-            parameter_names=self.model.parameter_names,
-            bone_names=self.model.skeleton.bone_names,
-            joint_names=self.model.joint_names,
-            model=self.model.name, side="right", scale=json.dumps({"overall": 1.0, "parts": {}}),
-            session=self.session.name, settings="{}", version="0",
+    @property
+    def labels(self) -> TrackLabels:
+        model = self.model
+        return TrackLabels(
+            model.parameter_names, model.skeleton.bone_names, model.joint_names, model.name, "right",
+            json.dumps(scale_table(model.scale)), self.session.name, "{}", "0",
         )  # fmt: skip
+
+    def result(self, frames: Iterable[FrameResult]) -> TrackResult:
+        return self.labels.track(sorted(frames, key=lambda r: r.frame))
 
 
 def busy_for(seconds: float) -> None:

@@ -16,10 +16,11 @@ ARROWS: dict[str, set[str]] = {
     "protocol": set(),
     "door": set(),
     "engine": {"protocol"},
+    "process": {"protocol", "engine", "rerun"},
     "page": {"protocol"},
     "rerun": {"protocol", "engine"},
-    "workbench": {"protocol", "door", "engine", "page", "rerun"},
-    "commands": {"door", "engine", "rerun", "workbench"},
+    "workbench": {"protocol", "door", "engine", "page", "process"},
+    "commands": {"protocol", "door", "engine", "process", "rerun", "workbench"},
     "cli": set(),
 }
 """room → the rooms it imports; `cli` finds the commands by their names"""

@@ -90,10 +90,10 @@ def test_the_late_camera_of_several_is_named() -> None:
     together = [two_stretches(name, turn, 0) for name, turn in turns.items()]
     assert late_cameras(together) == []
     late = [two_stretches(name, turn, 5 * (name == "b")) for name, turn in turns.items()]
-    (text,) = late_cameras(late)
-    assert text.startswith("camera 'b' comes 5 frames late against the others")
+    (found,) = late_cameras(late)
+    assert str(found).startswith("camera 'b' comes 5 frames late against the others")
     pair = [two_stretches("a", 0.0, 2), two_stretches("b", 0.5, 0)]
-    assert late_cameras(pair)[0].startswith("camera 'b' comes 2 frames early against 'a'")
+    assert str(late_cameras(pair)[0]).startswith("camera 'b' comes 2 frames early against 'a'")
 
 
 def test_paths_do_not_repeat_within_the_lags_searched() -> None:

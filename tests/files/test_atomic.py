@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.files.atomic import replace_text, replacing
+from handtrack.files.atomic import remove_abandoned, replace_text, replacing
 
 
 def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
@@ -38,3 +38,30 @@ def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path: Path) ->
     assert caught.value.filename == str(path)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["poses.npz"]
+
+
+def killed_while_writing(path: Path) -> Path:
+    """Return what a program leaves that is killed in the middle of `replacing`."""
+    before = set(path.parent.iterdir())
+    child = os.fork()
+    if child == 0:
+        with replacing(path) as part:
+            part.write_text("half")
+            os._exit(9)
+    os.waitpid(child, 0)
+    (left,) = set(path.parent.iterdir()) - before
+    return left
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot copy a process")
+def test_a23_what_a_killed_program_left_is_removed_later(tmp_path: Path) -> None:
+    kept = [tmp_path / name for name in (".mine.part", ".poses.npz.ab.part.npz", "poses.npz")]
+    for path in kept:
+        path.write_text("mine")
+        os.utime(path, (0, 0))
+    left = [killed_while_writing(tmp_path / name) for name in ("poses.npz", "session")]
+    assert remove_abandoned(tmp_path) == []  # their writers may live
+    for path in left:
+        os.utime(path, (0, 0))
+    assert set(remove_abandoned(tmp_path)) == set(left)
+    assert set(tmp_path.iterdir()) == set(kept)

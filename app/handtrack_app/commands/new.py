@@ -12,7 +12,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_table
-from handtrack.geometry.camera import CameraRig
+from handtrack.geometry.camera import CameraRig, scaled_by
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
@@ -35,10 +35,15 @@ def run(args: argparse.Namespace) -> int:
     videos = parse_videos(args.video)
     check_new(args.out)
     rig = read_rig(args.calibration, args.world_unit_m)
-    fps = _frame_rate(args.fps, _checked(videos, rig, args.calibration))
+    opened = _opened(videos, rig, args.calibration, args.scaled)
+    fps, own = _frame_rates(args.fps, {name: video.nominal_fps for name, video in opened.items()})
+    scaled = {name: video.size for name, video in opened.items() if video.size != rig[name].size}
     files = {camera: _file_name(i, camera, path) for i, (camera, path) in enumerate(videos.items())}
     masks = mask_method(args.masks)
-    cameras = tuple(CameraSettings(name, images=file, masks=masks) for name, file in files.items())
+    cameras = tuple(
+        CameraSettings(name, file, masks, scaled.get(name), fps=own.get(name))
+        for name, file in files.items()
+    )
     recording = RecordingSettings(
         args.name or args.out.resolve().name, fps, None, args.world_unit_m
     )
@@ -85,36 +90,50 @@ def mask_method(name: str) -> MaskMethod | None:
     return None if name == "none" else read_table(METHODS[name], {}, f"--masks {name}")
 
 
-def _checked(videos: Mapping[str, Path], rig: CameraRig, calibration: Path) -> dict[str, float]:
-    """Return what each video says of its frame rate, 0 when it says nothing. Raises HandtrackError."""
-    rates = {}
+def _opened(
+    videos: Mapping[str, Path], rig: CameraRig, calibration: Path, scaled: bool
+) -> dict[str, VideoFile]:
+    """Return the videos, closed again. Raises HandtrackError for one that is no camera's, or not of its size.
+
+    scaled: whether it may be of that size scaled.
+    """
+    opened = {}
     for camera, path in videos.items():
         if camera not in rig:
             raise HandtrackError(
                 f"--video {camera}={path}: {calibration} has no camera '{camera}'; cameras there: "
                 f"{', '.join(rig.names)}."
             )
-        video = VideoFile(path, rig[camera].size, f"--video {camera}={path}")
-        rates[camera] = video.nominal_fps
+        size, where = rig[camera].size, f"--video {camera}={path}"
+        video = VideoFile(path, None if scaled else size, where)
+        if video.size != size and (video.size is None or scaled_by(size, video.size) is None):
+            VideoFile(path, size, where)  # says what is wrong with it
         video.close()
-    return rates
+        opened[camera] = video
+    return opened
 
 
-def _frame_rate(asked: float | None, rates: Mapping[str, float]) -> float:
+def _frame_rates(asked: float | None, rates: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Return the session's frames a second, and those of cameras that differ."""
     if asked is not None:
         if not 0 < asked < float("inf"):
             raise HandtrackError(f"--fps {asked:g}: expected frames a second, above 0.")
-        return asked
+        return asked, {}
     known = [rate for rate in rates.values() if rate > 0]
     if not known:
         raise HandtrackError("no video says how many frames a second it has; give it with --fps.")
-    if max(known) / min(known) > 1 + _RATE_TOLERANCE:
-        shown = ", ".join(f"{camera} {rate:g}" for camera, rate in rates.items())
-        raise HandtrackError(
-            f"the videos differ in their frames a second ({shown}); frames of equal number must show the same "
-            "moment. Make them equal, or say with --fps what is right."
+    fps = known[0]
+    own = {
+        name: rate
+        for name, rate in rates.items()
+        if rate > 0 and abs(rate / fps - 1) > _RATE_TOLERANCE
+    }
+    for name, rate in own.items():
+        say(
+            f"note: the video of camera '{name}' says {rate:g} frames a second, the first {fps:g}: its frames will be taken "
+            "by time. If all have one rate, begin anew with --fps."
         )
-    return known[0]
+    return fps, own
 
 
 def _file_name(index: int, camera: str, path: Path) -> str:

@@ -12,6 +12,9 @@ from handtrack_app.commands.terminal.output import check_new
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.memory import memory_limit
+from handtrack_app.protocol.log_file import LOG_FILE
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,19 +26,26 @@ def run(args: argparse.Namespace) -> int:
         _refuse(folder)
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
+    memory = memory_limit(args.memory)
     say("handtrack: starting the workbench …")
-    from handtrack_app.workbench import run_workbench
+    child = EngineChild(LOG_FILE)  # its imports take longest: they run beside those of the page
+    try:
+        from handtrack_app.workbench import run_workbench
 
-    run_workbench(
-        folder,
-        host=args.host,
-        port=FIRST_PORT if args.port is None else args.port,
-        open_browser=not args.no_browser,
-        rerun=args.rerun,
-        demo=demo,
-        live=live,
-        take_over=not demo and args.take_over,
-    )
+        run_workbench(
+            folder,
+            host=args.host,
+            port=FIRST_PORT if args.port is None else args.port,
+            open_browser=not args.no_browser,
+            rerun=args.rerun,
+            demo=demo,
+            live=live,
+            take_over=not demo and args.take_over,
+            memory=memory,
+            child=child,
+        )
+    finally:
+        child.kill()
     return 0
 
 

@@ -1,22 +1,26 @@
-"""What is open in the workbench: a tracking run, poses set by hand, results. No threads, no viser."""
+"""What is open in the workbench: a tracking run, what was decided, poses set by hand, results. No threads, no viser."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
-from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.pose_library import named_pose, pose_names
-from handtrack.session.clouds_settings import CloudSettings
+from handtrack.model.model_file import scale_table
+from handtrack.model.pose_library import pose_names
+from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.simulation.body_motion import BODY_POSES, body_pose
-from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.inverse_kinematics import reach, tip_names
+from handtrack.simulation.body_motion import BODY_POSES
+from handtrack.store.current_track import CurrentTrack, TakeFrames
+from handtrack.store.history import Value
+from handtrack.store.store import spans_of
+from handtrack_app.engine.inverse_kinematics import tip_names
 from handtrack_app.engine.run import Run
+from handtrack_app.engine.store import keys
+from handtrack_app.engine.store.shelf import TakeShelf
 from handtrack_app.engine.timeline import TrackedRows
 
 _FAR = 100.0  # [m] nobody's hand is further from the world's origin
@@ -48,22 +52,6 @@ def params_of(model: ArticulatedModel, values: Floats[S]) -> Floats[P]:
     return model.clipped(params)
 
 
-@dataclass(frozen=True)
-class ModelWork:
-    """What was made with a model that is not the one in force."""
-
-    start: Floats[S]
-    shown: Floats[S]
-    by_hand: dict[int, Floats[S]] = field(default_factory=dict)
-    results: dict[int, FrameResult] = field(default_factory=dict)
-    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-    def pose_at(self, frame: int) -> Floats[S]:
-        if frame in self.by_hand:
-            return self.by_hand[frame]
-        return self.results[frame].parameters if frame in self.results else self.shown
-
-
 def renamed(
     values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
 ) -> Floats[S]:
@@ -75,7 +63,8 @@ def renamed(
 class Document:
     """A run and everything the user and the tracker made of it.
 
-    The pose of a frame is what was set by hand there, else what was tracked, else the last one shown.
+    What was decided stands in `state`, and all else follows from that (`apply`). The pose of a frame is what was set by
+    hand there, else what was tracked, else the last one shown.
     """
 
     def __init__(
@@ -85,20 +74,27 @@ class Document:
         self.frames: range = run.session.known_frames
         self.first_frame = int(first_frame)
         self.start = run.model.joint_params(first_params)
+        self.state: dict[str, Value] = {}
+        """what was decided, by its keys (`engine.keys`); only `apply` changes it"""
+        self.takes = TakeShelf()
         self.by_hand: dict[int, Floats] = {}
-        self.found: dict[int, Floats] = {}
-        """poses that a search found, by frame: they stand in `by_hand`, and are called found until they are edited"""
-        self.results: dict[int, FrameResult] = {}
+        self._carried: dict[
+            int, Floats
+        ] = {}  # what was seen at a frame before it was posed, where undo went back
+        self.results = CurrentTrack()
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
         self.limits: dict[str, tuple[float, float]] = {}
-        self._other_models: dict[tuple[str, ...], ModelWork] = {}
-        """by the parameters of the model that it was made with"""
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
         """as session.toml has them"""
+        self._own_size = (run.scale, size_pending)
+        self._own_forearm = run.forearm
+        self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
         self.shown = self.start.copy()
+        self._starts: dict[tuple[str, ...], Floats[S]] = {}
+        """where other models start, by their parameters"""
         self.version = 0
         self.saved_clouds = self.clouds
         """the settings of [clouds] as session.toml has them"""
@@ -111,25 +107,173 @@ class Document:
     def model(self) -> ArticulatedModel:
         return self.run.model
 
+    # ---- what was decided
+
+    def value(self, key: str) -> Value:
+        """Return what holds of a value of the state; of settings, size and clouds also where only the files say it."""
+        kind, name = keys.parts(key)
+        if kind == keys.SETTING:
+            return self.run.settings.flat().get(name)
+        if kind == keys.SIZE:
+            return scale_table(self.run.scale) | {"pending": self.size_pending}
+        if kind == keys.CLOUDS:
+            return {"table": None if self.clouds is None else self.clouds.table}
+        if kind == keys.POSE and key not in self.state and int(name) not in self.results:
+            # what is seen there now, so that undo can come back to it
+            seen = self.pose_at(int(name)).tolist()
+            names = self.model.parameter_names
+            return {"parameters": dict(zip(names, seen, strict=True)), "carried": True}
+        return self.run.forearm if kind == keys.FOREARM else self.state.get(key)
+
+    def apply(self, values: Mapping[str, Value]) -> None:
+        """Let values hold from now on; None: as the session's files have it. Live or on opening the session again, whoever
+        has the same state has the same document. Raises HandtrackError, and changes nothing, for what cannot be.
+        """
+        kinds = {keys.parts(key)[0] for key in values}
+        run = self._run_with(values)
+        self.state = {k: v for k, v in {**self.state, **values}.items() if v is not None}
+        if keys.SIZE in values:
+            self._pend(values[keys.SIZE])
+        if run is not self.run or keys.LIMITS in kinds:
+            self._use(run, resized=keys.SIZE in values)
+        if keys.SPANS in values:
+            self._lay()
+        for key in values:
+            kind, name = keys.parts(key)
+            if kind == keys.POSE:
+                self._derive_pose(int(name))
+        if keys.START in values and self.run.first is None:
+            self._start_at(values[keys.START])
+
+    def _run_with(self, values: Mapping[str, Value]) -> Run:
+        run = self.run
+        if keys.FOREARM in values:
+            wanted = values[keys.FOREARM]
+            wanted = self._own_forearm if wanted is None else bool(wanted)
+            run = run if run.forearm == wanted else run.with_forearm(wanted)
+        settings = {
+            name: self.own_settings[name] if value is None else value
+            for key, value in values.items()
+            for kind, name in (keys.parts(key),)
+            if kind == keys.SETTING and (value is not None or name in self.own_settings)
+        }
+        if settings:
+            run = run.with_values(settings)
+        if keys.SIZE in values:
+            scale = self._size_of(values[keys.SIZE])[0]
+            run = run if run.scale == scale else run.with_scale(scale)
+        if keys.CLOUDS in values:
+            clouds = self._clouds_of(values[keys.CLOUDS])
+            run = run if clouds == self.clouds else run.with_clouds(clouds)
+        return run
+
+    def _size_of(self, value: Value) -> tuple[HandScale, bool]:
+        if value is None:
+            return self._own_size
+        moved = dict(value.get("proportions", {}))
+        scale = HandScale(float(value["overall"]), dict(value["parts"]), moved)
+        return scale, bool(value.get("pending", False))
+
+    def _clouds_of(self, value: Value) -> CloudSettings | None:
+        if value is None:
+            return self.saved_clouds
+        table = value["table"]
+        cameras = self.run.session.file.cameras
+        return None if table is None else read_clouds(table, cameras, "[clouds]")
+
+    def _pend(self, size: Value) -> None:
+        self.size_pending, self.offered_scale = self._size_of(size)[1], None
+
+    def _use(self, run: Run, resized: bool = False) -> None:
+        """Change to another run; poses go by their names. What was made with a model comes back with it."""
+        old, new = self.model.parameter_names, run.model.parameter_names
+        untouched = np.allclose(self.shown, self.start)
+        if run.model is not self.model:  # made anew: without the user's limits
+            self.own_interval = run.model.limits.interval.copy()
+        if new != old:
+            self._starts[old] = self.start
+            back = self._starts.pop(new, np.zeros(len(new)))
+            self.start = renamed(self.start, old, new, back)
+            self.shown = renamed(self.shown, old, new, self.start)
+        self.limits = {
+            name: (float(pair[0]), float(pair[1]))
+            for key, pair in self.state.items()
+            for kind, name in (keys.parts(key),)
+            if kind == keys.LIMITS and name in new[6:]
+        }
+        interval = self.own_interval.copy()
+        for name, pair in self.limits.items():
+            interval[new.index(name)] = pair
+        limits = replace(run.model.limits, interval=interval)
+        self.run = replace(run, model=replace(run.model, limits=limits))
+        if resized and self.run.first is not None and self.first_frame == self.run.first.frame:
+            self.start = self.model.joint_params(self.run.initial()[1])
+            if untouched:
+                self.shown = self.start.copy()
+        if new != old:
+            self._derive_poses()
+            self._lay()
+            self.shown = self.pose_at(self.frame)
+        self.shown = self.model.joint_params(params_of(self.model, self.shown))
+
+    def _lay(self) -> None:
+        """Compose the current track; takes of another model do not show."""
+        names, laid = self.model.parameter_names, list[tuple[range, TakeFrames]]()
+        for span in spans_of(self.state.get(keys.SPANS)):
+            take = self.takes.get(span.take)
+            if take is not None and take.parameter_names == names:
+                laid.append((range(span.first, span.stop), take))
+        self.results = CurrentTrack(laid)
+
+    def _derive_poses(self) -> None:
+        self.by_hand, self._carried = {}, {}
+        for key in self.state:
+            kind, name = keys.parts(key)
+            if kind == keys.POSE:
+                self._derive_pose(int(name))
+
+    def _derive_pose(self, frame: int) -> None:
+        given = self.state.get(keys.pose(frame))
+        self.by_hand.pop(frame, None)
+        self._carried.pop(frame, None)
+        if given is not None and frame in self.frames:
+            shelf = self._carried if given.get("carried", False) else self.by_hand
+            shelf[frame] = self._posed(given)
+
+    def _posed(self, given: Value) -> Floats[S]:
+        known, names = given["parameters"], self.model.parameter_names
+        return np.array([float(known.get(n, at)) for n, at in zip(names, self.start, strict=True)])
+
+    def _start_at(self, given: Value) -> None:
+        """Where the session has no first pose, a pose that was taken from a search is where tracking begins."""
+        if given is not None:
+            self.first_frame, self.start = int(given["frame"]), self._posed(given)
+        elif len(self._own_start[1]) == len(self.start):
+            self.first_frame, self.start = self._own_start
+
     # ---- frames
 
     def see_frames(self) -> bool:
-        """Take the session's frames as they are known by now; what lies outside of them goes. Return whether they changed."""
+        """Take the session's frames as they are known by now; poses outside of them do not show. Return whether they
+        changed.
+        """
         known = self.run.session.known_frames
         if known == self.frames:
             return False
         self.frames, self.rows = known, TrackedRows(known)
-        self.results = {f: result for f, result in self.results.items() if f in known}
-        self.by_hand = {f: pose for f, pose in self.by_hand.items() if f in known}
-        self.found = {f: pose for f, pose in self.found.items() if f in known}
+        self._derive_poses()
         return True
 
     # ---- poses
 
     def show(self, frame: int) -> None:
         """Go to a frame (the nearest one of the session)."""
-        self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
+        self.frame = self.clamped(frame)
         self.shown = self.pose_at(self.frame)
+
+    def clamped(self, frame: int) -> int:
+        """Return the nearest frame of the session."""
+        return min(max(int(frame), self.frames.start), self.frames.stop - 1)
 
     def pose_at(self, frame: int) -> Floats[S]:
         """Return the joint parameters of a frame."""
@@ -137,51 +281,13 @@ class Document:
             return self.by_hand[frame]
         if frame in self.results:
             return self.results[frame].parameters
+        if frame in self._carried:
+            return self._carried[frame]
         return self.start if frame == self.first_frame else self.shown
 
-    def set_pose(self, frame: int, values: Sequence[float]) -> None:
-        """Set a frame's pose by hand, moved into the limits, and show it."""
-        given = np.asarray(values, dtype=float)
-        if given.shape != (len(self.model.parameter_names),):
-            return  # sent before the model changed
-        self.frame = min(max(int(frame), self.frames.start), self.frames.stop - 1)
-        self.shown = self.model.joint_params(params_of(self.model, given))
-        self.by_hand[self.frame] = self.shown
-
-    def set_found(self, frame: int, values: Sequence[float]) -> None:
-        """Set a frame's pose to one that a search found, and show it."""
-        self.set_pose(frame, values)
-        if self.frame in self.by_hand:
-            self.found[self.frame] = self.by_hand[self.frame]
-
     def is_found(self, frame: int) -> bool:
-        """Return whether a frame's pose is as a search found it; undo may bring it back."""
-        given, found = self.by_hand.get(frame), self.found.get(frame)
-        return (
-            given is not None and found is not None and bool(np.allclose(given, found, atol=1e-6))
-        )
-
-    def take_pose(self, frame: int, source: str) -> None:
-        """Replace a frame's pose by the first-frame pose, by the frame before, or by the library's fingers."""
-        current = self.pose_at(frame)
-        if source in self.pose_names:
-            body = self.model.kind == "body"
-            taken = body_pose(self.model, source) if body else named_pose(self.model, source)
-            taken[:6] = current[:6]
-        elif source == "previous":
-            known = [f for f in (*self.by_hand, *self.results) if f < frame]
-            taken = self.pose_at(max(known)) if known else self.start
-        else:
-            taken = self.start
-        self.set_pose(frame, taken.tolist())
-
-    def pull_tip(self, frame: int, tip: str, target: Sequence[float]) -> None:
-        """Bend a finger so that its tip comes to a point, and show it."""
-        point = np.asarray(target, dtype=float)
-        if tip in self.tip_names and point.shape == (3,) and np.isfinite(point).all():
-            params = params_of(self.model, self.pose_at(frame))
-            bent = self.model.joint_params(reach(self.model, params, tip, point))
-            self.set_pose(frame, bent.tolist())
+        """Return whether a frame's pose is as a search found it."""
+        return bool((self.state.get(keys.pose(frame)) or {}).get("found", False))
 
     @property
     def pose_names(self) -> tuple[str, ...]:
@@ -191,11 +297,6 @@ class Document:
     @property
     def tip_names(self) -> tuple[str, ...]:
         return tip_names(self.model)
-
-    def forget_pose(self, frame: int) -> None:
-        """Drop what was set by hand at a frame."""
-        self.by_hand.pop(frame, None)
-        self.show(frame)
 
     def start_from(self, first: FirstPose) -> None:
         """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""
@@ -210,14 +311,6 @@ class Document:
             self.first_frame, self.start = frame, values.copy()
             self.run = replace(self.run, first=FirstPose(frame, known))
 
-    def see_arm(self) -> bool:
-        """Give the model a forearm if the frame shown has one beyond the hand; return whether it got one."""
-        run = self.run.with_arm_in_view(self.frame, params_of(self.model, self.shown))
-        if run is self.run:
-            return False
-        self.replace_run(run)
-        return True
-
     def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
         """Return solver parameters that tracking from a frame starts with.
 
@@ -231,7 +324,7 @@ class Document:
     @property
     def is_posed(self) -> bool:
         """Whether anybody said where the hand is: else it stands somewhere in view."""
-        return self.run.first is not None or bool(self.by_hand) or bool(self.results)
+        return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
     def keyframes(self, frames: range) -> dict[int, Floats[P]]:
         """Return the poses set by hand at some of the frames, as solver parameters."""
@@ -239,83 +332,12 @@ class Document:
             f: params_of(self.model, self.by_hand[f]) for f in sorted(self.by_hand) if f in frames
         }
 
-    def accept(self, result: FrameResult, replaces_hand: bool = True) -> None:
-        """Keep a tracked frame. It replaces a pose set by hand there, if tracking started from that."""
-        if replaces_hand:
-            self.by_hand.pop(result.frame, None)
-        self.results[result.frame] = result
-
-    # ---- settings
-
-    def replace_run(self, run: Run) -> None:
-        """Change to a run with another model or other settings; poses stay, by their names. What was made with a model
-        is put aside while another one is looked at, and comes back with it.
-        """
-        old, new = self.model.parameter_names, run.model.parameter_names
-        self.own_interval = run.model.limits.interval.copy()
-        found = [frame for frame in self.by_hand if self.is_found(frame)]
-        if new != old:
-            self._other_models[old] = ModelWork(
-                self.start, self.shown, self.by_hand, self.results, self.limits
-            )
-            none = np.zeros(len(new))
-            back = self._other_models.pop(new, ModelWork(none, none))
-            self.start = renamed(self.start, old, new, back.start)
-            self.shown = renamed(self.shown, old, new, back.shown)
-            self.by_hand = {
-                frame: renamed(values, old, new, back.pose_at(frame))
-                for frame, values in self.by_hand.items()
-            }
-            self.results = back.results
-            kept = {name: pair for name, pair in self.limits.items() if name in new}
-            self.limits = {n: pair for n, pair in back.limits.items() if n not in old} | kept
-            self.found = {frame: self.by_hand[frame] for frame in found}
-        self.run = run
-        self._apply_limits()
-        self.shown = self.model.joint_params(params_of(self.model, self.shown))
-
-    def set_scale(self, scale: HandScale, pending: bool = False) -> None:
-        """Change the hand's size. The first pose is fitted anew, unless the user set it. pending: it is to be fitted."""
-        untouched = self.start
-        self.replace_run(self.run.with_scale(scale))
-        self.size_pending, self.offered_scale = pending, None
-        if self.run.first is not None and self.first_frame == self.run.first.frame:
-            self.start = self.model.joint_params(self.run.initial()[1])
-            if self.shown is untouched or np.allclose(self.shown, untouched):
-                self.shown = self.start.copy()
-
-    def set_limits(self, name: str, interval: tuple[float, float] | None) -> None:
-        """Change the interval of a joint parameter [rad]; None restores the model's own."""
-        names = self.model.parameter_names
-        if name not in names[6:]:
-            raise unknown_name("parameter with limits", name, names[6:])
-        if interval is None:
-            self.limits.pop(name, None)
-        else:
-            low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
-            if not np.isfinite(low + high):
-                raise HandtrackError(f"limits of {name}: expected two angles, found {interval}.")
-            self.limits[name] = (low, high)
-        self._apply_limits()
-        self.shown = self.model.joint_params(params_of(self.model, self.shown))
-
-    def _apply_limits(self) -> None:
-        interval = self.own_interval.copy()
-        for name, pair in self.limits.items():
-            interval[self.model.parameter_names.index(name)] = pair
-        model = replace(self.model, limits=replace(self.model.limits, interval=interval))
-        self.run = replace(self.run, model=model)
-
     # ---- clouds
 
     @property
     def clouds(self) -> CloudSettings | None:
         """The settings of [clouds] in force."""
         return self.run.session.file.clouds
-
-    def use_clouds(self, settings: CloudSettings | None) -> None:
-        """Take other settings of [clouds] from now on. Raises HandtrackError, and changes nothing."""
-        self.run = self.run.with_clouds(settings)
 
     @property
     def unsaved_clouds(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     SessionSnapshot,
     TimelineSnapshot,
+    WorkSnapshot,
 )
 
 _BODY_REACH_M = 0.9
@@ -81,6 +82,11 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     )
 
 
+def work_snapshot(document: Document, saved: str) -> WorkSnapshot:
+    """Return what is on disk of the user's work."""
+    return WorkSnapshot(saved, document.takes.cards(document.results))
+
+
 def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
     """Return the point nearest to all optical axes, world [m]; for one camera, half a metre before it."""
     system, right = 1e-3 * np.eye(3), np.zeros(3)
@@ -127,12 +133,7 @@ def _origin(document: Document, frame: int) -> str:
 def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
     rows = document.rows
-
-    def tracked_error(result: FrameResult) -> float:
-        found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-        return mean_error_mm(found, truth_at(document, result.frame))
-
-    rows.follow(document.results, tracked_error, energy_parts)
+    rows.follow(document.results, lambda frame: _tracked_error(document, frame), energy_parts)
     error = rows.error_mm.copy()
     for frame, values in document.by_hand.items():
         error[frame - document.frames.start] = _error_mm(
@@ -144,6 +145,21 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found
     )
+
+
+def read_errors(document: Document) -> bool:
+    """Find the errors of more tracked frames against the truth; return whether some are to be found yet."""
+    rows, most = document.rows, 100
+    return rows.read_errors(document.results, lambda frame: _tracked_error(document, frame), most)
+
+
+def _tracked_error(document: Document, frame: int) -> float:
+    truth = truth_at(document, frame)
+    if truth is None:
+        return float("nan")
+    result = document.results[frame]
+    found = result.joint_positions if result.keypoints21 is None else result.keypoints21
+    return mean_error_mm(found, truth)
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
@@ -186,10 +202,10 @@ def mean_error_mm(found: Floats[K, D3] | None, truth: Floats[K, D3] | None) -> f
     return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
 
 
-def energy_parts(result: FrameResult) -> dict[str, float]:
+def energy_parts(energies: Mapping[str, float]) -> dict[str, float]:
     """Return the parts of a frame's energy by their words."""
     parts: dict[str, float] = {}
-    for name, cost in result.energies.items():
+    for name, cost in energies.items():
         word = TERM_WORDS.get(name, name)
         parts[word] = parts.get(word, 0.0) + cost
     return parts

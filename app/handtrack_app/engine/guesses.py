@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.edits import Values
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 
 _MOST = 8  # of a list
@@ -59,27 +61,24 @@ class Guesses:
             is_new,
         )
 
-    def take(self, frame: int, index: int) -> bool:
-        """Set a frame's pose to one of its list; return whether the model got a forearm, or a size still to be fitted, for
-        it.
+    def take(self, frame: int, index: int) -> Values:
+        """Return what setting a frame's pose to one of its list changes: the model may get a forearm for it, or a size
+        still to be fitted; where the session has no first pose, tracking begins there.
         """
         kind, poses = self._poses(frame)
         if not 0 <= index < len(poses):
-            return False
+            return {}
         document, pose = self.document, poses[index]
         arm = pose.model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
-        run = replace(document.run, forearm=True) if arm else document.run
-        size = pose.model.scale if document.size_pending else run.scale
-        changed = arm or size != run.scale
-        if changed:
-            document.replace_run(run.with_scale(size))
+        changed: Values = {keys.FOREARM: True} if arm else {}
+        if document.size_pending and pose.model.scale != document.run.scale:
+            changed |= edits.size(pose.model.scale, pending=True)
         joint = pose.model.joint_params(pose.params)
         known = dict(zip(pose.model.parameter_names, joint.tolist(), strict=True))
-        values = [known.get(name, 0.0) for name in document.model.parameter_names]
-        (document.set_found if kind == "found" else document.set_pose)(frame, values)
-        if document.run.first is None:  # tracking may begin here
-            document.first_frame, document.start = frame, document.shown.copy()
+        changed[keys.pose(frame)] = {"parameters": known, "found": kind == "found"}
+        if document.run.first is None:
+            changed[keys.START] = {"frame": frame, "parameters": known}
         return changed
 
     def _poses(self, frame: int) -> tuple[str, list[_Pose]]:

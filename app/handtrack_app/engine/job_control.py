@@ -16,7 +16,7 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.job_words import one_frame, summary
+from handtrack_app.engine.job_words import Outcome, one_frame, summary
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Ended,
@@ -33,6 +33,7 @@ from handtrack_app.engine.jobs import (
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
@@ -75,8 +76,8 @@ class JobControl:
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
         self._then: Track | None = None
-        self._tracked_now: dict[int, FrameResult] = {}
-        self._first = document.first_frame
+        self._outcomes: dict[int, Outcome] = {}
+        self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._count = 0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
@@ -121,7 +122,6 @@ class JobControl:
         """Begin to track; a hand's size that is still to be fitted comes first."""
         document = self._document
         self._refuse()
-        self._first = order.first
         document.see_frames()
         frames = range(
             max(order.start, document.frames.start), min(order.stop, document.frames.stop)
@@ -146,6 +146,7 @@ class JobControl:
             raise HandtrackError(
                 "All these frames are set by hand or found; there is nothing to track."
             )
+        self._store.begin_take(frames, order.first, start, tuple(held))
         self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
 
     def track_live(self) -> None:
@@ -156,9 +157,10 @@ class JobControl:
             raise HandtrackError("This is a recording, and no live source: track its frames.")
         start = params_of(document.model, document.shown)
         feed.begin_counting()
-        self._first = feed.known.stop
-        endless = range(self._first, self._first + _ENDLESS)
-        path = [Leg(endless, self._first, start)]
+        first = feed.known.stop
+        endless = range(first, first + _ENDLESS)
+        path = [Leg(endless, first, start)]
+        self._store.begin_take(endless, first, start)
         self._begin(TrackingJob(self._next(), document.run, endless, path, self._post, self._watch))
 
     def fit_size(self, then: Track | None = None) -> None:
@@ -180,8 +182,7 @@ class JobControl:
             raise HandtrackError(
                 "No size was fitted since the last tracking: there is none to take."
             )
-        document.set_scale(document.offered_scale)
-        self._store.note_scale()
+        self._store.do("Size of the hand", edits.size(document.offered_scale))
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
         self.track(Track(document.frames.start, document.frames.stop, first, anew))
@@ -204,7 +205,7 @@ class JobControl:
         return self._count
 
     def _begin(self, job: BackgroundJob) -> None:
-        self._job, self._tracked_now = job, {}
+        self._job, self._outcomes, self._latest = job, {}, {}
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -228,15 +229,18 @@ class JobControl:
 
     def _tracked(self, done: Tracked) -> None:
         document, now = self._document, time.monotonic()
-        if self._tracked_now.get(done.result.frame) is done.result:
+        result = done.result
+        if self._latest.get(result.frame) is result:
             return  # it stands as it was solved
+        self._latest[result.frame] = result
+        while len(self._latest) > _COMES_AGAIN:
+            del self._latest[next(iter(self._latest))]
         document.see_frames()
-        document.accept(done.result, replaces_hand=done.result.frame == self._first)
-        self._tracked_now[done.result.frame] = done.result
+        self._outcomes[result.frame] = Outcome.of(result)
         if self._live is not None:
-            self._live.note(done.result)
-            self._tracked_now.pop(done.result.frame - _COMES_AGAIN, None)
-        self._store.note_result(done.result)
+            self._live.note(result)
+            self._outcomes.pop(result.frame - _COMES_AGAIN, None)
+        self._store.add(result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             document.show(done.result.frame)
@@ -249,8 +253,7 @@ class JobControl:
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:
         document = self._document
         if not isinstance(job, SizingJob) or not job.is_late:
-            document.set_scale(sized.scale)
-            self._store.note_scale()
+            self._store.do("Size of the hand", edits.size(sized.scale))
             self._publish(session_snapshot(document))
             self._publish(pose_snapshot(document))
         elif (
@@ -283,8 +286,8 @@ class JobControl:
         document.show(document.frame)
         self._publish(pose_snapshot(document))
         self._publish(timeline_snapshot(document))
-        if job.done:
-            self._store.settle()
+        if job.kind == "tracking":
+            self._store.end_take(finished=not end.cancelled and not end.error)
         self._report_end(job, end)
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
@@ -324,9 +327,7 @@ class JobControl:
             if one is not None and not end.cancelled:
                 self._publish(one_frame(one))
                 return
-            text = summary(
-                [*self._tracked_now.values()], job.total, len(job.frames) - job.total, took
-            )
+            text = summary([*self._outcomes.values()], job.total, len(job.frames) - job.total, took)
             self._publish(Notice("done", title, text))
 
     def _size_words(self, job: BackgroundJob) -> str:
@@ -365,4 +366,5 @@ class JobControl:
         if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
-        self._publish(ProgressSnapshot(state, words, done, total, job.eta_s(), job.kind))
+        eta_s = job.eta_s()
+        self._publish(ProgressSnapshot(state, words, done, total, eta_s, job.kind, job.frame))

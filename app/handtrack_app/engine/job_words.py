@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,19 @@ def one_frame(result: FrameResult) -> Notice:
     )
 
 
-def summary(results: Sequence[FrameResult], total: int, by_hand: int, seconds: float) -> str:
+class Outcome(NamedTuple):
+    """What is told of a frame in the end; without its arrays, for there may be many."""
+
+    status: Status
+    poor_cloud: bool
+    is_simplified: bool
+
+    @classmethod
+    def of(cls, result: FrameResult) -> Outcome:
+        return cls(result.status, result.poor_cloud, result.is_simplified)
+
+
+def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float) -> str:
     """Return how a run of tracking went, in one sentence or two.
 
     total: frames that were to be tracked. by_hand: frames that stayed as they were given.

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import cast
 
 from handtrack.arrays import Floats, P
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
@@ -73,6 +73,8 @@ class BackgroundJob:
         """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
         self._held = self.began
+        self.frame: int | None = None
+        """done last"""
         self.share, self.words = 0.0, ""
         """of all the work, and what is done now; for jobs that do not count frames"""
         self._first_done, self._first_share = self.began, 0.0
@@ -134,6 +136,8 @@ class BackgroundJob:
             self.work()
         except HandtrackError as problem:
             error = str(problem)
+        except MemoryError as problem:
+            error = str(not_enough_memory(self.kind.capitalize(), problem))
         except Exception as problem:  # reported to the user: the page must go on
             log.exception("%s failed", self.kind)
             error, internal = f"{type(problem).__name__}: {problem}", True
@@ -175,7 +179,7 @@ class TrackingJob(BackgroundJob):
 
     def _early(self, result: FrameResult) -> None:
         self._solved.add(result.frame)  # frames may come again
-        self.done = len(self._solved)
+        self.done, self.frame = len(self._solved), result.frame
         if self.done == 1:
             self._first_done, self.waited = time.monotonic(), 0.0
         self._post(Tracked(self.number, result))

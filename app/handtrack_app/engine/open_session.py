@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence, Sized
 
 from handtrack.errors import HandtrackError
+from handtrack.store.history import NOTE
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
+    read_errors,
     session_snapshot,
     timeline_snapshot,
+    work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
-from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
 from handtrack_app.protocol import commands
@@ -32,11 +35,12 @@ from handtrack_app.protocol.snapshots import (
 
 Request = commands.Command | Report
 CloudChange = (
-    commands.SetClouds | commands.UseClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
+    commands.SetClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
 )  # fmt: skip
 _EDITS = (
     commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
-)
+    | commands.Undo | commands.Redo
+)  # fmt: skip
 _KEEPS = (
     commands.SavePose
     | commands.SaveTrack
@@ -45,19 +49,6 @@ _KEEPS = (
     | commands.FitSize
     | commands.TakeSize
 )
-_QUIET_S = 0.4  # edits count as accepted, and go to the journal, when none came for this long
-_LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
-
-_BY_HAND = (
-    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
-    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
-)
-_NO_POSE = {
-    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
-    + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": _BY_HAND.format(kind="body", pose="Pose"),
-}
-
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
     "hand', or pose it, then 'Track live'."
@@ -93,9 +84,8 @@ class OpenSession:
         )
         self._clouds = CloudService(document, render_thread)
         self._counted, self._told = False, set[str]()
-        self._unsaved: list[int] = []  # frames whose poses are not in the journal yet
-        self._waits = False  # whether they go there by themselves, once edits rest
-        self._first_edit = self._last_edit = 0.0
+        self._told_work: tuple[int, str] | None = None
+        self._reads_errors = True  # of a long track, while nobody waits
 
     def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
@@ -114,7 +104,7 @@ class OpenSession:
         elif self._live is not None:
             say("info", "Live", _LIVE)
         elif document.run.first is None:
-            say("info", "No first pose yet", _NO_POSE[document.model.kind])
+            say("info", "No first pose yet", NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
         self._say_notes(document.run.session.warnings)
         self.jobs.show_progress()
@@ -132,31 +122,37 @@ class OpenSession:
             case commands.SetPose():
                 if request.version >= document.version:
                     document.version = request.version
-                    document.set_pose(request.frame, request.values)
-                    self._edit()
+                    pose = edits.pose(document, request.frame, request.values)
+                    self._edit(request.frame, pose, request.tag)
             case commands.ShowFrame():
-                self.accept_edit()
+                self.store.write_what_rests(at_once=True)
                 document.show(request.frame)
                 self._show_pose()
             case commands.TakePose():
-                document.take_pose(request.frame, request.source)
-                self._edit()
+                self._edit(request.frame, edits.taken_pose(document, request.frame, request.source))
             case commands.PullTip():
-                document.pull_tip(request.frame, request.tip, request.target)
-                self._edit()
+                bent = edits.pulled_tip(document, request.frame, request.tip, request.target)
+                self._edit(request.frame, bent, request.tag)
             case commands.ForgetPose():
-                document.forget_pose(request.frame)
-                self.store.note("forget", {"frame": request.frame})
-                self._show_all()
+                known = document.clamped(request.frame) in document.by_hand
+                self._edit(request.frame, edits.forgotten_pose(request.frame) if known else {})
+            case commands.Undo() | commands.Redo():
+                self._travel(request)
+            case commands.RestoreTake():
+                self._require_idle()
+                if self.store.restore_take(request.number):
+                    document.show(document.frame)
+                    self._show_all()
+                    self._say("done", f"Take {request.number} is the track again", "")
             case commands.WantPictures():
                 self.painter.want(request)
             case commands.Track():
-                self.accept_edit()
+                self.store.write_what_rests(at_once=True)
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm()
                 jobs.track(request)
             case commands.TrackLive():
-                self.accept_edit()
+                self.store.write_what_rests(at_once=True)
                 self._see_arm()
                 jobs.track_live()
             case commands.Record():
@@ -165,43 +161,43 @@ class OpenSession:
             case commands.FitSize():
                 jobs.fit_size()
             case commands.TakeSize():
-                self.accept_edit()
+                self.store.write_what_rests(at_once=True)
                 jobs.take_size(request.first)
             case commands.Pause():
                 jobs.show_progress()
             case commands.Cancel():
                 jobs.leave()  # acted on in `send` already; most jobs report their end themselves
-            case commands.Follow():
+            case commands.Follow() | commands.StartAgain():
                 pass  # acted on in `send`
             case commands.SetSetting() | commands.SetLimits():
                 self._change(request)
             case commands.SaveSettings():
                 self._require_idle()
-                self._say("done", "Settings saved", self.store.save_settings())
+                self._say("done", "Settings saved", saving.save_settings(self.store))
                 self._show_session()
             case commands.WantCloud() | commands.WantSurface():
                 self._clouds.want(request)
             case (
-                commands.SetClouds() | commands.UseClouds() | commands.SampleSkin() | commands.RestoreClouds()
-                | commands.SaveClouds()
+                commands.SetClouds() | commands.SampleSkin() | commands.RestoreClouds() | commands.SaveClouds()
             ):  # fmt: skip
                 self._change_clouds(request)
             case commands.SavePose():
                 self._see_arm()
-                self._say("done", "First-frame pose saved", self.store.save_first_pose())
+                self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
             case commands.SaveTrack():
-                self._say("done", "Track saved", self.store.save_track())
+                self._say("done", "Track saved", saving.save_track(self.store))
             case commands.Export():
                 name, data = export(document, request.kind)
                 self._publish(Download(name, data, request.client_id))
             case commands.FindHand():
-                self.accept_edit()
+                self.store.write_what_rests(at_once=True)
                 jobs.find(request.frame)
             case commands.TakeGuess():
-                if jobs.guesses.take(request.frame, request.index):
-                    self.store.note_scale()
+                taken = jobs.guesses.take(request.frame, request.index)
+                self._edit(request.frame, taken)
+                if keys.FOREARM in taken or keys.SIZE in taken:
                     self._show_session()
-                self._edit()
+                    self._show_all()
             case _:
                 try:
                     jobs.take(request)
@@ -214,39 +210,65 @@ class OpenSession:
             raise HandtrackError(_FIXED)
 
     def _change_clouds(self, change: CloudChange) -> None:
-        clouds = self._clouds
+        clouds, store = self._clouds, self.store
         try:
             self._require_idle()
             match change:
                 case commands.SetClouds():
-                    clouds.change(dict(change.values))
-                case commands.UseClouds():
-                    clouds.use(change.settings)
+                    names = ", ".join(name for name, _ in change.values)
+                    settings = clouds.with_values(dict(change.values))
+                    store.do(f"Clouds: {names}", edits.clouds(settings), tag=names)
                 case commands.SampleSkin():
-                    self._say("done", "The skin's colour is taken", clouds.sample_skin(change))
+                    settings, words = clouds.with_skin(change)
+                    store.do("Colour of skin", edits.clouds(settings), tag="skin")
+                    self._say("done", "The skin's colour is taken", words)
                 case commands.RestoreClouds():
-                    clouds.restore()
+                    own = edits.clouds(self.document.saved_clouds)
+                    store.do("Filters of session.toml", own)
                 case commands.SaveClouds():
-                    self._say("done", "Clouds' settings saved", self.store.save_clouds())
+                    self._say("done", "Clouds' settings saved", saving.save_clouds(store))
+            clouds.show()
         finally:
             self._publish(clouds.card())  # the page shows what holds
-        if not isinstance(change, commands.SaveClouds):
-            self.store.note_clouds()
 
     def _change(self, change: commands.SetSetting | commands.SetLimits) -> None:
-        document = self.document
+        document, store = self.document, self.store
         try:
             self._require_idle()
             if isinstance(change, commands.SetLimits):
-                document.set_limits(change.name, change.interval)
-                self.store.note("limits", {"name": change.name, "interval": change.interval})
+                values = edits.limits(document, change.name, change.interval)
+                words = f"Limits of {change.name}"
             else:
-                known = document.run.notes
-                document.replace_run(document.run.with_values({change.name: change.value}))
-                self.store.note_setting(change.name, change.value)
-                self._say_notes(known)
+                values, words = edits.setting(change.name, change.value), change.name
+            known = document.run.notes
+            store.do(change.tag or words, values, tag=change.tag or words)
+            self._say_notes(known)
         finally:
             self._show_session()  # the page shows what holds
+        self._show_all()
+
+    def _travel(self, way: commands.Undo | commands.Redo) -> None:
+        """Undo or redo, and show what that changed."""
+        back, store = isinstance(way, commands.Undo), self.store
+        known = self.document.run.notes
+        try:
+            action = (store.undo if back else store.redo)(self.jobs.busy)
+        finally:
+            self._show_pose()
+        if action is None:
+            end = "Nothing to undo" if back else "Nothing to redo"
+            self._say("info", end, "The history of edits ends here.")
+            return
+        kinds = {keys.parts(change.key) for change in action.changes}
+        frames = [int(name) for kind, name in kinds if kind == keys.POSE]
+        if frames:
+            self.document.show(min(frames))
+        if len(frames) < len(kinds):
+            self._say("info", f"{'Undone' if back else 'Redone'}: {action.words}", "")
+            self._show_session()
+            self._publish(self._clouds.card())
+            self._say_notes(known)
+            self.document.show(self.document.frame)
         self._show_all()
 
     def _say_notes(self, known: Sequence[str]) -> None:
@@ -263,39 +285,37 @@ class OpenSession:
 
     def _see_arm(self) -> None:
         # never under a job: what it solves for would change
-        if not self.jobs.busy and self.document.see_arm():
+        arm = {} if self.jobs.busy else edits.seen_arm(self.document)
+        if arm:
+            self.store.do("Forearm in view", arm, kind=NOTE)
             self._show_session()
             self._show_all()
 
     # ---- edits
 
-    def _edit(self) -> None:
-        frame, now = self.document.frame, time.monotonic()
-        if frame not in self._unsaved:
-            self._unsaved.append(frame)
-        if not self._waits:
-            self._waits, self._first_edit = True, now
-        self._last_edit = now
-        self._show_pose()
+    def _edit(self, frame: int, values: edits.Values, tag: str = "") -> None:
+        """Change a pose, and show it. It is written when edits rest."""
+        frame = self.document.clamped(frame)
+        try:
+            self.store.do(f"Pose of frame {frame}", values, tag, waits=True)
+        finally:
+            self.document.show(frame)
+            self._show_pose()
 
-    def accept_settled_edit(self) -> None:
-        """Accept the last edits once none came for a while, or they go on and on."""
-        now = time.monotonic()
-        if self._waits and (
-            now - self._last_edit > _QUIET_S or now - self._first_edit > _LONGEST_S
-        ):
-            self.accept_edit()
+    def write_what_rests(self) -> None:
+        """Write edits once none came for a while; what fails is told, and tried again with the next."""
+        try:
+            if self.store.write_what_rests():
+                self._publish(timeline_snapshot(self.document))
+        finally:
+            self._tell_work()
 
-    def accept_edit(self) -> None:
-        """Write the last edits to the journal; what fails is told, and tried again with the next edit."""
-        if not self._waits:
-            return
-        self._waits = False
-        for frame in list(self._unsaved):
-            if frame in self.document.by_hand:
-                self.store.note_pose(frame)
-            self._unsaved.remove(frame)
-        self._publish(timeline_snapshot(self.document))
+    def _tell_work(self) -> None:
+        """Say what is on disk, where that changed."""
+        now = (id(self.document.results), self.store.saved)
+        if now != self._told_work:
+            self._told_work = now
+            self._publish(work_snapshot(self.document, self.store.saved))
 
     # ---- showing
 
@@ -337,13 +357,15 @@ class OpenSession:
             self._take_count()
         if self.painter.is_stale:
             self.painter.paint()
+        elif self._reads_errors:
+            self._reads_errors = read_errors(self.document)
+            if not self._reads_errors:
+                self._publish(timeline_snapshot(self.document))
         else:
             self.jobs.tick()
 
     def close(self) -> list[str]:
         """Keep the last edits and end what runs; return what is to be said at the end."""
-        self._waits = bool(self._unsaved)
-        self.accept_edit()
         said = [] if self._live is None else self._live.close()
         self.store.close()
         return said

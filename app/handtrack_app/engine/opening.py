@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,9 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
-from handtrack.session import bundled
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
@@ -122,21 +119,16 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
     return np.median(points, axis=0)
 
 
-def working_folder(folder: Path) -> Path:
-    """Return the folder to work in: a copy in the user's data folder for a recording that lies in a checkout.
-
-    The copy's name carries a stamp of the recording, so that a changed recording gets a new one. An installed
-    program's bundled session is such a copy already; any other folder is returned as it is.
-    """
-    source = Path(folder).resolve()
-    if source.parent != bundled.checkout_shelf():
-        return Path(folder)
-    stamp = hashlib.sha256()
-    for name in (SESSION_FILE, INIT_FILE, TRUTH_FILE):
-        if (source / name).is_file():
-            stamp.update((source / name).read_bytes())
-    return bundled.working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")
-
+_BY_HAND = (
+    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
+    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
+)
+NO_POSE = {
+    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
+    + _BY_HAND.format(kind="hand", pose="Fingers"),
+    "body": _BY_HAND.format(kind="body", pose="Pose"),
+}
+"""what to do where nobody said where the hand or the body is, by kind of model"""
 
 _NOTHING = (
     "Nothing tells where the {kind} is yet: this session has neither masks nor clouds. In the tab Cloud, match a pair of "

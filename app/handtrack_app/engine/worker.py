@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.preview import Preview
 from handtrack_app.protocol import commands
+from handtrack_app.protocol.commands import kind_of as _kind
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
@@ -41,25 +42,11 @@ class _Opened:
 
 Request = SessionRequest | _Previewed | _Opened
 
-_LATEST_WINS = (
-    commands.ShowFrame, commands.WantPictures, commands.WantCloud, commands.WantSurface, commands.SampleSkin,
-)  # fmt: skip
 _LOOKS_ELSEWHERE = (
-    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess,
+    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess, commands.Undo,
+    commands.Redo,
 )  # fmt: skip
 _PREPARING = "Preparing the first pose …"
-
-
-def _kind(request: Request) -> Hashable | None:
-    if isinstance(request, commands.SetClouds):
-        return ("clouds", *(name for name, _ in request.values))
-    if isinstance(request, commands.SetSetting):
-        return ("setting", request.name)
-    if isinstance(request, commands.SetLimits):
-        return ("limits", request.name)
-    if isinstance(request, commands.SetPose | commands.PullTip):
-        return (type(request), request.frame)  # an edit never replaces another frame's
-    return type(request) if isinstance(request, _LATEST_WINS) else None
 
 
 class Worker:
@@ -154,7 +141,7 @@ class Worker:
             elif desk is not None:
                 self._guarded(desk.idle)
             if self._session is not None:
-                self._guarded(self._session.accept_settled_edit)
+                self._guarded(self._session.write_what_rests)
             elif self._preview is not None and not self._preview.painter.is_stale:
                 self._shown.set()
         session = self._session

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from handtrack_app.page.page import Keys, Page
+import viser
+
+from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
 from handtrack_app.page.panels.export import ExportPanel
@@ -11,9 +13,11 @@ from handtrack_app.page.panels.live import LivePanel
 from handtrack_app.page.panels.nudging import NudgePanel
 from handtrack_app.page.panels.pose import PosePanel, certainty_table
 from handtrack_app.page.panels.session import SessionPanel, head
+from handtrack_app.page.panels.takes import TakesPanel
 from handtrack_app.page.panels.timeline import TimelinePanel
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.scene.stage import Stage
+from handtrack_app.protocol.commands import StartAgain
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import (
     Notice,
@@ -21,6 +25,7 @@ from handtrack_app.protocol.snapshots import (
     ProgressSnapshot,
     SessionSnapshot,
     TimelineSnapshot,
+    WorkSnapshot,
 )
 
 
@@ -39,14 +44,19 @@ class PageLayout:
         )
         self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
+        self.saved = ""
         gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
+        self.failure = gui.add_markdown("", visible=False)
+        self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
+        page.on(self.again, lambda _: page.send(StartAgain()))
         tabs = gui.add_tab_group()
         self.keys = Keys(gui)
         self._add_keys(page)
         self.session = SessionPanel(page, tabs.add_tab("View"), stage.look, self.keys)
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
         self.live = LivePanel(page, self.tracking.tab)
+        self.takes = TakesPanel(page, self.tracking.tab)
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
@@ -91,7 +101,7 @@ class PageLayout:
             self.timeline,
         ):
             panel.fit(session)
-        self.head.content = head(session, self.progress)
+        self.head.content = head(session, self.progress, self.saved)
 
     def show_pose(self, pose: PoseSnapshot) -> None:
         """Show a pose in the panels."""
@@ -107,14 +117,24 @@ class PageLayout:
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
         self.progress = progress
+        failed = progress.state == "failed"
+        put(self.again, visible=failed)
+        put(self.failure, visible=failed and bool(self.failure.content))
         self.tracking.show(progress)
         self.guesses.show_progress(progress)
-        self.head.content = head(self.snapshot, progress)
+        put(self.head, content=head(self.snapshot, progress, self.saved))
+
+    def show_work(self, work: WorkSnapshot) -> None:
+        """Show the takes, and whether all that was done is saved."""
+        self.takes.show(work)
+        self.saved = work.saved
+        put(self.head, content=head(self.snapshot, self.progress, self.saved))
 
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened on the page, also for those who come later."""
         if self.progress.state == "failed" and notice.level == "error":
-            self.page.gui.add_markdown(f"**{notice.title}**\n\n{notice.text}")
+            self.failure.content = f"**{notice.title}**\n\n{notice.text}"
+            self.failure.visible = True
 
 
 STYLE_SHEET = """<style>

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import viser
 
-from handtrack_app.page.state import ChangeStep, PoseStep, UserState
-from handtrack_app.protocol.commands import Command, SetPose
+from handtrack_app.page.state import UserState
+from handtrack_app.protocol.commands import Command, Redo, SetPose, Undo
 
 if TYPE_CHECKING:
     from viser._messages import HotkeyKey, KeyModifier
@@ -67,35 +67,14 @@ class Page:
         return self.server.gui
 
     def edit_pose(self, changes: dict[str, float], tag: str) -> None:
-        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back."""
-        step = self.state.edit(changes, tag)
-        if step is not None:
-            self.send(SetPose(step.frame, step.values, self.state.version))
-
-    def change(self, words: str, back: tuple[Command, ...], forth: tuple[Command, ...]) -> None:
-        """Send a change of settings, limits or filters (`forth`), which undo takes back by `back`."""
-        if not self.state.tracking:  # while tracking runs, settings stay as they are
-            self.state.changes(ChangeStep(words, back, forth))
-        for command in forth:
-            self.send(command)
+        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back. tag: of the control."""
+        edit = self.state.edit(changes)
+        if edit is not None:
+            self.send(SetPose(edit.frame, edit.values, edit.version, tag))
 
     def travel(self, back: bool) -> None:
-        """Undo or redo the last pose, setting, limit or filter."""
-        if self.state.waits_for_settings(back):
-            self.notify(
-                "info", "Tracking runs", "Settings stay fixed until it is done or cancelled."
-            )
-            return
-        step = self.state.travel(back)
-        if step is None:
-            end = "Nothing to undo" if back else "Nothing to redo"
-            self.notify("info", end, "The history of edits ends here.")
-        elif isinstance(step, PoseStep):
-            self.send(SetPose(step.frame, step.values, self.state.version))
-        else:
-            for command in step.back if back else step.forth:
-                self.send(command)
-            self.notify("info", f"{'Undone' if back else 'Redone'}: {step.words}", "")
+        """Undo or redo the latest step."""
+        self.send((Undo if back else Redo)(self.state.begin_edit()))
 
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None

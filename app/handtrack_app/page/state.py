@@ -1,16 +1,10 @@
-"""What the user has chosen: plain data, no viser; and undo."""
+"""What the user has chosen: plain data, no viser."""
 
 from __future__ import annotations
 
 import math
 import threading
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-
-from handtrack_app.protocol.commands import Command
-
-_MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
+from dataclasses import dataclass, field
 
 
 @dataclass
@@ -64,70 +58,13 @@ class Display:
 
 
 @dataclass(frozen=True)
-class PoseStep:
-    """A pose that undo can return to."""
+class PoseEdit:
+    """A frame's pose as the user just set it."""
 
     frame: int
     values: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class ChangeStep:
-    """A change of settings, limits or filters: what to send to take it back, and to make it again."""
-
-    words: str
-    back: tuple[Command, ...]
-    forth: tuple[Command, ...]
-
-
-Step = PoseStep | ChangeStep
-
-
-@dataclass
-class UndoStack:
-    """Poses and changes before and after what holds now. Steps with the same tag in quick succession merge."""
-
-    past: list[Step] = field(default_factory=list)
-    future: list[Step] = field(default_factory=list)
-    depth: int = 200
-    _tag: str = ""
-    _when: float = -math.inf
-
-    def record(self, step: Step, tag: str, now: float | None = None) -> None:
-        """Remember the pose before an edit, or a change."""
-        now = time.monotonic() if now is None else now
-        merges = tag == self._tag and now - self._when < _MERGE_S and bool(self.past)
-        self._tag, self._when = tag, now
-        self.future.clear()
-        last = self.past[-1] if merges else None
-        if isinstance(last, ChangeStep) and isinstance(step, ChangeStep):
-            self.past[-1] = replace(last, forth=step.forth)
-        elif not (
-            isinstance(last, PoseStep) and isinstance(step, PoseStep) and last.frame == step.frame
-        ):
-            self.past.append(step)
-            del self.past[: -self.depth]
-
-    def undo(self, current: PoseStep) -> Step | None:
-        """Return the pose to go back to, or the change to take back; None at the end."""
-        return self._move(self.past, self.future, current)
-
-    def redo(self, current: PoseStep) -> Step | None:
-        """Return the pose to go forward to, or the change to make again; None at the end."""
-        return self._move(self.future, self.past, current)
-
-    def forget_poses(self) -> None:
-        """Drop the poses: those of another model mean nothing any more."""
-        for steps in (self.past, self.future):
-            steps[:] = [step for step in steps if isinstance(step, ChangeStep)]
-
-    def _move(self, source: list[Step], sink: list[Step], current: PoseStep) -> Step | None:
-        self._tag = ""
-        if not source:
-            return None
-        step = source.pop()
-        sink.append(step if isinstance(step, ChangeStep) else current)
-        return step
+    """(S,) joint parameters [m, rad]"""
+    version: int
 
 
 @dataclass
@@ -150,7 +87,6 @@ class UserState:
     editor: int | None = None
     """the client whose changes count"""
     display: Display = field(default_factory=Display)
-    undo: UndoStack = field(default_factory=UndoStack)
     lock: threading.RLock = field(default_factory=threading.RLock)
 
     def value_of(self, name: str) -> float:
@@ -160,11 +96,7 @@ class UserState:
                 self.values[self.names.index(name)] if self.values and name in self.names else 0.0
             )
 
-    def step(self) -> PoseStep:
-        """Return the pose as it is now."""
-        return PoseStep(self.frame, self.values)
-
-    def edit(self, changes: dict[str, float], tag: str) -> PoseStep | None:
+    def edit(self, changes: dict[str, float]) -> PoseEdit | None:
         """Change joint parameters by name [m, rad]; return the new pose, None if nothing is valid or new."""
         with self.lock:
             valid = {
@@ -175,42 +107,12 @@ class UserState:
             values = tuple(valid.get(n, v) for n, v in zip(self.names, self.values, strict=True))
             if values == self.values:
                 return None
-            return self.replace(values, tag)
+            self.values = values
+            return PoseEdit(self.frame, values, self.begin_edit())
 
-    def replace(self, values: Sequence[float], tag: str) -> PoseStep:
-        """Set the whole pose, remembering the one before."""
+    def begin_edit(self) -> int:
+        """Return the version of an edit that begins: poses shown before it no longer move the page's widgets."""
         with self.lock:
-            self.undo.record(self.step(), tag)
-            self.values = tuple(values)
-            self.version += 1
-            self.follow = False
-            return self.step()
-
-    def travel(self, back: bool) -> Step | None:
-        """Undo (`back`) or redo; return the pose to show or the change to make, None at the end of the history."""
-        with self.lock:
-            move = self.undo.undo if back else self.undo.redo
-            target = move(self.step())
-            if isinstance(target, PoseStep):
-                self.frame, self.values = target.frame, target.values
-                self.version += 1
-            return target
-
-    def changes(self, step: ChangeStep) -> None:
-        """Remember a change of settings, limits or filters."""
-        with self.lock:
-            self.undo.record(step, step.words)
-
-    def waits_for_settings(self, back: bool) -> bool:
-        """Return whether undo (`back`) or redo would change settings while tracking keeps them fixed."""
-        with self.lock:
-            steps = self.undo.past if back else self.undo.future
-            return self.tracking and bool(steps) and isinstance(steps[-1], ChangeStep)
-
-    def begin_edit(self, tag: str) -> int:
-        """Remember the pose before an edit that the worker computes; return the edit's version."""
-        with self.lock:
-            self.undo.record(self.step(), tag)
             self.version += 1
             self.follow = False
             return self.version

@@ -1,13 +1,12 @@
 """What the page asks of the engine: commands, frozen and picklable, with no viser in them.
 
-The engine runs on threads today; because nothing here is shared, it can become a process without a change to the page.
+The engine runs in a process of its own, or on threads of the page's (tests): nothing here is shared.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
-
-from handtrack.session.clouds_settings import CloudSettings
 
 
 @dataclass(frozen=True)
@@ -26,6 +25,8 @@ class SetPose:
     """(S,) joint parameters [m, rad]"""
     version: int
     """counts the user's edits; the answering snapshot carries it back"""
+    tag: str = ""
+    """the control that is moved: what follows soon with the same is one step of undo"""
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class PullTip:
     target: tuple[float, float, float]
     """world [m]"""
     version: int
+    tag: str = ""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,27 @@ class ForgetPose:
 
     frame: int
     version: int
+
+
+@dataclass(frozen=True)
+class Undo:
+    """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
+
+    version: int
+
+
+@dataclass(frozen=True)
+class Redo:
+    """Make the step again that was undone last."""
+
+    version: int
+
+
+@dataclass(frozen=True)
+class RestoreTake:
+    """Make a take the current track."""
+
+    number: int
 
 
 @dataclass(frozen=True)
@@ -126,6 +149,8 @@ class SetSetting:
 
     name: str
     value: object
+    tag: str = ""
+    """as of a pose; several settings changed at one time have one"""
 
 
 @dataclass(frozen=True)
@@ -139,6 +164,7 @@ class SetLimits:
 
     name: str
     interval: tuple[float, float] | None
+    tag: str = ""
 
 
 @dataclass(frozen=True)
@@ -213,13 +239,6 @@ class SetClouds:
 
 
 @dataclass(frozen=True)
-class UseClouds:
-    """Take these settings of [clouds], all of them: undo."""
-
-    settings: CloudSettings | None
-
-
-@dataclass(frozen=True)
 class SampleSkin:
     """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
 
@@ -239,8 +258,28 @@ class RestoreClouds:
     """Go back to the settings of [clouds] as session.toml has them."""
 
 
+@dataclass(frozen=True)
+class StartAgain:
+    """Start the engine that ended too often; for whoever keeps its process."""
+
+
 Command = (
     ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
-    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | UseClouds | SampleSkin | SaveClouds | RestoreClouds | Export
-    | SaveTrack | FindHand | TakeGuess | TrackLive | Record
+    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | StartAgain
 )  # fmt: skip
+
+_LATEST_WINS = (ShowFrame, WantPictures, WantCloud, WantSurface, SampleSkin)
+
+
+def kind_of(request: object) -> Hashable | None:
+    """Return what a newer command has in common with one that still waits, and that it replaces; None: it replaces none."""
+    if isinstance(request, SetClouds):
+        return ("clouds", *(name for name, _ in request.values))
+    if isinstance(request, SetSetting):
+        return ("setting", request.name)
+    if isinstance(request, SetLimits):
+        return ("limits", request.name)
+    if isinstance(request, SetPose | PullTip):
+        return (type(request), request.frame)  # an edit never replaces another frame's
+    return type(request) if isinstance(request, _LATEST_WINS) else None

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N, S, T, V, W
+from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
-from handtrack.session.bundled import user_data_folder
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack_app.protocol.log_file import LOG_FILE
 
-LOG_FILE = user_data_folder() / "logs" / "workbench.log"
 HAND_REACH_M = 0.11
 """how far a hand extends around its middle"""
 
@@ -166,6 +167,8 @@ class ProgressSnapshot:
     eta_s: float = 0.0
     job: str = ""
     """`tracking`, `sizing` or `finding`, while one runs"""
+    frame: int | None = None
+    """the frame that was tracked last"""
 
 
 @dataclass(frozen=True)
@@ -204,7 +207,9 @@ class Notice:
 
     @classmethod
     def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:
-        """Return what the user is told of a mistake of ours."""
+        """Return what the user is told of a mistake of ours; a lack of memory is none."""
+        if isinstance(error, MemoryError):
+            return cls("error", "Not enough memory", str(not_enough_memory("This", error)))
         what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
         text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {LOG_FILE}."
         return cls("error", title, text)
@@ -328,8 +333,34 @@ class CloudCard:
     """the settings in force as they are"""
 
 
+@dataclass(frozen=True)
+class TakeCard:
+    """One tracking of the session."""
+
+    number: int
+    words: str
+    """when, which frames, how large"""
+    shown: int
+    """how many of its frames are of the current track"""
+
+
+@dataclass(frozen=True)
+class WorkSnapshot:
+    """What is on disk of the user's work."""
+
+    saved: str
+    """`saved`, `saving`, `unsaved` (it could not be written, and is tried again) or `kept nowhere`; empty of a live session"""
+    takes: tuple[TakeCard, ...]
+    """the latest first"""
+
+
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
     | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | GuessesSnapshot | LiveSnapshot
+    | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
+
+
+def kind_of(snapshot: object) -> Hashable | None:
+    """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none."""
+    return None if isinstance(snapshot, Notice | Download) else type(snapshot)

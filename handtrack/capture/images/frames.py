@@ -17,6 +17,7 @@ from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.capture.images.image_header import announced_size
 from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import scaled_by
 
 COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
@@ -197,14 +198,21 @@ def check_size(image: Array[H, W, *Axes], expected: tuple[int, int] | None, wher
 
 def _check(found: tuple[int, int], expected: tuple[int, int] | None, where: str) -> None:
     if expected is not None and found != tuple(expected):
-        turned = (
-            " Its sides are exchanged: was the camera turned, or does the file ask to be turned (EXIF orientation), "
-            "which is done?"
-        )
+        what_to_do = "Use the images the calibration belongs to, or scale its matrix and size."
+        factor = scaled_by(expected, found)
+        if found == tuple(expected)[::-1]:
+            what_to_do += (
+                " Its sides are exchanged: was the camera turned, or does the file ask to be turned (EXIF orientation), "
+                "which is done?"
+            )
+        elif factor is not None:
+            what_to_do = (
+                f"That is {factor:.4g} times as large: if the images were scaled, and not cut, say so by `image_size = "
+                f"[{found[0]}, {found[1]}]` in the camera's table of session.toml (`handtrack new --scaled` writes it)."
+            )
         raise HandtrackError(
             f"{where}: the image is {found[0]} x {found[1]}, but the camera is calibrated for "
-            f"{expected[0]} x {expected[1]}. Use the images the calibration belongs to, or scale "
-            f"its matrix and size.{turned if found == tuple(expected)[::-1] else ''}"
+            f"{expected[0]} x {expected[1]}. {what_to_do}"
         )
 
 
@@ -228,8 +236,10 @@ def _bytes(path: Path) -> tuple[bytes, str]:
 def _decoded(data: bytes, flags: int) -> Array | None:
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:  # larger than OpenCV allows
-        return None
+    except cv2.error as error:
+        if error.code == cv2.Error.StsNoMem:
+            raise MemoryError(error.err) from None
+        return None  # larger than OpenCV allows
 
 
 def _check_depth(image: Array, path: Path) -> None:

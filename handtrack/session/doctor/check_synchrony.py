@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,17 +30,35 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
         return
     motions = [_motions(view, source, session.frame_count) for view, source in seen]
     late = late_cameras(motions)
-    if late:
+    for camera in late:
+        before = session.view(camera.name).settings.lag_s or 0.0
         yield warning(
-            f"Do frames of equal number show the same moment? From what moves, {'; '.join(late)}. Cut the recordings so that "
-            "they start together."
+            f"Do frames of equal number show the same moment? From what moves, {camera}. Write "
+            f'`lag_s = {before + camera.lag.frames / session.fps:.4g}` under [[camera]] name = "{camera.name}" in '
+            "session.toml, and look again; or cut the recordings so that they start together."
         )
-    else:
+    if not late:
         yield ok("nothing that moves speaks against cameras that run together.")
 
 
-def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[str]:
-    """Return which cameras run apart from the others, in words, the clearest first. motions: of each camera."""
+@dataclass(frozen=True)
+class LateCamera:
+    """A camera that runs apart from others; as a text, in words."""
+
+    name: str
+    lag: Lag
+    others: str
+
+    def __str__(self) -> str:
+        frames = abs(self.lag.frames)
+        return (
+            f"camera '{self.name}' comes {frames} frame{'s' * (frames > 1)} {'late' if self.lag.frames > 0 else 'early'} "
+            f"against {self.others} (it agrees by {self.lag.alike:.2f} then, by {self.lag.as_numbered:.2f} as numbered)"
+        )
+
+
+def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[LateCamera]:
+    """Return which cameras run apart from the others, the clearest first. motions: of each camera."""
     count = len(motions)
     alike = {
         (i, k): agreement(motions[i], motions[k])
@@ -48,7 +67,7 @@ def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[str]:
         if i < k
     }
     alike |= {(k, i): curves[:, ::-1] for (i, k), curves in alike.items()}
-    left, texts = list(range(count)), []
+    left, late = list(range(count)), []
     while len(left) > 1:
         # one pair may err: of several, the mean counts
         lags: dict[int, Lag | None] = {}
@@ -62,12 +81,8 @@ def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[str]:
         lag = apart[worst]
         left.remove(worst)
         others = f"'{motions[left[0]][0].camera.name}'" if count == 2 else "the others"
-        texts.append(
-            f"camera '{motions[worst][0].camera.name}' comes {abs(lag.frames)} frame{'s' * (abs(lag.frames) > 1)} "
-            f"{'late' if lag.frames > 0 else 'early'} against {others} (it agrees by {lag.alike:.2f} then, by "
-            f"{lag.as_numbered:.2f} as numbered)"
-        )
-    return texts
+        late.append(LateCamera(motions[worst][0].camera.name, lag, others))
+    return late
 
 
 def _moving(view: View) -> FrameSource | None:

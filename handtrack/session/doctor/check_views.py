@@ -12,6 +12,7 @@ from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.video import VideoFile
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
+from handtrack.session.seen.camera_times import recording_of
 from handtrack.session.seen.views import View
 
 if TYPE_CHECKING:
@@ -43,7 +44,9 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
         yield note(f"camera '{view.name}': no images, masks or depth; it is only drawn.")
         return
     for kind, source in _sources(view):
-        yield from _check_source(view, kind, source, session)
+        yield from _check_source(view, kind, recording_of(source))
+    yield from _check_joined(view, session)
+    yield from check_rate(view, session)
     if view.depth is not None:
         yield from _check_depth(view)
     if view.has_masks:
@@ -90,9 +93,35 @@ def _sources(view: View) -> list[tuple[str, FrameSource]]:
     return [(kind, source) for kind, source in sources if source is not None]
 
 
-def _check_source(
-    view: View, kind: str, source: FrameSource, session: Session
-) -> Iterator[Finding]:
+def check_rate(view: View, session: Session) -> Iterator[Finding]:
+    """Yield that a camera's video says another frame rate than is reckoned with."""
+    source = None if view.images is None else recording_of(view.images)
+    rate = source.nominal_fps if isinstance(source, VideoFile) else 0.0
+    named, expected = "the session", session.fps
+    if view.settings.fps is not None:
+        named, expected = "session.toml", view.settings.fps
+    if rate > 0 and abs(rate / expected - 1) > _RATE_TOLERANCE:
+        yield warning(
+            f"camera '{view.name}': the video says {rate:g} fps, {named} {expected:g}. If the video is right, write "
+            f'`fps = {rate:.6g}` under [[camera]] name = "{view.name}" in session.toml: its frames are then taken by time, '
+            "not by number."
+        )
+
+
+def _check_joined(view: View, session: Session) -> Iterator[Finding]:
+    """Yield how many frames of a session a camera has whose frames are joined by time."""
+    if view.times is None:
+        return
+    frames = session.frame_range
+    count = sum(view.times.own_frame(f) is not None for f in frames if f < view.frame_count)
+    text = f"camera '{view.name}': its frames are taken by time; {count} of the session's {len(frames)} have one"
+    if count:
+        yield note(f"{text}.")
+    else:
+        yield error(f"{text}. Look at `lag_s` [s], `fps` and the time stamps: they never meet.")
+
+
+def _check_source(view: View, kind: str, source: FrameSource) -> Iterator[Finding]:
     frames = source.frames
     missing = [frame for frame in frames if not source.has(frame)]
     width, height = view.camera.size
@@ -107,11 +136,6 @@ def _check_source(
         yield warning(f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
     else:
         yield ok(f"{text}.")
-    rate = source.nominal_fps if isinstance(source, VideoFile) else 0.0
-    if rate > 0 and abs(rate / session.fps - 1) > _RATE_TOLERANCE:
-        yield warning(
-            f"camera '{view.name}': the video says {rate:g} fps, the session {session.fps:g}."
-        )
 
 
 def _check_depth(view: View) -> Iterator[Finding]:

@@ -11,7 +11,12 @@ from handtrack.session.doctor.check_clouds import check_clouds
 from handtrack.session.doctor.check_hand import check_init, check_model, check_truth
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_synchrony import check_synchrony
-from handtrack.session.doctor.check_views import check_files, check_lengths, check_view
+from handtrack.session.doctor.check_views import (
+    check_files,
+    check_lengths,
+    check_rate,
+    check_view,
+)
 from handtrack.session.doctor.finding import Finding, error, ok, warning
 
 if TYPE_CHECKING:
@@ -59,6 +64,7 @@ def examine_start(session: Session) -> list[str]:
     first = 0 if session.init is None else session.init.frame
     begin = range(first, min(first + _START, len(session.known_frames)))
     checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
+    checks += [check_rate(view, session) for view in session.views]
     if session.file.clouds is not None and session.file.clouds.stereo:
         checks.append(check_synchrony(session))
     found = [finding for check in checks for finding in _all_of(check)]

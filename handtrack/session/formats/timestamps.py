@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ COLUMNS = ("camera", "frame", "time_s")
 _UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _LONG_STEP_S = 5.0  # from frame to frame, where no fps says that it is so
 _USUAL_STEP_S = (0.001, 1.0)
+_TIE = 1e-3  # of a frame: two that are equally near but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +41,36 @@ class FrameTimes:
             return float(self.time_s[-1] + (frame - self.frame[-1]) / self.fps)
         return float(np.interp(frame, self.frame, self.time_s))
 
+    def nearest(self, time_s: float) -> int:
+        """Return the frame whose time is nearest, the earlier of two; below 0 where time_s lies before them all."""
+        frame, times = self.frame, self.time_s
+        if frame is None or times is None:
+            place = time_s * self.fps
+        elif time_s < times[0]:
+            place = frame[0] + (time_s - times[0]) * self.fps
+        elif time_s > times[-1]:
+            place = frame[-1] + (time_s - times[-1]) * self.fps
+        else:
+            place = np.interp(time_s, times, frame)
+        before = math.floor(place)
+        gaps = time_s - self.time_of(before), self.time_of(before + 1) - time_s
+        return before + (gaps[1] < gaps[0] - _TIE / self.fps)
 
-def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> FrameTimes:
-    """Return the times of a csv with the columns camera, frame, time_s; a frame's time is the
-    cameras' median.
+    def later(self, by_s: float) -> FrameTimes:
+        """Return the same frames at times that are later by some seconds; of a rate alone they begin there."""
+        if self.frame is None or self.time_s is None:
+            return FrameTimes(self.fps, np.zeros(1), np.array([by_s]))
+        return FrameTimes(self.fps, self.frame, self.time_s + by_s)
 
-    Raises HandtrackError naming the line.
+
+def read_timestamps(path: Path, rates: Mapping[str, float | None]) -> dict[str, FrameTimes]:
+    """Return the times by camera of a csv with the columns camera, frame, time_s, of those that are in it.
+
+    rates: frames a second of each of the session's cameras, None where only the times tell. Raises HandtrackError naming
+    the line.
     """
-    times: dict[int, dict[str, float]] = {}
+    cameras = tuple(rates)
+    times: dict[str, dict[int, float]] = {}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
@@ -59,30 +83,39 @@ def read_timestamps(path: Path, cameras: tuple[str, ...], fps: float | None) -> 
             for row in reader:
                 where = f"{path}, line {reader.line_num}"
                 camera, frame, time_s = _entry(row, where, cameras)
-                if camera in times.setdefault(frame, {}):
+                if frame in times.setdefault(camera, {}):
                     raise HandtrackError(
                         f"{where}: a second time for camera '{camera}', frame {frame}."
                     )
-                times[frame][camera] = time_s
+                times[camera][frame] = time_s
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise HandtrackError(f"{path}: cannot be read as csv: {error}.") from None
+    if not times:
+        raise HandtrackError(f"{path}: times of 0 frames; expected at least two.")
+    return {
+        name: _of_camera(f"{path}, camera '{name}'", times[name], rates[name])
+        for name in cameras
+        if name in times
+    }
+
+
+def _of_camera(where: str, times: Mapping[int, float], fps: float | None) -> FrameTimes:
     if len(times) < 2:
-        raise HandtrackError(f"{path}: times of {len(times)} frames; expected at least two.")
+        raise HandtrackError(f"{where}: times of {len(times)} frames; expected at least two.")
     frames = np.array(sorted(times))
-    medians = np.array([np.median(list(times[int(frame)].values())) for frame in frames])
-    steps = np.diff(medians)
+    time_s = np.array([times[int(frame)] for frame in frames])
+    steps = np.diff(time_s)
     if (steps <= 0).any():
         at = int(frames[1:][steps <= 0][0])
         raise HandtrackError(
-            f"{path}: the time of frame {at} is not later than that of the frame before it."
+            f"{where}: the time of frame {at} is not later than that of the frame before it."
         )
     step_s = float(np.median(steps / np.diff(frames)))
-    _check_unit(path, step_s, fps)
-    rate = fps or 1 / step_s
-    return FrameTimes(rate, frames.astype(float), medians)
+    _check_unit(where, step_s, fps)
+    return FrameTimes(fps or 1 / step_s, frames.astype(float), time_s)
 
 
-def _check_unit(path: Path, step_s: float, fps: float | None) -> None:
+def _check_unit(where: str, step_s: float, fps: float | None) -> None:
     """Raise HandtrackError for times that are seconds only by their column's name."""
     if fps is None and step_s < _LONG_STEP_S:
         return
@@ -92,7 +125,7 @@ def _check_unit(path: Path, step_s: float, fps: float | None) -> None:
         if meant:
             agree = "" if fps is None else f", as fps = {fps:g} agrees with"
             raise HandtrackError(
-                f"{path}: {step_s:.4g} s from frame to frame; expected seconds. Are these {unit}{agree}? Multiply time_s "
+                f"{where}: {step_s:.4g} s from frame to frame; expected seconds. Are these {unit}{agree}? Multiply time_s "
                 f"by {size_s:g}. If they are seconds, say so by an fps of {1 / step_s:.3g} in session.toml."
             )
 

@@ -18,6 +18,7 @@ from handtrack.observation.observation import Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.seen.camera_times import SessionTimes
 from handtrack.session.seen.views import View
 from handtrack.session.session import Session, session_rig
 from handtrack.session.session_file import (
@@ -100,10 +101,10 @@ class LiveSession(Session):
         feed = self._feed
         live = {camera.name: LiveImages(feed, camera) for camera in feed.cameras}
         cameras = self.file.cameras
-        return tuple(View(self.folder, c, self.rig[c.name], live[c.name]) for c in cameras)
+        return tuple(View(self.folder, c, self.rig[c.name], live=live[c.name]) for c in cameras)
 
-    def _read_times(self) -> FrameTimes:
-        return FrameTimes(self.file.session.fps or _USUAL_FPS)
+    def _read_times(self) -> SessionTimes:
+        return SessionTimes(FrameTimes(self.file.session.fps or _USUAL_FPS))
 
 
 def open_live(
@@ -176,8 +177,9 @@ def _as_live(camera: CameraSettings, folder: Path) -> CameraSettings:
         )
     masks = SkinYCrCb() if _has_other_masks(camera) else camera.masks
     return replace(
-        camera, masks=masks, depth=None, depth_scale_m=None, keypoints=None, keypoint_layout=None
-    )
+        camera, masks=masks, depth=None, depth_scale_m=None, keypoints=None, keypoint_layout=None,
+        fps=None, lag_s=None,
+    )  # fmt: skip
 
 
 def _has_other_masks(camera: CameraSettings) -> bool:

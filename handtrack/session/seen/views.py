@@ -20,14 +20,31 @@ from handtrack.capture.images.frames import (
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.segmentation import Segmenter
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
+from handtrack.errors import HandtrackError, not_enough_memory
+from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
+from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings
+
+
+def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Camera:
+    """Return a camera for the size that session.toml says its images have. Raises HandtrackError unless that is the
+    calibration's, scaled.
+    """
+    size = settings.image_size
+    if size is None or tuple(size) == camera.size:
+        return camera
+    if min(size) < 1 or scaled_by(camera.size, size) is None:
+        raise HandtrackError(
+            f"{folder / SESSION_FILE}, camera '{settings.name}': image_size = {list(size)} is not the calibration's "
+            f"{camera.size[0]} x {camera.size[1]} scaled by one factor. Images that were cut need a calibration of their "
+            "own: subtract the corner from its principal point, and set its size."
+        )
+    return camera.scaled(size)
 
 
 class View:
@@ -41,9 +58,14 @@ class View:
         folder: Path,
         settings: CameraSettings,
         camera: Camera,
+        times: CameraTimes | None = None,
         live: FrameSource | None = None,
     ) -> None:
-        """live: gives the images in place of the recording, which then only teaches the mask method."""
+        """times: where frames of equal number are not of equal time. live: gives the images in place of the recording, which
+        then only teaches the mask method.
+        """
+        self.times = times
+        """how the camera's own frames are joined to the session's; None: by their numbers"""
         self.settings = settings
         self.camera = camera
         self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
@@ -51,7 +73,7 @@ class View:
         self._check_roi()
         recorded = self._source(folder, settings.images, COLOUR)
         self.images = recorded if live is None else live
-        self._taught_by = recorded
+        self._taught_by = None if recorded is None else recording_of(recorded)
         masks = settings.masks if isinstance(settings.masks, str) else None
         self.mask_files = self._source(folder, masks, MASK)
         self.depth = self._source(folder, settings.depth, DEPTH)
@@ -76,14 +98,12 @@ class View:
     @property
     def frame_count(self) -> int:
         """One more than the last frame of any source."""
-        joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
-        return max([joints, *(len(source.frames) for source in self.sources)])
+        return max([self._joint_count, *(len(source.frames) for source in self.sources)])
 
     @property
     def known_count(self) -> int:
         """The same as far as is known without decoding videos."""
-        joints = 0 if self.keypoint_files is None else len(self.keypoint_files.frames)
-        return max([joints, *(len(source.known_frames) for source in self.sources)])
+        return max([self._joint_count, *(len(source.known_frames) for source in self.sources)])
 
     @property
     def warnings(self) -> list[str]:
@@ -92,19 +112,19 @@ class View:
 
     def image(self, frame: int) -> Array[H, W, D3] | None:
         """Return the frame's image uint8 BGR, None where missing."""
-        return None if self.images is None else self.images.read(frame)
+        return None if self.images is None else self._read(self.images, frame)
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed; None where missing."""
         if self.mask_files is not None:
-            return self.mask_files.read(frame)
+            return self._read(self.mask_files, frame)
         source = self._segmented_source
-        image = None if source is None else source.read(frame)
+        image = None if source is None else self._read(source, frame)
         return None if image is None else self._segmenter(image)
 
     def depth_m(self, frame: int) -> Array[H, W] | None:
         """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
-        image = None if self.depth is None else self.depth.read(frame)
+        image = None if self.depth is None else self._read(self.depth, frame)
         return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
 
     def hand_pixels(self, frame: int) -> Bytes[H, W] | None:
@@ -133,7 +153,22 @@ class View:
 
     def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
         """Return the frame's 2D joints in the undistorted image; none where none were found."""
-        return () if self.keypoint_files is None else self.keypoint_files.read(frame, sigma_px)
+        own = frame if self.times is None else self.times.own_frame(frame)
+        files = self.keypoint_files
+        return () if files is None or own is None else files.read(own, sigma_px)
+
+    @property
+    def _joint_count(self) -> int:
+        if self.keypoint_files is None:
+            return 0
+        own = self.keypoint_files.frames
+        return len(own if self.times is None else self.times.frames(own))
+
+    def _read(self, source: FrameSource, frame: int) -> Array | None:
+        try:
+            return source.read(frame)
+        except MemoryError as error:
+            raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
 
     @property
     def _segmented_source(self) -> FrameSource | None:
@@ -180,6 +215,10 @@ class View:
     def _source(self, folder: Path, setting: str | None, kind: str) -> FrameSource | None:
         if setting is None:
             return None
+        source = self._recording(folder, setting, kind)
+        return source if self.times is None else JoinedByTime(source, self.times)
+
+    def _recording(self, folder: Path, setting: str, kind: str) -> FrameSource:
         key = {COLOUR: "images", MASK: "masks", DEPTH: "depth"}[kind]
         where = f"{self._where}, {key}"
         if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:

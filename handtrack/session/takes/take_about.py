@@ -25,8 +25,7 @@ def about_take(
     start = {"frame": start_frame, "parameters": start_params.tolist()}
     points = None if run.first is None or run.first.xyz is None else run.first.xyz.tolist()
     given = {"keypoints": points, "forearm": run.forearm}
-    versions = {name: _version(name) for name in ("handtrack", "numpy", "numba")}
-    versions["python"] = platform.python_version()
+    versions = versions_in_use()
     asked = {
         "frames": f"{frames.start}:{frames.stop}",
         "first pose": _digest(json.dumps(start), json.dumps(given)),
@@ -44,6 +43,12 @@ def about_take(
         keyframes=(start_frame,),
         versions=versions,
     )
+
+
+def versions_in_use() -> dict[str, str]:
+    """Return the versions of the programs that make a take."""
+    versions = {name: _version(name) for name in ("handtrack", "numpy", "numba")}
+    return versions | {"python": platform.python_version()}
 
 
 def _files(session: Session) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from handtrack.solver.levenberg_marquardt import SolverSettings
+from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.frame import constants
 
 RENAMED = {"tracker.jumps": "tracker.recovery", "mixture.seed": "tracker.seed"}

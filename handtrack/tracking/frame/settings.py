@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import NotAcceptedError, Setting, declared, setting
-from handtrack.solver.levenberg_marquardt import SolverSettings
+from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.frame.old_settings import current_name
 
 # beyond that a term drowns all others in rounding: half of a double's 16 digits are left to them

@@ -108,7 +108,7 @@ SESSIONS: dict[str, tuple[Damage, list[str]]] = {
     ),
     "calibrated for another size": (
         camera_value("size", "[1280, 960]"),
-        ["000000.png", "640 x 480", "calibrated for 1280 x 960", "scale its matrix"],
+        ["000000.png", "640 x 480", "calibrated for 1280 x 960", "image_size = [640, 480]"],
     ),
     "one camera's masks of another size": (
         other_size,
@@ -163,7 +163,7 @@ SESSIONS: dict[str, tuple[Damage, list[str]]] = {
     "first pose after the end": (init(frame=77), ["init.json: frame = 77", "frames 0 to 4"]),
     "times without order": (
         timestamps("camera,frame,time_s\ncam0,0,1.0\ncam0,1,0.5\n"),
-        ["t.csv: the time of frame 1 is not later"],
+        ["t.csv, camera 'cam0': the time of frame 1 is not later"],
     ),
     "times without numbers": (
         timestamps("camera,frame,time_s\ncam0,0,now\n"),

@@ -200,3 +200,18 @@ def test_damage_in_what_is_resumed_is_told_and_tracked_again(
     assert f"note: {log}: " in ended.err
     assert "hold no whole record; they are kept, and not used." in ended.err
     assert (session / POSES).read_bytes() == whole
+
+
+def test_a23_what_was_left_by_a_kill_is_removed_by_the_next_run(
+    handtrack: CommandLine, session: Path
+) -> None:
+    left = [
+        session / ".init.json.0123abc_.part.json",
+        session / "tracks/.poses.npz.0123abcd.part.npz",
+    ]
+    (session / "tracks").mkdir()
+    for path in left:
+        path.write_text("half")
+        os.utime(path, (0, 0))
+    assert handtrack("track", session, "--frames", "0:1").code == 0
+    assert not any(path.exists() for path in left)

@@ -1,4 +1,4 @@
-"""Edits reach the journal, each frame's, however they follow one another and whatever failed in between."""
+"""Edits reach the disk, each frame's, however they follow one another and whatever failed in between."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.journal import read_events
-from handtrack_app.engine import open_session
+from handtrack.store.store import Store
+from handtrack_app.engine.store import keys, persistence
 from handtrack_app.engine.worker import Worker, _kind
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
@@ -24,8 +24,10 @@ def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
 
 
 def written(folder: Path) -> list[int]:
-    """Return the frames whose poses the journal holds, in its order."""
-    return [event.data["frame"] for event in read_events(folder) if event.kind == "pose"]
+    """Return the frames whose poses are on disk, in their order."""
+    steps = Store(folder / "tracks").history().past
+    changed = [keys.parts(c.key) for step in steps for action in step for c in action.changes]
+    return [int(name) for kind, name in changed if kind == keys.POSE]
 
 
 def edit(worker: Worker, listener: Listener, frame: int, version: int) -> None:
@@ -64,11 +66,11 @@ def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
     worker, listener = desk
     assert worker._session is not None
 
-    def full(_frame: int) -> None:
+    def full(_action: object) -> None:
         raise HandtrackError("the disk is full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(worker._session.store, "note_pose", full)
+        patch.setattr(worker._session.store.store, "write", full)
         edit(worker, listener, 5, 1)
         listener.wait(snapshots.Notice, lambda n: "the disk is full" in n.text)
     worker.send(commands.ShowFrame(6))  # one can look around meanwhile
@@ -84,7 +86,7 @@ def test_a15_a_drag_that_goes_on_and_on_is_written_meanwhile(
     desk: tuple[Worker, Listener], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     worker, listener = desk
-    monkeypatch.setattr(open_session, "_QUIET_S", float("inf"))  # it never rests
-    monkeypatch.setattr(open_session, "_LONGEST_S", 0.05)
+    monkeypatch.setattr(persistence, "_QUIET_S", float("inf"))  # it never rests
+    monkeypatch.setattr(persistence, "_LONGEST_S", 0.05)
     edit(worker, listener, 3, 1)
-    eventually(lambda: written(tmp_path) == [3], "the drag in the journal")
+    eventually(lambda: written(tmp_path) == [3], "the drag on the disk")

@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 import handtrack
+from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document_snapshots import TERM_WORDS, energy_parts, timeline_snapshot
 from handtrack_app.engine.timeline import TrackedRows
 from handtrack_app.protocol.palette import TERMS
 from tests.app.fake_run import fake_document
+from tests.app.opened import show_results
 
 CORE = Path(handtrack.__file__).parent
 PRIORS = ("GaussianPrior", "LinearPrior", "CorrelatedPrior")
@@ -66,7 +68,7 @@ def test_parts_with_the_same_words_are_summed(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
     costs = {"cloud_rays": 3.0, "rest": 1.0, "motion": 0.5}
-    document.results[4] = replace(result, energies=costs)
+    show_results(document, [replace(result, energies=costs)])
     parts = timeline_snapshot(document).terms
     assert set(parts) == {"lines of sight", "priors"}
     np.testing.assert_array_equal(parts["lines of sight"][3:6], [np.nan, 3.0, np.nan])
@@ -78,13 +80,14 @@ def test_a_frame_is_looked_at_again_only_where_it_changed(tmp_path: Path) -> Non
     results = list(document.run.track(range(3, 6), 3, document.model.rest_params()))
     rows, asked = TrackedRows(document.frames), []
 
-    def error(result: FrameResult) -> float:
-        asked.append(result.frame)
+    def error(frame: int) -> float:
+        asked.append(frame)
         return 1.0
 
     def look(found: list[FrameResult]) -> list[int]:
         asked.clear()
-        rows.follow({r.frame: r for r in found}, error, energy_parts)
+        take = TakeFrames((), {r.frame: r for r in found})
+        rows.follow(CurrentTrack([(document.frames, take)]), error, energy_parts)
         return sorted(asked)
 
     assert look(results) == [3, 4, 5]

@@ -16,14 +16,14 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
-from handtrack_app.engine import jobs
+from handtrack_app.engine import jobs, keys
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.page.scene.ghosts import update_ghosts
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
+from tests.app.opened import did, opened, show_results
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -119,27 +119,23 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
 
 
 def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> None:
-    document = fake_document(tmp_path, size_pending=True)
+    store = opened(tmp_path, size_pending=True)
+    document = store.document
     small = document.run.with_scale(HandScale(0.8))
     guesses = Guesses(document)
     guesses.keep([replace(c, model=small.model) for c in candidates(document.run, 5)])
-    assert guesses.take(5, 0)
+    did(store, guesses.take(5, 0))
     assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
     assert document.is_found(5)
-    assert not guesses.take(5, 1)  # of the same size
-    store = Persistence.open(document)
-    store.note_scale()
-    store.note_pose(5)
+    assert keys.SIZE not in guesses.take(5, 1)  # of the same size
     store.close()
-    again = Persistence.open(fake_document(tmp_path, size_pending=True))
-    again.restore()
+    again = opened(tmp_path, size_pending=True)
     again.close()
     assert (again.document.model.scale, again.document.size_pending) == (HandScale(0.8), True)
     known = fake_document(tmp_path)  # its size is settled
     others = Guesses(known)
     others.keep([replace(c, model=small.model) for c in candidates(known.run, 5)])
-    assert not others.take(5, 0)
-    assert known.model.scale == HandScale()
+    assert keys.SIZE not in others.take(5, 0)
 
 
 def test_a_search_can_be_cancelled_and_may_find_nothing(
@@ -184,7 +180,7 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
         Alternative(result.parameters, 3.0, 0.7, 0, "followed"),
         Alternative(model.joint_params(other), 4.0, 0.3, 0, "index jumped"),
     )
-    document.results[4] = replace(result, alternatives=carried)
+    show_results(document, [replace(result, alternatives=carried)])
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
     eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible), "ghosts")

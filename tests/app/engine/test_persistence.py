@@ -1,143 +1,203 @@
-"""Crash safety: what was accepted is there again after the process ended in any way."""
+"""Crash safety: what was done is there again after the process ended in any way."""
 
 from __future__ import annotations
 
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.files.versions import versions
-from handtrack.session.formats.tables import read_npz
-from handtrack_app.engine.store.persistence import WORK_FILE, Persistence
+from handtrack.session.layout import POSES_FILE
+from handtrack.store.spans import Span
+from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.tracks import export
 from tests.app.fake_run import FRAMES, fake_document
+from tests.app.opened import did, opened, posed, spans, tracked
 
-pytestmark = pytest.mark.usefixtures("journals_closed")
-
-
-def _tracked(folder: Path, **options: Any) -> Persistence:
-    store = Persistence.open(fake_document(folder, step_s=0.0, **options))
-    document = store.document
-    for result in document.run.track(document.frames, 3, document.model.rest_params()):
-        document.accept(result)
-        store.note_result(result)
-    return store
+pytestmark = pytest.mark.usefixtures("left_open")
 
 
 def test_poses_and_settings_come_back_after_a_crash(tmp_path: Path) -> None:
-    store = Persistence.open(fake_document(tmp_path))
-    document = store.document
-    values = document.start.copy()
-    values[0] = 0.123
-    document.set_pose(5, tuple(values))
-    store.note_pose(5)
-    store.note("setting", {"name": "silhouettes.weight", "value": 2.5})
-    store.note("limits", {"name": "index_mcp_flex", "interval": (0.0, 0.5)})
+    store = opened(tmp_path)
+    posed(store, 5, 0.01)
+    values = store.document.by_hand[5].copy()
+    did(store, edits.setting("silhouettes.weight", 2.5))
+    did(store, edits.limits(store.document, "index_mcp_flex", (0.0, 0.5)))
     # no close: the process is gone
-    again = Persistence.open(fake_document(tmp_path))
-    said = again.restore()
-    assert said == "Brought back from last time: 1 pose set by hand, 2 changed settings."
-    assert again.document.by_hand[5][0] == pytest.approx(0.123)
+    again = opened(tmp_path)
+    np.testing.assert_array_equal(again.document.by_hand[5], values)
     assert again.document.run.settings.silhouettes.weight == 2.5
     assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
+    assert again.document.state == store.document.state
+    assert again.restore() == "Brought back from last time: 1 pose set by hand, 2 changed settings."
 
 
 def test_a_pose_that_was_found_comes_back_as_found(tmp_path: Path) -> None:
-    store = Persistence.open(fake_document(tmp_path))
-    document = store.document
-    for frame in (5, 6):
-        document.set_found(frame, tuple(document.start + 0.02))
-        store.note_pose(frame)
-    document.set_pose(6, tuple(document.start + 0.03))
-    store.note_pose(6)
-    again = Persistence.open(fake_document(tmp_path))
-    said = again.restore()
-    assert said == "Brought back from last time: 1 pose set by hand, 1 pose found."
+    store = opened(tmp_path)
+    posed(store, 5, 0.02, found=True)
+    posed(store, 6, 0.02, found=True)
+    posed(store, 6, 0.03)
+    again = opened(tmp_path)
     assert (again.document.is_found(5), again.document.is_found(6)) == (True, False)
+    assert again.restore() == "Brought back from last time: 1 pose set by hand, 1 pose found."
 
 
-def test_tracked_frames_come_back_from_the_journal_of_a_run_that_crashed(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
-    store.flush()
-    again = Persistence.open(fake_document(tmp_path))
-    again.restore()
+def test_tracked_frames_come_back_to_the_bit(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
+    again = opened(tmp_path)
     assert sorted(again.document.results) == list(range(FRAMES))
     for frame, result in store.document.results.items():
         back = again.document.results[frame]
-        np.testing.assert_allclose(back.parameters, result.parameters)
-        np.testing.assert_allclose(back.joint_positions, result.joint_positions)
+        np.testing.assert_array_equal(back.parameters, result.parameters)
+        np.testing.assert_array_equal(back.joint_positions, result.joint_positions)
         assert back.status == result.status
-
-
-def test_a_finished_run_moves_from_the_journal_to_a_file(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
-    store.settle()
-    assert store.journal is not None
-    assert not [e for e in store.journal.events() if e.kind == "tracked"]
-    assert len(read_npz(tmp_path / WORK_FILE)) == FRAMES
-    again = Persistence.open(fake_document(tmp_path))
     assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
 
 
-def test_the_work_of_another_model_is_kept_beside(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
-    store.settle()
-    store.settle()
+def test_tracking_again_overwrites_nothing(tmp_path: Path) -> None:
+    """One wrong slider turned good frames into lost ones for good; now undo brings them back, a restart later too."""
+    store = tracked(opened(tmp_path))
+    good = store.document.results[8].parameters
+    posed(store, 6, 0.3)
+    tracked(store, range(6, FRAMES), first=6)
+    assert not np.array_equal(store.document.results[8].parameters, good)
+    assert 6 not in store.document.by_hand, "tracked from there"
+    again = opened(tmp_path)
+    assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
+    action = again.undo()
+    assert action is not None and action.words == f"Tracking of frames 6 to {FRAMES - 1}"
+    np.testing.assert_array_equal(again.document.results[8].parameters, good)
+    assert 6 in again.document.by_hand, "as set by hand before"
+    again.redo()
+    assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
+
+
+def test_a_cancelled_tracking_hides_only_the_frames_that_it_has(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
     document = store.document
-    assert not versions(tmp_path / WORK_FILE), "the same model's is only brought up to date"
-    document.replace_run(document.run.with_values({"model.name": "glove9"}))
-    for result in document.run.track(document.frames, 3, document.model.rest_params()):
-        document.accept(result)
-    store.settle()
-    (kept,) = versions(tmp_path / WORK_FILE)
-    assert len(read_npz(kept).parameter_names) == 26
-    assert len(read_npz(tmp_path / WORK_FILE).parameter_names) == 9
+    store.begin_take(range(FRAMES), 3, document.start_params(3))
+    results = document.run.track(range(FRAMES), 3, document.start_params(3))
+    for _ in range(4):
+        store.add(next(results))
+    store.end_take(finished=False)
+    assert len(document.results) == FRAMES
+    assert spans(opened(tmp_path)) == (Span(1, 0, 3), Span(2, 3, 7), Span(1, 7, FRAMES))
+
+
+def test_an_earlier_take_is_restored_and_that_is_undone(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
+    tracked(store, range(6, 9), first=6)
+    assert store.restore_take(1)
+    assert spans(store) == (Span(1, 0, FRAMES),)
+    assert not store.restore_take(1), "it is already"
+    store.undo()
+    assert spans(store) == (Span(1, 0, 6), Span(2, 6, 9), Span(1, 9, FRAMES))
+    with pytest.raises(HandtrackError, match="Take 7 has no frames"):
+        store.restore_take(7)
 
 
 def test_what_the_command_line_tracked_is_shown(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
-    store.save_track()  # tracks/poses.npz, as `handtrack track` writes it
-    (tmp_path / WORK_FILE).unlink(missing_ok=True)
-    (tmp_path / "tracks" / "journal.jsonl").unlink()
-    again = Persistence.open(fake_document(tmp_path))
-    assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
+    store = tracked(opened(tmp_path))
+    saving.save_track(store)  # tracks/poses.npz, as an earlier version wrote it
+    other = tmp_path / "other"
+    (other / "tracks").mkdir(parents=True)
+    (other / POSES_FILE).write_bytes((tmp_path / POSES_FILE).read_bytes())
+    again = opened(other)
     assert sorted(again.document.results) == list(range(FRAMES))
+    assert "poses.npz is kept as take 1." in again.warning
+
+
+def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
+    saving.save_track(store)
+    posed(store, 6, 0.3)
+    tracked(store, range(6, FRAMES), first=6)
+    newest = store.document.results[8].parameters
+    (tmp_path / POSES_FILE).touch()  # copied, unzipped: newer than the take by its date
+    again = opened(tmp_path)
+    np.testing.assert_array_equal(again.document.results[8].parameters, newest)
+    assert again.warning == ""
 
 
 def test_a_pose_that_tracking_replaced_does_not_come_back_over_it(tmp_path: Path) -> None:
-    store = Persistence.open(fake_document(tmp_path, step_s=0.0))
-    document = store.document
-    document.set_pose(3, tuple(document.start + 0.01))
-    store.note_pose(3)
-    document.accept(next(document.run.track(range(3, 4), 3, document.model.rest_params())))
-    store.settle()
-    again = Persistence.open(fake_document(tmp_path))
-    again.restore()
-    assert not again.document.by_hand
+    store = opened(tmp_path)
+    posed(store, 3, 0.01)
+    tracked(store, range(3, 4))
+    assert not opened(tmp_path).document.by_hand
 
 
-def test_a_damaged_journal_opens(tmp_path: Path) -> None:
+def test_a3_a_pose_set_ahead_of_the_tracker_stays_after_a_crash(tmp_path: Path) -> None:
+    store = opened(tmp_path)
+    posed(store, 6)
+    tracked(store)
+    assert sorted(store.document.by_hand) == [6]
+    assert sorted(opened(tmp_path).document.by_hand) == [6]
+
+
+def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path: Path) -> None:
+    store = opened(tmp_path)
+    at = store.document.model.parameter_names.index("index_pip_flex")
+    values = store.document.start.copy()
+    values[at] = 1.2
+    did(store, edits.pose(store.document, 5, values.tolist()))
+    for interval in ((0.0, 0.5), None, (0.0, 0.6)):
+        did(store, edits.limits(store.document, "index_pip_flex", interval))
+    assert store.document.by_hand[5][at] == pytest.approx(1.2)
+    np.testing.assert_array_equal(opened(tmp_path).document.by_hand[5], store.document.by_hand[5])
+
+
+def test_what_cannot_be_any_more_is_passed_over_and_told(tmp_path: Path) -> None:
+    store = opened(tmp_path)
+    posed(store, 5)
+    assert store.store is not None
+    gone = store.history.next("x", (), "do")
+    odd = {"id": gone.id, "kind": "do", "words": "x", "joins": False,
+           "changes": [{"key": "setting/no.such", "before": None, "after": 1}]}  # fmt: skip
+    store.store.write(type(gone).of(odd))
+    again = opened(tmp_path)
+    assert sorted(again.document.by_hand) == [5]
+    assert "Passed over of last time: setting/no.such" in again.warning
+
+
+def test_a_journal_of_an_earlier_version_is_taken_over_once(tmp_path: Path) -> None:
     (tmp_path / "tracks").mkdir()
+    journal = tmp_path / "tracks" / "journal.jsonl"
+    pose = {"index_pip_flex": 0.7}
     lines = [
-        '{"time_s": 1, "kind": "pose", "data": {"frame": "x"}}',
-        '{"time_s": 1, "kind": "setting", "data": {"name": "no.such", "value": 1}}',
-        '{"time_s": 1, "kind": "tracked", "data": {"frame": 1}}',
-        "torn",
+        {"time_s": 1, "kind": "pose", "data": {"frame": 5, "parameters": pose}},
+        {"time_s": 1, "kind": "pose", "data": {"frame": 6, "parameters": pose}},
+        {"time_s": 1, "kind": "forget", "data": {"frame": 6}},
+        {"time_s": 1, "kind": "setting", "data": {"name": "cloud.weight", "value": 2.0}},
+        {"time_s": 1, "kind": "setting", "data": {"name": "no.such", "value": 1}},
+        {"time_s": 1, "kind": "limits", "data": {"name": "index_mcp_flex", "interval": [0, 0.5]}},
+        {"time_s": 1, "kind": "scale", "data": {"overall": 1.1, "parts": {}}},
+        {"time_s": 1, "kind": "pose", "data": {"frame": "x"}},
+        {"time_s": 1, "kind": "tracked", "data": {"frame": 1}},
     ]
-    (tmp_path / "tracks" / "journal.jsonl").write_text("\n".join(lines))
-    assert Persistence.open(fake_document(tmp_path)).restore() == ""
+    journal.write_text("\n".join(json.dumps(line) for line in lines) + "\ntorn")
+    document = opened(tmp_path).document
+    assert sorted(document.by_hand) == [5]
+    assert document.by_hand[5][document.model.parameter_names.index("index_pip_flex")] == 0.7
+    assert document.run.settings.cloud.weight == 2.0
+    assert document.limits == {"index_mcp_flex": (0.0, 0.5)}
+    assert document.run.scale.overall == 1.1
+    assert not journal.exists()
+    assert list((tmp_path / "tracks/versions").glob("journal_*.jsonl"))
+    again = opened(tmp_path)
+    assert again.document.state == document.state
+    again.undo()
+    assert not again.document.by_hand, "all of it was one step"
+    assert again.document.run.scale.overall == 1.0
 
 
 def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path: Path) -> None:
     (tmp_path / "init.json").write_text('{"frame": 0, "parameters": {}}')
-    store = Persistence.open(fake_document(tmp_path))
+    store = opened(tmp_path)
     store.document.show(4)
-    said = store.save_first_pose()
+    said = saving.save_first_pose(store)
     data = json.loads((tmp_path / "init.json").read_text())
     assert said.startswith("Tracking will start from frame 4")
     assert data["frame"] == 4
@@ -146,8 +206,8 @@ def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path: Path) -> No
 
 
 def test_csv_has_a_row_for_every_frame_and_hand_set_ones_are_keyframes(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
-    store.document.set_pose(2, tuple(store.document.start))
+    store = tracked(opened(tmp_path))
+    posed(store, 2)
     name, data = export(store.document, "csv")
     rows = data.decode().splitlines()
     assert name == "fake.csv"
@@ -157,7 +217,7 @@ def test_csv_has_a_row_for_every_frame_and_hand_set_ones_are_keyframes(tmp_path:
 
 
 def test_npz_can_be_read_back(tmp_path: Path) -> None:
-    store = _tracked(tmp_path)
+    store = tracked(opened(tmp_path))
     _, data = export(store.document, "npz")
     with np.load(io.BytesIO(data)) as arrays:
         assert arrays["parameters"].shape[0] == FRAMES
@@ -171,58 +231,53 @@ def test_nothing_to_export_is_told_in_words(tmp_path: Path) -> None:
 def test_tracked_frames_wait_for_each_other_on_their_way_to_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    store = opened(tmp_path)
     synced: list[int] = []
     monkeypatch.setattr("os.fsync", synced.append)
-    store = _tracked(tmp_path)
-    store.flush()
+    tracked(store)
     assert 0 < len(synced) < FRAMES
 
 
-def test_a7_what_could_not_be_written_is_tried_again(tmp_path: Path, monkeypatch) -> None:
-    store = _tracked(tmp_path)
-    store.flush()
-    assert store.journal is not None
-    store.note_result(store.document.results[5])
+def test_a7_what_could_not_be_written_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = opened(tmp_path)
+    assert store.store is not None
     with monkeypatch.context() as patch:
-        patch.setattr(store.journal, "append_all", _full)
+        patch.setattr(store.store, "write", _full)
         with pytest.raises(HandtrackError, match="full"):
-            store.flush()
-    store.flush()
-    assert [e.data["frame"] for e in store.journal.events()][-1] == 5
+            posed(store, 5)
+        assert not store.is_saved
+    posed(store, 8)
+    assert store.is_saved
+    assert sorted(opened(tmp_path).document.by_hand) == [5, 8]
 
 
-def _full(_events: object) -> None:
+def _full(*_: object) -> None:
     raise HandtrackError("the disk is full")
 
 
-def test_a3_a_pose_set_ahead_of_the_tracker_stays_after_a_crash(tmp_path: Path) -> None:
-    store = Persistence.open(fake_document(tmp_path, step_s=0.0))
-    document = store.document
-    document.set_pose(6, document.start.tolist())
-    store.note_pose(6)
-    for result in document.run.track(document.frames, 3, document.model.rest_params()):
-        document.accept(result, replaces_hand=result.frame == 3)
-        store.note_result(result)
-    store.flush()
-    assert 6 in document.by_hand
-    again = Persistence.open(fake_document(tmp_path))
-    again.restore()
-    assert sorted(again.document.by_hand) == [6]
-
-
-def test_a13_c35_a_damaged_journal_is_told_and_kept(tmp_path: Path) -> None:
-    store = Persistence.open(fake_document(tmp_path))
+def test_a13_c35_a_damaged_action_is_told_and_kept(tmp_path: Path) -> None:
+    store = opened(tmp_path)
     for frame in (5, 7):
-        store.document.set_pose(frame, store.document.start.tolist())
-        store.note_pose(frame)
+        posed(store, frame)
     store.close()
-    path = tmp_path / "tracks/journal.jsonl"
-    damaged = path.read_text().replace('"frame":5', '"frame":4')
-    path.write_text(damaged)
-    again = Persistence.open(fake_document(tmp_path))
-    again.restore()
+    (path,) = (tmp_path / "tracks/actions").iterdir()
+    damaged = path.read_bytes().replace(b"pose/5", b"pose/4")
+    path.write_bytes(damaged)
+    again = opened(tmp_path)
     assert sorted(again.document.by_hand) == [7]
-    assert "1 of its lines cannot be read" in again.warning
+    assert "hold no whole record; they are kept, and not used" in again.warning
     again.close()
-    (kept,) = (tmp_path / "tracks/versions").glob("journal_*.jsonl")
-    assert kept.read_text() == damaged
+    assert path.read_bytes() == damaged
+
+
+def test_a_live_session_keeps_its_work_in_memory(tmp_path: Path) -> None:
+    document = fake_document(tmp_path)
+    object.__setattr__(document.run.session, "live", object())
+    store = opened(tmp_path)
+    other = type(store).open(document)
+    posed(other, 4)
+    assert other.undo() is not None
+    assert not document.by_hand and other.is_saved
+    assert keys.pose(4) not in opened(tmp_path).document.state

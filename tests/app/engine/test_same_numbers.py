@@ -13,6 +13,7 @@ import pytest
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 
@@ -91,7 +92,7 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder: P
         time.sleep(0.02)
     assert worker.document is not None
     document = worker.document
-    document.forget_pose(0)
+    document.apply(edits.forgotten_pose(0))
     worker.stop()
     assert json.loads((folder / "init.json").read_text())["frame"] == 0
     again = TrackingRun.open(Session.open(folder), {"model.fit_size": False})

@@ -14,28 +14,29 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
+from tests.app.opened import did, opened
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
-pytestmark = pytest.mark.usefixtures("journals_closed")
+pytestmark = pytest.mark.usefixtures("left_open")
 TEXT = "[session]\nformat = 1  # of the file\n"
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> Persistence:
-    """Two settings are changed, one of them noted in the journal twice."""
+    """Two settings are changed, one of them twice."""
     (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
-    store = Persistence.open(fake_document(tmp_path))
+    store = opened(tmp_path)
     for name, value in (("cloud.weight", 2.0), ("solver.iterations", 5), ("solver.iterations", 7)):
-        document = store.document
-        document.replace_run(document.run.with_values({name: value}))
-        store.note("setting", {"name": name, "value": value})
+        did(store, edits.setting(name, value))
     return store
 
 
@@ -83,14 +84,14 @@ def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
 
 def test_the_file_before_is_kept_and_the_journal_gives_way(store: Persistence) -> None:
     path = store.folder / "session.toml"
-    said = store.save_settings()
+    said = saving.save_settings(store)
     (kept,) = versions(path)
     assert said == (
         "[tracking] of session.toml: cloud.weight, solver.iterations. The file before is kept as "
         f"versions/{kept.name}."
     )
     assert kept.read_text(encoding="utf-8") == TEXT
-    assert store.save_settings() == "session.toml has these settings already."
+    assert saving.save_settings(store) == "session.toml has these settings already."
     again = Persistence.open(fake_document(store.folder))
     again.restore()  # what stands in session.toml may be edited there from now on
     assert again.document.run.settings.solver.iterations == 30
@@ -99,13 +100,10 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store: Persistence) -
 def test_settings_brought_back_to_the_file_are_left_to_it(store: Persistence) -> None:
     document = store.document
     for name in ("cloud.weight", "solver.iterations"):
-        value = document.own_settings[name]
-        document.replace_run(document.run.with_values({name: value}))
-        store.note_setting(name, value)
-    later = fake_document(store.folder)
-    later.replace_run(
-        later.run.with_values({"solver.iterations": 12})
-    )  # as session.toml has it now
+        did(store, edits.setting(name, document.own_settings[name]))
+    plain = fake_document(store.folder)
+    run = plain.run.with_values({"solver.iterations": 12})  # as session.toml has it now
+    later = Document(run, 3, run.model.rest_params())
     Persistence.open(later).restore()
     assert later.run.settings.solver.iterations == 12
 
@@ -114,9 +112,8 @@ def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
     folder = cloudy_session(tmp_path)
     text = (folder / "session.toml").read_text(encoding="utf-8")
     store = Persistence.open(open_document(folder, {}))
-    document = store.document
-    document.replace_run(document.run.with_values({"silhouettes.bands_mm": (6.0, 2.0)}))
-    store.save_settings()
+    did(store, edits.setting("silhouettes.bands_mm", (6.0, 2.0)))
+    saving.save_settings(store)
     assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
     again = open_document(folder, {})
     assert again.run.settings.silhouettes.bands_mm == (6.0, 2.0)
@@ -132,7 +129,7 @@ def test_a_file_that_cannot_be_written_loses_nothing(
     monkeypatch.setattr(toml_edit, "replace_text", locked)
     path = store.folder / "session.toml"
     with pytest.raises(HandtrackError) as refused:
-        store.save_settings()
+        saving.save_settings(store)
     assert str(refused.value) == (
         f"{path}: cannot be written (Permission denied). Is the folder read-only?"
     )
@@ -155,7 +152,7 @@ def test_a_file_that_is_odd_by_now_is_left_alone(
     if text is not None:
         path.write_text(text, encoding="utf-8")
     with pytest.raises(HandtrackError, match=words):
-        store.save_settings()
+        saving.save_settings(store)
     _nothing_lost(store, text)
 
 
@@ -174,24 +171,24 @@ def test_the_fitted_size_is_kept_however_session_toml_is_written(hand: str, tmp_
     text = f'{hand}[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
     path.write_text(text, encoding="utf-8")
     size = HandScale(1.07, {"thumb": 0.95})
-    store = Persistence.open(fake_document(tmp_path))
-    store.document.set_scale(size)
-    said = store.save_first_pose()
+    store = opened(tmp_path)
+    did(store, edits.size(size))
+    said = saving.save_first_pose(store)
     assert said.endswith(" The hand's fitted size is kept in hand.json.")
     assert read_session_file(path).hand.scale == "hand.json"
     assert read_scale(tmp_path / "hand.json") == size
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
     assert "# mine" in path.read_text(encoding="utf-8")
     assert versions(path)[0].read_text(encoding="utf-8") == text
-    assert not store.save_first_pose().endswith("hand.json."), "only once"
+    assert not saving.save_first_pose(store).endswith("hand.json."), "only once"
 
 
 def test_a_size_that_was_given_stays_as_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "session.toml"
     path.write_text("[hand]\nscale = 1.05\n", encoding="utf-8")
-    store = Persistence.open(fake_document(tmp_path))
-    store.document.set_scale(HandScale(1.07))
-    store.save_first_pose()
+    store = opened(tmp_path)
+    did(store, edits.size(HandScale(1.07)))
+    saving.save_first_pose(store)
     assert path.read_text(encoding="utf-8") == "[hand]\nscale = 1.05\n"
     assert not (tmp_path / "hand.json").exists()
 
@@ -205,16 +202,15 @@ def test_clouds_are_saved_key_by_key(tmp_path: Path) -> None:
     added = path.read_text(encoding="utf-8").replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
     path.write_text(added, encoding="utf-8")
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
-    document.use_clouds(
-        document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
-    )
-    said = store.save_clouds()
+    changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
+    did(store, edits.clouds(changed))
+    said = saving.save_clouds(store)
     assert said.startswith("[clouds] of session.toml: voxel_m, ")
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text(encoding="utf-8")
     assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")
-    assert store.save_clouds() == "session.toml has these settings already."
+    assert saving.save_clouds(store) == "session.toml has these settings already."
 
 
 def _nothing_lost(store: Persistence, text: str | None) -> None:

@@ -38,7 +38,7 @@ def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Liste
     offer = _offered(listener)
     assert (offer.size, offer.offered_size, offer.size_pending) == (1.0, 1.1, True)
     titles = [s.title for s in listener.seen if isinstance(s, snapshots.Notice)]
-    assert titles == ["Tracking finished"]
+    assert titles[0] == "Tracking finished"
     listener.wait(snapshots.Notice, lambda n: "it was tracked with 1.00" in n.text)
     assert worker.document.run.scale == HandScale(1.0), "what was tracked keeps its size"
 

@@ -10,35 +10,31 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.store.lease import Lease
+from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.workbench import Workbench
 from tests.app.command_line import CommandLine, listing
 from tests.app.fake_run import fake_document
-
-
-def posed(store: Persistence, frame: int) -> None:
-    store.document.set_pose(frame, store.document.start.tolist())
-    store.note_pose(frame)
+from tests.app.opened import opened, posed
 
 
 def test_a2_the_second_sees_all_and_writes_nothing(tmp_path: Path) -> None:
-    first = Persistence.open(fake_document(tmp_path))
+    first = opened(tmp_path)
     posed(first, 5)
-    second = Persistence.open(fake_document(tmp_path))
+    second = opened(tmp_path)
     assert f"by `handtrack open` (process {os.getpid()} on " in second.warning
     assert "nothing is saved" in second.warning
-    assert second.restore() == "Brought back from last time: 1 pose set by hand."
+    assert sorted(second.document.by_hand) == [5]
     before = listing(tmp_path)
     posed(second, 7)
-    for save in (second.save_first_pose, second.save_settings, second.save_track):
+    for save in (saving.save_first_pose, saving.save_settings, saving.save_track):
         with pytest.raises(HandtrackError, match="nothing is saved"):
-            save()
+            save(second)
     second.close()
     assert listing(tmp_path) == before
     posed(first, 8)
     first.close()
-    third = Persistence.open(fake_document(tmp_path))
-    third.restore()
+    third = opened(tmp_path)
     assert sorted(third.document.by_hand) == [5, 8]
     third.close()
 
@@ -46,7 +42,7 @@ def test_a2_the_second_sees_all_and_writes_nothing(tmp_path: Path) -> None:
 def test_c43_a_second_workbench_that_takes_over_writes_and_the_first_is_told(
     tmp_path: Path,
 ) -> None:
-    first = Persistence.open(fake_document(tmp_path))
+    first = opened(tmp_path)
     posed(first, 5)
     second = Persistence.open(fake_document(tmp_path), take_over=True)
     second.restore()
@@ -54,10 +50,10 @@ def test_c43_a_second_workbench_that_takes_over_writes_and_the_first_is_told(
     posed(second, 7)
     with pytest.raises(HandtrackError, match="`handtrack open` .* took over"):
         posed(first, 8)
-    first.close()
+    with pytest.raises(HandtrackError, match="took over"):
+        first.close()
     second.close()
-    third = Persistence.open(fake_document(tmp_path))
-    third.restore()
+    third = opened(tmp_path)
     assert sorted(third.document.by_hand) == [5, 7]
     third.close()
 
@@ -78,14 +74,16 @@ def test_c43_the_command_hands_the_wish_to_take_over_on_to_the_store(
     assert worker.wait_opened(30.0) is None
     with pytest.raises(HandtrackError, match="`handtrack open` .* took over"):
         posed(holder, 5)
+    with pytest.raises(HandtrackError, match="took over"):
+        holder.close()
     worker.stop()
-    holder.close()
 
 
 def test_a2_who_was_taken_over_is_told(tmp_path: Path) -> None:
-    first = Persistence.open(fake_document(tmp_path))
+    first = opened(tmp_path)
     other = Lease.acquire(tmp_path / "tracks", "handtrack track", take_over=True)
     with pytest.raises(HandtrackError, match="`handtrack track` .* took over"):
         posed(first, 5)
+    with pytest.raises(HandtrackError, match="took over"):
+        first.close()
     other.release()
-    first.close()

@@ -208,12 +208,14 @@ def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    for worker, listener in _desk(tmp_path):
+    for worker, listener in _desk(tmp_path, step_s=0.1):
         with monkeypatch.context() as patch:
-            patch.setattr("handtrack_app.engine.store.persistence.write_npz", full)
             worker.send(commands.Track(0, FRAMES, 3))
+            listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
+            patch.setattr("os.write", full)
             notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
-            assert "cannot be written there (No space left on device)" in notice.text
+            assert "could not be written (No space left on device)" in notice.text
+            listener.wait(snapshots.Notice, lambda n: "save the track once there is room" in n.text)
             worker.send(commands.ShowFrame(2))
             listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
         states = [s.state for s in listener.seen if isinstance(s, snapshots.ProgressSnapshot)]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.session import bundled
-from handtrack_app.engine.opening import working_folder
+from handtrack.session.bundled import working_folder
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -67,5 +67,5 @@ def test_fitting_one_frame_is_told_and_can_be_undone(bench: Workbench) -> None:
     bench.layout.pose._fit()
     eventually(lambda: any("fitted" in notice.title for notice in bench._unread), "told")
     eventually(lambda: bench.layout.tracking.progress.state == "idle", "done")
-    step = bench.state.travel(back=True)
-    assert step is not None and step.values == before
+    bench.page.travel(back=True)
+    eventually(lambda: bench.state.values == before, "undone")

@@ -13,6 +13,7 @@ from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import part_cards, pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, tip_names
+from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.pose import group_of, label_of
 from handtrack_app.protocol.palette import colour_of, limb_of
 from handtrack_app.workbench import Workbench
@@ -85,13 +86,15 @@ def test_a_slider_moves_the_limb(opened):
 def test_the_error_against_true_joints_is_told(opened):
     document = opened.worker.document
     assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
-    document.set_pose(0, tuple(document.start))
+    document.apply(edits.pose(document, 0, document.start.tolist()))
+    document.show(0)
     assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose
     moved = document.start.copy()
     moved[0] += 0.05
-    document.set_pose(0, tuple(moved))
+    document.apply(edits.pose(document, 0, moved.tolist()))
+    document.show(0)
     assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
-    document.forget_pose(0)
+    document.apply(edits.forgotten_pose(0))
 
 
 def test_names_are_grouped_and_worded_by_limb():

@@ -8,6 +8,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
@@ -15,7 +16,7 @@ from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
-pytestmark = pytest.mark.usefixtures("journals_closed")
+pytestmark = pytest.mark.usefixtures("left_open")
 
 
 def test_pictures_are_offered_where_there_are_some(page: Workbench) -> None:
@@ -50,7 +51,7 @@ def test_clouds_are_not_saved_into_a_file_that_is_odd_by_now(tmp_path: Path) -> 
     (folder / "session.toml").write_text("[session\n", encoding="utf-8")
     store.document.saved_clouds = None
     with pytest.raises(HandtrackError, match="not valid TOML"):
-        store.save_clouds()
+        saving.save_clouds(store)
     assert (folder / "session.toml").read_text(encoding="utf-8") == "[session\n"
 
 

@@ -20,11 +20,12 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.job_words import summary
+from handtrack_app.engine.job_words import Outcome, summary
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.page.scene.camera_view import pixel_box
@@ -34,6 +35,7 @@ from handtrack_app.protocol.snapshots import FilterCount
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start
 from tests.app.engine.test_worker import Listener
+from tests.app.opened import show_results
 from tests.app.page.test_workbench import latencies
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -221,11 +223,14 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     assert document is not None
     whole = document.results[1]
     reason = Reason("poor cloud", part="glove9", number=0.4, other=0.7)
-    document.results[1] = replace(whole, status=Status.DOUBTFUL, reason=reason)
+    held = replace(whole, status=Status.DOUBTFUL, reason=reason)
+    show_results(document, [held])
     worker.send(commands.ShowFrame(1))
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1 and p.note)
     assert pose.note.startswith("Fingers held. Poor cloud: 40 % of the hand in view was measured")
-    assert "1 with the fingers held" in summary([*document.results.values()], 2, 0, 1.0)
+    assert "1 with the fingers held" in summary(
+        [Outcome.of(r) for r in document.results.values()], 2, 0, 1.0
+    )
 
 
 @pytest.mark.parametrize("slider", [*CROP, *THIN, *STEREO], ids=lambda slider: slider.name)
@@ -348,7 +353,7 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(
     unposed = CloudRenderer().cloud(desk._moment())
     assert all(c.name != "crop" for c in unposed.counts)
     assert unposed.words == "The hand has no place yet: nothing is cropped to it."
-    document.set_pose(0, tuple(document.shown))
+    document.apply(edits.pose(document, 0, document.shown.tolist()))
     assert count(CloudRenderer().cloud(desk._moment()), "crop").before == HAND + WALL
 
 

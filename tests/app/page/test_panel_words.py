@@ -10,6 +10,7 @@ import pytest
 
 from handtrack_app.engine.document_snapshots import session_snapshot, timeline_snapshot
 from handtrack_app.engine.job_words import summary
+from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.session import head
 from handtrack_app.page.panels.timeline import cursor_picture, timeline_picture
 from handtrack_app.protocol import snapshots
@@ -73,7 +74,8 @@ def test_of_frames_drawn_in_one_place_the_worst_is_seen() -> None:
 
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
-    document.set_pose(5, tuple(document.start + np.eye(26)[0] * 0.01))
+    moved = document.start + np.eye(26)[0] * 0.01
+    document.apply(edits.pose(document, 5, moved.tolist()))
     error = timeline_snapshot(document).error_mm
     assert error[5] == pytest.approx(10.0)
     assert np.isnan(error[6])

@@ -9,58 +9,10 @@ from typing import Any
 import pytest
 
 from handtrack_app.page.page import Keys
-from handtrack_app.page.state import ChangeStep, PoseStep, UndoStack, UserState
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-
-def _change(value: float, before: float = 0.0) -> ChangeStep:
-    return ChangeStep(
-        "Cloud",
-        (commands.SetSetting("cloud.weight", before),),
-        (commands.SetSetting("cloud.weight", value),),
-    )
-
-
-def test_a_drag_of_a_setting_is_one_step_back_to_where_it_began() -> None:
-    stack = UndoStack()
-    for k in range(1, 20):
-        stack.record(_change(float(k), float(k - 1)), "Cloud", now=10 + 0.05 * k)
-    assert stack.past == [_change(19.0, 0.0)]
-
-
-def test_poses_and_changes_go_back_in_their_order() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.edit({"a": 0.5}, "slider a")
-    state.changes(_change(2.0))
-    assert state.travel(back=True) == _change(2.0)
-    assert state.values == (0.5,)
-    assert state.travel(back=True) == PoseStep(0, (0.0,))
-    assert state.travel(back=False) == PoseStep(0, (0.5,))
-    assert state.travel(back=False) == _change(2.0)
-    assert state.travel(back=False) is None
-
-
-def test_another_model_drops_its_poses_and_keeps_the_way_back() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.edit({"a": 0.5}, "slider a")
-    state.changes(_change(2.0))
-    state.undo.forget_poses()
-    assert state.undo.past == [_change(2.0)]
-
-
-def test_while_tracking_runs_settings_wait() -> None:
-    state = UserState(names=("a",), values=(0.0,), stop=10)
-    state.changes(_change(2.0))
-    assert not state.waits_for_settings(back=True)
-    state.tracking = True
-    assert state.waits_for_settings(back=True)
-    assert not state.waits_for_settings(back=False)
-    state.edit({"a": 0.5}, "slider a")
-    assert not state.waits_for_settings(back=True)
 
 
 def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Workbench) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 
+from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
@@ -33,6 +34,7 @@ class TrackedTake:
 
     def __init__(self, out: Path, session: Session, args: argparse.Namespace) -> None:
         self._out, self._args = out, args
+        self._session = session.folder
         self._own = out.resolve() != (session.folder / POSES_FILE).resolve()
         self._folder = session.folder / TRACKS_FOLDER
         if self._own:
@@ -48,6 +50,8 @@ class TrackedTake:
 
     def _open(self) -> None:
         self._store = WritableStore(self._folder, _PROGRAM, self._args.take_over)
+        for folder in (self._folder, *(() if self._own else (self._session,))):
+            remove_abandoned(folder)  # the lease is ours: nobody else writes there
 
     def __exit__(self, *_: object) -> None:
         if self._store is None:

@@ -85,21 +85,12 @@ class CloudService:
         """The settings of [clouds] in force."""
         return self._document.clouds
 
-    def change(self, values: Mapping[str, object]) -> None:
-        """Change settings of [clouds]. Raises HandtrackError, and changes nothing, for what cannot be."""
-        self.use((self.settings or CloudSettings()).with_values(values))
+    def with_values(self, values: Mapping[str, object]) -> CloudSettings:
+        """Return the settings with some replaced. Raises HandtrackError."""
+        return (self.settings or CloudSettings()).with_values(values)
 
-    def use(self, settings: CloudSettings | None) -> None:
-        """Take other settings of [clouds], all of them."""
-        self._document.use_clouds(settings)
-        self.show()
-
-    def restore(self) -> None:
-        """Go back to the settings of session.toml."""
-        self.use(self._document.saved_clouds)
-
-    def sample_skin(self, order: SampleSkin) -> str:
-        """Take the skin's colour from a box of a frame's image; return a sentence about it."""
+    def with_skin(self, order: SampleSkin) -> tuple[CloudSettings, str]:
+        """Return the settings with the skin's colour from a box of a frame's image, and a sentence about it."""
         session, frame = self._document.run.session, order.frame
         if order.camera not in session.rig.names:
             raise HandtrackError(f"no camera '{order.camera}' in this session.")
@@ -111,9 +102,9 @@ class CloudService:
         x, y, width, height = (max(int(v), 0) for v in order.box)
         patch = image[y : y + height, x : x + width, ::-1].reshape(-1, 3)
         skin = fit_skin_ellipse(patch, max(float(order.size), 0.1))
-        self.change({"skin": skin})
         red, green = skin.mean
-        return f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
+        words = f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
+        return self.with_values({"skin": skin}), words
 
     def card(self) -> CloudCard:
         """Return where clouds come from and the settings in force."""

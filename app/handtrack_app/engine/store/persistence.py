@@ -1,56 +1,61 @@
-"""What outlives the page: the journal, the work in progress, the first-frame pose, saved tracks."""
+"""What outlives the page: every action and every tracked frame goes to the session's store, and comes back from it."""
 
 from __future__ import annotations
 
 import json
 import logging
 import time
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_edit import edit_toml
-from handtrack.files.toml_text import read_toml
-from handtrack.files.versions import keep_version
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import write_scale
-from handtrack.session.clouds_settings import read_clouds
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.tables import read_npz, write_npz, write_result
-from handtrack.session.journal import Event, Journal, read_events
-from handtrack.session.layout import (
-    HAND_FILE,
-    INIT_FILE,
-    POSES_FILE,
-    SESSION_FILE,
-    TRACKS_FOLDER,
-    WORK_FILE,
-)
+from handtrack.files.atomic import remove_abandoned
+from handtrack.session.layout import TRACKS_FOLDER
+from handtrack.session.takes.track_files import import_tracks
+from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
 from handtrack.store.lease import LeaseTaken
-from handtrack.store.store import WritableStore
+from handtrack.store.spans import Span, resolved
+from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.tracks import journal_row, result_of_row, whole_track
+from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
+from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
+from handtrack_app.engine.store.shelf import TakeShelf
 
 log = logging.getLogger(__name__)
 
-_SETTINGS = "a session's settings"
-_PROGRAM = "handtrack open"
+_EARLIER = "Work of an earlier version"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
-_FLUSH_S = 1.0  # tracked frames reach the disk at most this late
+_MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
+_QUIET_S = 0.4  # edits by hand are written when none came for this long
+_LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
+_FIXED = (
+    "Settings and takes stay fixed while tracking runs, so that a result has one. Cancel it first."
+)
 
 
 @dataclass
 class Persistence:
-    """Writes what is accepted, at once, and brings it back on reopening."""
+    """The one way in which a document changes for good: an action is applied, counted, and written.
+
+    What is edited by hand is written a second later at most, everything else at once; what cannot be written stays, and
+    is tried again. Without a store, of a live session or where another program writes, all works and nothing is kept.
+    """
 
     document: Document
-    journal: Journal | None
+    store: WritableStore | None
+    history: History = field(default_factory=History)
     warning: str = ""
-    lease: WritableStore | None = None
-    """the right to write to the session's tracks/, which one program has"""
-    _waiting: list[dict[str, object]] = field(default_factory=list)
-    _flushed: float = 0.0
+    _unwritten: list[Action] = field(default_factory=list)
+    _take: OpenTake | None = None
+    _tag: str = ""
+    _when: float = 0.0
+    _first_waits: float | None = None
+    """since when an edit waits to be written; None: none does, or what does was told"""
 
     @classmethod
     def open(cls, document: Document, take_over: bool = False) -> Persistence:
@@ -59,145 +64,222 @@ class Persistence:
         """
         if document.run.session.live is not None:
             return cls(document, None)
-        folder = document.run.session.folder
-        lease = None
+        folder = document.run.session.folder / TRACKS_FOLDER
         try:
-            lease = WritableStore(folder / TRACKS_FOLDER, _PROGRAM, take_over)
-            journal = Journal.open(folder)
-            return cls(document, journal, _damage(journal), lease)
+            store = WritableStore(folder, PROGRAM, take_over)
         except LeaseTaken as error:
-            return cls(document, None, f"{error} Here it can be looked at; nothing is saved.")
+            told = f"{error} Here it can be looked at; nothing is saved."
+            return cls(document, None, Store(folder).history(), told)
         except HandtrackError as error:
-            if lease is not None:
-                lease.close()
-            return cls(document, None, str(error))
+            return cls(document, None, Store(folder).history(), str(error))
         except OSError as error:
-            return cls(
-                document, None, f"{folder / TRACKS_FOLDER}: {_UNWRITABLE} ({error.strerror})."
-            )
+            told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
+            return cls(document, None, Store(folder).history(), told)
+        for ours in (folder, folder.parent):
+            remove_abandoned(ours)  # the lease is ours: nobody else writes there
+        return cls(document, store, store.history(), " ".join(store.damage(takes=False)))
 
     @property
     def folder(self) -> Path:
         return self.document.run.session.folder
 
-    # ---- writing
-
-    def note(self, kind: str, data: dict[str, object]) -> None:
-        """Write one accepted change. Raises HandtrackError where another program took over."""
-        if self.journal is not None:
-            self._check()
-            self.journal.append(kind, data)
-
-    def _check(self) -> None:
-        if self.lease is not None:
-            self.lease.lease.check()
+    def check(self) -> None:
+        """Raise HandtrackError where nothing may be written, with the reason."""
+        if self.store is not None:
+            self.store.lease.check()
         elif self.warning:
             raise HandtrackError(self.warning)
 
-    def note_pose(self, frame: int) -> None:
-        """Write the pose set by hand at a frame."""
-        values = self.document.by_hand.get(frame)
-        if values is not None:
-            names = self.document.model.parameter_names
-            known = dict(zip(names, values.tolist(), strict=True))
-            found = self.document.is_found(frame)
-            self.note("pose", {"frame": frame, "parameters": known, "found": found})
+    # ---- actions
 
-    def note_setting(self, name: str, value: object) -> None:
-        """Write one changed setting."""
-        self.note("setting", {"name": name, "value": value})
-        if self.document.run.settings.flat() == self.document.own_settings:
-            self._leave_settings_to_the_file()
+    def do(
+        self,
+        words: str,
+        values: Mapping[str, Value],
+        tag: str = "",
+        kind: str = DO,
+        waits: bool = False,
+    ) -> bool:
+        """Let values of the session's state hold from now on; return whether that changed anything.
 
-    def _leave_settings_to_the_file(self) -> None:
-        """session.toml says all of them, and may be edited: the journal is not to come back over it."""
-        if self.journal is not None:
+        words: what is done, for undo. tag: of the control that is moved; what follows with the same is one step. waits: it
+        is written once edits rest. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
+        written, and it stands, and is tried again.
+        """
+        document = self.document
+        plain: dict[str, Value] = json.loads(json.dumps(values))
+        changes = [
+            Change(key, before, after)
+            for key, after in plain.items()
+            if (before := json.loads(json.dumps(document.value(key)))) != after
+        ]
+        if not changes:
+            return False
+        document.apply(plain)
+        now = time.monotonic()
+        follows = bool(tag) and tag == self._tag and now - self._when < _MERGE_S
+        if kind == DO:
+            self._tag, self._when = tag, now
+        last = self._unwritten[-1] if follows and self._unwritten else None
+        if last is not None and last.kind == DO:
+            whole = merged([last, Action(last.id, DO, words, tuple(changes))])
+            self._unwritten[-1] = self.history.amend(whole)
+        else:
+            action = self.history.next(words, changes, kind, follows and bool(self.history.past))
+            self.history.take(action)
+            self._unwritten.append(action)
+        self._settle(wait=waits)
+        return True
+
+    def undo(self, busy: bool = False) -> Action | None:
+        """Take the latest step back; return what that changes, None at the end of the history. busy: a job runs."""
+        return self._travel(self.history.undoing(), busy)
+
+    def redo(self, busy: bool = False) -> Action | None:
+        """Make the step again that was undone last; return what that changes, None where there is none."""
+        return self._travel(self.history.redoing(), busy)
+
+    def _travel(self, action: Action | None, busy: bool) -> Action | None:
+        if action is None:
+            return None
+        if busy and any(keys.parts(change.key)[0] != keys.POSE for change in action.changes):
+            raise HandtrackError(_FIXED)
+        self.document.apply(action.after)
+        self.history.take(action)
+        self._unwritten.append(action)
+        self._tag = ""
+        self._settle()
+        return action
+
+    def _settle(self, wait: bool = False) -> None:
+        """Leave to session.toml what it says, and write, or remember that an edit waits."""
+        document = self.document
+        said = [key for key in document.state if keys.parts(key)[0] == keys.SETTING]
+        if said and dict(document.run.settings.flat()) == document.own_settings:
+            self.leave_to_the_file(said)
+        if self._first_waits is None:
+            self._first_waits = time.monotonic()
+        if not wait:
             self.flush()
-            self.journal.replace([e for e in self.journal.events() if e.kind != "setting"])
 
-    def note_scale(self) -> None:
-        """Write the hand's size."""
-        size, pending = self.document.run.scale, self.document.size_pending
-        self.note("scale", {"overall": size.overall, "parts": size.parts, "pending": pending})
+    def leave_to_the_file(self, named: list[str]) -> None:
+        """The session's files say these values: they may be edited there, and are not to be written over later."""
+        self.document.apply(dict.fromkeys(named))
+        state = self.history.state
+        changes = [Change(key, state[key], None) for key in named if key in state]
+        if changes:
+            note = self.history.next("As the session's files have it", changes, NOTE)
+            self.history.take(note)
+            self._unwritten.append(note)
 
-    def note_clouds(self) -> None:
-        """Write the settings of [clouds], or that those of session.toml hold."""
-        clouds, table = self.document.clouds, None
-        if clouds is not None and self.document.unsaved_clouds:
-            table = clouds.table
-        self.note("clouds", {"table": table})
-
-    def note_result(self, result: FrameResult) -> None:
-        """Write a tracked frame, a second late at most."""
-        self._waiting.append(journal_row(result, stays=result.frame in self.document.by_hand))
-        if time.monotonic() - self._flushed > _FLUSH_S:
-            self.flush()
+    def write_what_rests(self, at_once: bool = False) -> bool:
+        """Write edits once none came for a while, or they go on and on; return whether there were any. What could not be
+        written, and was told, is not tried again here.
+        """
+        now, since = time.monotonic(), self._first_waits
+        rests = since is not None and (now - self._when > _QUIET_S or now - since > _LONGEST_S)
+        if since is None or not (rests or at_once):
+            return False
+        self.flush()
+        return True
 
     def flush(self) -> None:
-        """Write what waits."""
-        self._flushed = time.monotonic()
-        if self.journal is not None and self._waiting:
-            self._check()
-            self.journal.append_all([("tracked", row) for row in self._waiting])
-        self._waiting = []  # not before: what failed is tried again
+        """Write what waits; raise HandtrackError for what cannot be: it stays, and is tried again with the next action."""
+        self._first_waits = None
+        while self._unwritten:
+            if self.store is not None:
+                self.store.write(self._unwritten[0])
+            del self._unwritten[0]
 
-    def settle(self) -> None:
-        """Write the work in progress to one file, and shorten the journal by what is in it."""
-        self.flush()
-        if self.journal is None or not self.document.results:
-            return
-        ordered = sorted(self.document.results.values(), key=lambda result: result.frame)
-        path = self.folder / WORK_FILE
-        try:
-            if self._is_of_another_model(path):
-                keep_version(path)
-            write_npz(path, self.document.run.result(ordered))
-        except OSError as error:
-            raise HandtrackError(
-                f"{path}: what was tracked cannot be written there ({error.strerror}). It stays as long as the workbench is "
-                "open: make room, or bring the folder back, and save the track."
-            ) from None
-        # a pose set by hand that tracking replaced is not to come back over it
-        kept = [e for e in self.journal.events() if e.kind != "tracked" and not self._replaced(e)]
-        self.journal.replace(kept)
+    @property
+    def is_saved(self) -> bool:
+        """Whether all that was done is on disk, or nowhere to be kept."""
+        return not self._unwritten and not (self._take and self._take.waiting)
 
-    def _is_of_another_model(self, path: Path) -> bool:
-        if not path.is_file():
-            return False
+    @property
+    def saved(self) -> str:
+        """How far the work is on disk, as WorkSnapshot says it."""
+        if self.store is None:
+            return "kept nowhere" if self.warning else ""
+        waits = self._first_waits is not None
+        return "saved" if self.is_saved else "saving" if waits else "unsaved"
+
+    # ---- takes
+
+    def begin_take(
+        self, frames: range, first: int, params: Floats[P], keyframes: tuple[int, ...] = ()
+    ) -> None:
+        """Begin a take. It shows over what was tracked before from its first frame on."""
+        self._take = OpenTake.begin(self.document, self.store, frames, first, params, keyframes)
+
+    def add(self, result: FrameResult) -> None:
+        """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
+        take = self._take
+        assert take is not None, "no take was begun"
         try:
-            return read_npz(path).parameter_names != self.document.model.parameter_names
+            take.keep(result)
         except HandtrackError:
-            return True  # whatever it is, it is kept
+            if not take.is_told:
+                take.is_told = True
+                raise
+        finally:
+            if not take.is_shown:
+                take.is_shown = True
+                self._show(take)
 
-    def _replaced(self, event: Event) -> bool:
-        frame = event.data.get("frame")
-        return event.kind in ("pose", "forget") and frame not in self.document.by_hand
+    def _show(self, take: OpenTake) -> None:
+        """Lay a take over the others."""
+        if take.writer is not None:
+            with suppress(
+                HandtrackError
+            ):  # its first frame is to be safe before anybody is told of it
+                take.writer.sync()
+        document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
+        under = resolved(spans_of(document.state.get(keys.SPANS)), document.takes.frames_of)
+        values: dict[str, Value] = keys.spans([*under, span])
+        if take.first in take.shelf and take.first in document.by_hand:
+            values |= edits.forgotten_pose(take.first)
+        many = f"frames {take.frames.start} to {take.frames.stop - 1}"
+        self.do(f"Tracking of {f'frame {take.first}' if len(take.frames) == 1 else many}", values)
 
-    def close(self) -> None:
-        """Write what waits, close the journal and let others write."""
+    def end_take(self, finished: bool) -> None:
+        """Say that no frame comes any more; finished: all of them did. Raises HandtrackError where frames could not be
+        written: they stay as long as the program runs.
+        """
+        take, self._take = self._take, None
+        if take is None or not take.shelf:
+            return
         try:
             self.flush()
-        finally:
-            if self.journal is not None:
-                self.journal.close()
-            if self.lease is not None:
-                self.lease.close()
+            take.end(finished)
+        except HandtrackError as error:
+            raise HandtrackError(
+                f"{error} What was tracked stays as long as the workbench is open: save the track once there is room."
+            ) from None
+
+    def restore_take(self, number: int) -> bool:
+        """Make a take the whole current track; return whether that changed anything. Raises HandtrackError."""
+        frames = self.document.takes.frames_of(number)
+        if not frames:
+            raise HandtrackError(f"Take {number} has no frames that could be shown.")
+        whole = Span(number, min(frames), max(frames) + 1)
+        return self.do(f"Take {number} restored", keys.spans([whole]))
 
     # ---- bringing back
 
     def restore(self) -> str:
-        """Bring back poses, settings and tracked frames of the last time; say what, in a sentence."""
-        if self.document.run.session.live is not None:
-            return ""
-        events = self.journal.events() if self.journal is not None else read_events(self.folder)
-        changed = self._restore_settings(events) + self._restore_clouds(events)
-        self._restore_work()
-        for event in events:
-            try:
-                self._replay(event)
-            except (KeyError, TypeError, ValueError, HandtrackError) as error:
-                log.warning("journal entry %s passed over: %s", event.kind, error)
+        """Bring back what was decided and tracked; say what, in a sentence."""
         document = self.document
+        if document.run.session.live is not None:
+            return ""
+        document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
+        self._apply_all(self.history.state)
+        self._take_files()
+        self._take_earlier_work()
+        self._take_size_of_track()
+        settings = sum(
+            keys.parts(key)[0] in (keys.SETTING, keys.LIMITS) for key in document.state
+        ) + len(document.unsaved_clouds)
         found = sum(document.is_found(frame) for frame in document.by_hand)
         parts = [
             f"{count} {one if count == 1 else many}"
@@ -205,177 +287,80 @@ class Persistence:
                 (len(document.results), "tracked frame", "tracked frames"),
                 (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
                 (found, "pose found", "poses found"),
-                (changed, "changed setting", "changed settings"),
+                (settings, "changed setting", "changed settings"),
             )
             if count
         ]
         return f"Brought back from last time: {', '.join(parts)}." if parts else ""
 
-    def _restore_settings(self, events: list[Event]) -> int:
-        document, names = self.document, set()
-        for event in events:
+    def _apply_all(self, state: Mapping[str, Value]) -> None:
+        """Apply a state whole; where a part of it cannot be any more, the rest, and say which."""
+        try:
+            self.document.apply(state)
+        except (HandtrackError, ValueError, KeyError, TypeError):
+            for key, value in state.items():
+                try:
+                    self.document.apply({key: value})
+                except (HandtrackError, ValueError, KeyError, TypeError) as error:
+                    log.warning("%s of last time passed over: %s", key, error)
+                    self._warn(
+                        f"Passed over of last time: {key}, since it cannot be any more. {error}"
+                    )
+
+    def _take_files(self) -> None:
+        """Make takes of track files that the store does not know; where nothing can be written, only show them."""
+        document, state = self.document, self.history.state
+        if self.store is not None:
+            for text in import_tracks(self.store, self.folder):
+                self._warn(text)
+            if keys.SPANS in state and keys.SPANS not in document.state:
+                document.apply({keys.SPANS: state[keys.SPANS]})
+        elif keys.SPANS not in state:
+            for take in takes_to_look_at(self.folder):
+                number = document.takes.next_number
+                document.takes.put(number, take)
+                document.apply(keys.spans([Span(number, min(take), max(take) + 1)]))
+
+    def _take_earlier_work(self) -> None:
+        """Do what the journal of an earlier version says, in one step, once."""
+        work = EarlierWork.read(self.folder, self.document)
+        for key, value in work.values.items():
             try:
-                if event.kind == "setting":
-                    document.replace_run(
-                        document.run.with_values({event.data["name"]: event.data["value"]})
-                    )
-                elif event.kind == "scale":
-                    pending = bool(event.data.get("pending", False))
-                    document.set_scale(
-                        HandScale(event.data["overall"], event.data["parts"]), pending
-                    )
-                    continue
-                elif event.kind == "limits":
-                    interval = event.data["interval"]
-                    document.set_limits(event.data["name"], tuple(interval) if interval else None)
-                else:
-                    continue
-                names.add(event.data["name"])
-            except (KeyError, TypeError, ValueError, HandtrackError) as error:
-                log.warning("setting of last time passed over: %s", error)
-        return len(names)
+                self.do(_EARLIER, {key: value}, tag=_EARLIER)
+            except (HandtrackError, ValueError, KeyError, TypeError) as error:
+                log.warning("%s of an earlier version passed over: %s", key, error)
+        if work.tracked:
+            first = min(work.tracked)
+            frames = range(first, max(work.tracked) + 1)
+            self.begin_take(frames, first, self.document.start_params(first))
+            for result in work.tracked.values():
+                self.add(result)
+            self.end_take(finished=False)
+        if self.store is not None:
+            EarlierWork.put_away(self.folder)
 
-    def _restore_clouds(self, events: list[Event]) -> int:
-        """The last entry counts; without a table, session.toml does."""
-        document = self.document
-        entries = [event for event in events if event.kind == "clouds"]
-        if not entries or (document.clouds is None and not entries[-1].data.get("table")):
-            return 0
-        try:
-            table = entries[-1].data["table"]
-            if table is not None:
-                cameras = document.run.session.file.cameras
-                document.use_clouds(read_clouds(table, cameras, "the clouds of last time"))
-        except (KeyError, TypeError, ValueError, AttributeError, HandtrackError) as error:
-            log.warning("the clouds' settings of last time passed over: %s", error)
-        return len(document.unsaved_clouds)
-
-    def _restore_work(self) -> None:
-        """Take the newer of the workbench's own track and what `handtrack track` wrote."""
-        found = [p for p in (self.folder / WORK_FILE, self.folder / POSES_FILE) if p.is_file()]
-        if not found:
+    def _take_size_of_track(self) -> None:
+        """The hand's size that the current track was made with counts, where none was decided since."""
+        document, spans = self.document, spans_of(self.document.state.get(keys.SPANS))
+        if keys.SIZE in document.state or not spans:
             return
-        path = max(found, key=lambda p: p.stat().st_mtime)
         try:
-            track = read_npz(path)
-            size = json.loads(track.scale)
-            moved = dict(size.get("proportions", {}))
-            scale = HandScale(float(size["overall"]), dict(size["parts"]), moved)
+            labels = Store(self.folder / TRACKS_FOLDER).take(spans[-1].take).about.labels
+            table = json.loads(labels.scale)
+            if labels.model == document.run.labels.model:
+                size = table | {"pending": False}
+                if size != document.value(keys.SIZE):
+                    self.do("The track's size of hand", {keys.SIZE: size}, kind=NOTE)
         except (HandtrackError, ValueError, KeyError, TypeError) as error:
-            self.warning = f"The track of last time, {path.name}, cannot be read: {error}"
-            return
-        if track.parameter_names != self.document.model.parameter_names:
-            self.warning = f"{path.name} was tracked with another model; it is not shown."
-            return
-        if scale != self.document.run.scale:
-            self.document.set_scale(scale)
-        self.document.results.update({result.frame: result for result in track.frames()})
+            log.warning("the size of the track is not known: %s", error)
 
-    def _replay(self, event: Event) -> None:
-        document, data = self.document, event.data
-        if event.kind == "pose":
-            names = document.model.parameter_names
-            values = [float(data["parameters"].get(n, 0.0)) for n in names]
-            put = document.set_found if data.get("found") else document.set_pose
-            put(int(data["frame"]), values)
-        elif event.kind == "forget":
-            document.forget_pose(int(data["frame"]))
-        elif event.kind == "tracked":
-            document.accept(result_of_row(data, document), not data.get("by_hand", False))
+    def _warn(self, text: str) -> None:
+        self.warning = f"{self.warning} {text}".strip()
 
-    # ---- on request
-
-    def save_first_pose(self) -> str:
-        """Write the pose shown to init.json; return a sentence about it."""
-        self._check()
-        document = self.document
-        names = document.model.parameter_names
-        values = dict(zip(names, [round(float(v), 6) for v in document.shown], strict=True))
-        path = self.folder / INIT_FILE
+    def close(self) -> None:
+        """Write what waits, and let others write."""
         try:
-            said = self._keep_hand_size()
-            keep_version(path)
-            size = document.run.scale if document.size_pending else None
-            pose = FirstPose(document.frame, values, scale=size)
-            write_first_pose(path, pose)
-        except OSError as error:
-            raise HandtrackError(
-                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
-            ) from None
-        document.start_from(pose)
-        return (
-            f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
-        )
-
-    def _keep_hand_size(self) -> str:
-        """A size that was fitted from the first pose of before belongs to it: it gets its own file."""
-        run, path = self.document.run, self.folder / SESSION_FILE
-        if self.document.size_pending or not path.is_file():
-            return ""
-        hand = read_toml(path, _SETTINGS).get("hand")
-        if not isinstance(hand, dict) or hand.get("scale") != "fit":
-            return ""
-        keep_version(self.folder / HAND_FILE)
-        write_scale(self.folder / HAND_FILE, run.scale)
-        edit_toml(path, {"hand.scale": HAND_FILE}, _SETTINGS)
-        return f" The hand's fitted size is kept in {HAND_FILE}."
-
-    def save_clouds(self) -> str:
-        """Write the settings of [clouds] into session.toml; return a sentence about it."""
-        self._check()
-        document = self.document
-        clouds, changed = document.clouds, document.unsaved_clouds
-        if clouds is None:
-            raise HandtrackError("This session has no clouds whose settings could be saved.")
-        if not changed:
-            return "session.toml has these settings already."
-        values = clouds.table
-        kept = self._edit_session("clouds", {name: values.get(name) for name in changed})
-        document.saved_clouds = clouds
-        self.note_clouds()
-        return kept
-
-    def save_settings(self) -> str:
-        """Write the settings that were changed into session.toml; return a sentence about it."""
-        self._check()
-        document = self.document
-        now, own = dict(document.run.settings.flat()), document.own_settings
-        changed = {name: value for name, value in now.items() if value != own[name]}
-        if not changed:
-            return "session.toml has these settings already."
-        kept = self._edit_session("tracking", changed)
-        document.own_settings = now
-        self._leave_settings_to_the_file()
-        return kept
-
-    def _edit_session(self, table: str, changed: dict[str, object]) -> str:
-        changes = {f"{table}.{name}": value for name, value in changed.items()}
-        kept = edit_toml(self.folder / SESSION_FILE, changes, _SETTINGS)
-        return f"[{table}] of session.toml: {', '.join(changed)}.{kept}"
-
-    def save_track(self) -> str:
-        """Write tracks/poses.npz; return a sentence about it."""
-        self._check()
-        path = self.folder / POSES_FILE
-        track = whole_track(self.document)
-        try:
-            path.parent.mkdir(exist_ok=True)
-            previous = write_result(path, track)
-        except OSError as error:
-            raise HandtrackError(
-                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
-            ) from None
-        kept = f" The one before is kept as {previous.name}." if previous is not None else ""
-        return f"{len(track)} frames are in {path}.{kept}"
-
-
-def _damage(journal: Journal) -> str:
-    """Return what is to be said of a journal's unreadable lines; the file as it is is kept, since they go when it is shortened."""
-    if not journal.damaged:
-        return ""
-    kept = keep_version(journal.path)
-    where = "" if kept is None else f" The file with them is kept as {kept}."
-    return (
-        f"{journal.path}: {journal.damaged} of its lines cannot be read, torn by a crash or damaged on the disk, and are "
-        f"passed over: look whether poses or settings of last time are missing.{where}"
-    )
+            self.flush()
+        finally:
+            if self.store is not None:
+                self.store.close()

@@ -1,10 +1,10 @@
-"""Tracks as they are stored: rows of the journal, all frames with poses set by hand as one track, files for the browser."""
+"""Tracks as files: all frames with poses set by hand as one track, files for the browser; rows of an earlier version."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,24 +67,8 @@ def _complete(
     )
 
 
-def journal_row(result: FrameResult, stays: bool = False) -> dict[str, object]:
-    """Return a tracked frame as the journal keeps it. stays: what was set by hand there holds all the same."""
-    return {
-        "by_hand": stays,
-        "frame": result.frame,
-        "status": int(result.status),
-        "energy": float(result.energy),
-        "iterations": int(result.iterations),
-        "parameters": result.parameters,
-        "std": result.parameter_std,
-        "spread": np.round(result.joint_covariance, 12),
-        "energies": dict(result.energies),
-        "reason": None if result.reason is None else asdict(result.reason),
-    }
-
-
 def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
-    """Return the frame that the journal kept. Raises ValueError for one of another model."""
+    """Return the frame that the journal of an earlier version kept. Raises ValueError for one of another model."""
     values = np.asarray(row["parameters"], dtype=float)
     if values.shape != (len(document.model.parameter_names),):
         raise ValueError("another model's pose")

@@ -15,10 +15,8 @@ from handtrack_app.page.panels.cloud_filters import FilterControls, StereoContro
 from handtrack_app.page.panels.skin import SkinControls
 from handtrack_app.protocol.commands import (
     RestoreClouds,
-    SampleSkin,
     SaveClouds,
     SetClouds,
-    UseClouds,
 )
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
@@ -90,7 +88,7 @@ class CloudPanel:
             )
             self.legend = gui.add_html(ramp_legend())
         self.filters = FilterControls(page, self.set)
-        self.skin = SkinControls(page, self.set, self.change, self._mark)
+        self.skin = SkinControls(page, self.set, self._mark)
         self.stereo = StereoControls(page, self.set)
         for controls in (self.filters, self.skin, self.stereo):
             controls.fit(card)
@@ -110,7 +108,7 @@ class CloudPanel:
         page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.target.value)))
         page.on(size, lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
         page.on(save, lambda _: page.send(SaveClouds()))
-        page.on(back, lambda _: self.change("Filters of session.toml", RestoreClouds()))
+        page.on(back, lambda _: page.send(RestoreClouds()))
         self.widgets = {
             "picture": picture, "wide": wide, "on": on, "colour": colour, "size": size, "dropped": dropped,
             "save": save, "back": back,
@@ -118,12 +116,7 @@ class CloudPanel:
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
-        self.change(f"Clouds: {', '.join(values)}", SetClouds(tuple(values.items())))
-
-    def change(self, words: str, command: SetClouds | SampleSkin | RestoreClouds) -> None:
-        """Send a change of [clouds]; undo goes back to all that holds now."""
-        if self.card is not None:
-            self.page.change(words, (UseClouds(self.card.settings),), (command,))
+        self.page.send(SetClouds(tuple(values.items())))
 
     def _mark(self, camera: str, client: viser.ClientHandle, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""

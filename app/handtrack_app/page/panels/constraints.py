@@ -83,11 +83,8 @@ class SettingsPanel:
     def _restore(self) -> None:
         changed, own = self.changed, self.session.own_settings if self.session else {}
         if changed:
-            self.page.change(
-                "Settings of session.toml",
-                tuple(SetSetting(name, value) for name, value in changed.items()),
-                tuple(SetSetting(name, own[name]) for name in changed),
-            )
+            for name in changed:
+                self.page.send(SetSetting(name, own[name], "Settings of session.toml"))
 
     def _add(self, setting: Setting, value: Any) -> None:
         gui, shown = self.page.gui, shown_value(setting, value)
@@ -121,12 +118,7 @@ class SettingsPanel:
             if value is not None and setting.kind is int:
                 value = round(value)
         if value is not None and self.session is not None:
-            before = self.session.settings[setting.name]
-            self.page.change(
-                setting.label,
-                (SetSetting(setting.name, before),),
-                (SetSetting(setting.name, value),),
-            )
+            self.page.send(SetSetting(setting.name, value, setting.label))
 
 
 def _changed_words(changed: dict[str, object]) -> str:
@@ -240,18 +232,12 @@ class LimitsPanel:
         interval = clean_interval(event.target.value, event.target.min, event.target.max)
         if interval is not None:
             unit = unit_of(name)
-            after = SetLimits(name, (interval[0] * unit, interval[1] * unit))
-            self.page.change(f"Limits of {name}", (SetLimits(name, self._own(name)),), (after,))
+            self.page.send(SetLimits(name, (interval[0] * unit, interval[1] * unit)))
 
     def _restore(self) -> None:
-        own = {name: self._own(name) for name in self.ranges}
-        changed = {name: interval for name, interval in own.items() if interval is not None}
-        if changed:
-            self.page.change(
-                "Limits of the model",
-                tuple(SetLimits(name, interval) for name, interval in changed.items()),
-                tuple(SetLimits(name, None) for name in changed),
-            )
+        for name in self.ranges:
+            if self._own(name) is not None:
+                self.page.send(SetLimits(name, None, "Limits of the model"))
 
 
 def degrees(interval: Sequence[float]) -> tuple[float, float]:

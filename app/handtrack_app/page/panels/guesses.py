@@ -66,9 +66,7 @@ class GuessesPanel:
         """Take one of the list."""
         known, state = self.guesses, self.page.state
         if known is not None and rank < len(known.guesses):
-            self.page.send(
-                TakeGuess(known.frame, rank, state.begin_edit(f"guess {known.frame} {rank}"))
-            )
+            self.page.send(TakeGuess(known.frame, rank, state.begin_edit()))
 
     def show(self, guesses: GuessesSnapshot) -> None:
         """Show the list of a frame; take the surest of what was just found."""

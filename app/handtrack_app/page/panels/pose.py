@@ -79,7 +79,7 @@ class PosePanel:
             self.edit_buttons = gui.add_button_group(
                 "Edit",
                 ("Undo", "Redo"),
-                hint="Poses, settings, limits and filters. Ctrl-Z, Ctrl-Shift-Z.",
+                hint="Poses, settings, limits, filters, size and takes, as far back as you like. Ctrl-Z, Ctrl-Shift-Z.",
             )
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(
@@ -109,13 +109,13 @@ class PosePanel:
         state = self.page.state
         if state.tracking:
             return
-        frame, version = state.frame, state.begin_edit("fit")
+        frame, version = state.frame, state.begin_edit()
         state.follow = True
         self.page.send(Track(frame, frame + 1, frame, version=version))
 
     def _take(self, choice: str) -> None:
         state = self.page.state
-        version = state.begin_edit(choice)
+        version = state.begin_edit()
         if choice == "Tracked":
             self.page.send(ForgetPose(state.frame, version))
             return

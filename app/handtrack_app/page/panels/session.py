@@ -30,6 +30,12 @@ _STATES = {
     "tracking": ("tracking", "#56b4e9"),
     "paused": ("paused", "#cc79a7"),
 }
+_SAVED = {
+    "saved": "<span style='opacity:.7'>✓ All changes saved</span>",
+    "saving": "<span style='opacity:.7'>… Saving</span>",
+    "unsaved": "<b style='color:#f0e442'>⚠ The last changes are not saved yet</b>",
+    "kept nowhere": "<b style='color:#f0e442'>⚠ To look at: nothing is saved</b>",
+}
 _PAINT_WORDS = {
     "nothing": "plain",
     "model's outline": "outline",
@@ -150,8 +156,8 @@ def _word_of(words: dict[str, str], value: str) -> str:
     return next(word for word, own in words.items() if own == value)
 
 
-def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
-    """Return the head of the main panel: session, hand, and what is going on."""
+def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str = "") -> str:
+    """Return the head of the main panel: session, hand, what is going on, and whether the work is saved."""
     word, colour = _STATES.get(progress.state, ("Busy", "#56b4e9"))
     title, facts = "Opening …", ""
     if session is not None:
@@ -161,6 +167,8 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot) -> str:
         frames = "live" if session.live else f"{session.stop - session.start} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
         facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
+        if saved in _SAVED:
+            facts += f"<div style='margin-top:.2em'>{_SAVED[saved]}</div>"
     elif progress.state == "failed":
         title = "No session"
     return (

@@ -26,10 +26,9 @@ class SkinControls:
         self,
         page: Page,
         set_: Callable[..., None],
-        change: Callable[[str, SampleSkin], None],
         mark: Callable[..., None],
     ) -> None:
-        self.page, self.set, self.change, self.mark = page, set_, change, mark
+        self.page, self.set, self.mark = page, set_, mark
         self.card: CloudCard | None = None
         self.folder: viser.GuiFolderHandle | None = None
 
@@ -129,7 +128,7 @@ class SkinControls:
             self._show_box(box)
             size = number(self.size.value, *_SIZE[:2]) or 2.5
             sample = SampleSkin(self.page.state.frame, str(self.camera.value), box, size)
-            self.change("Colour of skin", sample)
+            self.page.send(sample)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force; without images there is no colour."""

@@ -173,8 +173,7 @@ class TrackingPanel:
 
     def _put_off(self, on: bool) -> None:
         words = "Fit the hand's size later" if on else "Fit the hand's size first"
-        now, then = ("true", "later") if on else ("later", "true")
-        self.page.change(words, (SetSetting(_SIZE, now),), (SetSetting(_SIZE, then),))
+        self.page.send(SetSetting(_SIZE, "later" if on else "true", words))
 
     def _again(self, where: str) -> None:
         if self.session is not None:

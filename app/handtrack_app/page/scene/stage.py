@@ -118,8 +118,8 @@ class Stage:
 
     def _tip_moved(self, tip: str, place: tuple[float, float, float]) -> None:
         state = self.page.state
-        version = state.begin_edit(f"fingertip {tip}")
-        self.page.send(PullTip(state.frame, tip, place, version))
+        version = state.begin_edit()
+        self.page.send(PullTip(state.frame, tip, place, version, f"fingertip {tip}"))
 
     # ---- options
 

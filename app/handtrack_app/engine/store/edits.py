@@ -1,0 +1,101 @@
+"""Edits: what a wish of the user's changes of the session's state. They read the document and change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Floats, S
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import scale_table
+from handtrack.model.pose_library import named_pose
+from handtrack.session.clouds_settings import CloudSettings
+from handtrack.simulation.body_motion import body_pose
+from handtrack.store.history import Value
+from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.inverse_kinematics import reach
+from handtrack_app.engine.store import keys
+
+Values = dict[str, Value]
+
+
+def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Values:
+    """Set a frame's pose, moved into the limits in force. found: a search gave it."""
+    model, given = document.model, np.asarray(values, dtype=float)
+    if given.shape != (len(model.parameter_names),):
+        return {}  # sent before the model changed
+    return _pose(document, frame, model.joint_params(params_of(model, given)), found)
+
+
+def _pose(document: Document, frame: int, values: Floats[S], found: bool = False) -> Values:
+    key = keys.pose(document.clamped(frame))
+    known = (document.state.get(key) or {}).get("parameters", {})  # of other models, too
+    now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
+    return {key: {"parameters": {**known, **now}, "found": found}}
+
+
+def taken_pose(document: Document, frame: int, source: str) -> Values:
+    """Replace a frame's pose by the first-frame pose (`start`), the one before (`previous`), or the library's fingers."""
+    current, model = document.pose_at(frame), document.model
+    if source in document.pose_names:
+        body = model.kind == "body"
+        taken = body_pose(model, source) if body else named_pose(model, source)
+        taken[:6] = current[:6]
+    elif source == "previous":
+        known = [f for f in (*document.by_hand, *document.results) if f < frame]
+        taken = document.pose_at(max(known)) if known else document.start
+    else:
+        taken = document.start
+    return pose(document, frame, taken.tolist())
+
+
+def pulled_tip(document: Document, frame: int, tip: str, target: Sequence[float]) -> Values:
+    """Bend a finger so that its tip comes to a point, world [m]."""
+    point = np.asarray(target, dtype=float)
+    if tip not in document.tip_names or point.shape != (3,) or not np.isfinite(point).all():
+        return {}
+    model = document.model
+    params = params_of(model, document.pose_at(frame))
+    return pose(document, frame, model.joint_params(reach(model, params, tip, point)).tolist())
+
+
+def forgotten_pose(frame: int) -> Values:
+    """Drop what was set by hand at a frame; the tracked pose shows again."""
+    return {keys.pose(frame): None}
+
+
+def setting(name: str, value: object) -> Values:
+    """Change a setting of [tracking]."""
+    return {keys.setting(name): value}
+
+
+def limits(document: Document, name: str, interval: tuple[float, float] | None) -> Values:
+    """Change the interval of a joint parameter [rad]; None: the model's own. Raises HandtrackError."""
+    names = document.model.parameter_names
+    if name not in names[6:]:
+        raise unknown_name("parameter with limits", name, names[6:])
+    if interval is None:
+        return {keys.limits(name): None}
+    low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
+    if not np.isfinite(low + high):
+        raise HandtrackError(f"limits of {name}: expected two angles, found {interval}.")
+    return {keys.limits(name): [low, high]}
+
+
+def size(scale: HandScale, pending: bool = False) -> Values:
+    """Change the hand's size. pending: it is still to be fitted."""
+    return {keys.SIZE: scale_table(scale) | {"pending": pending}}
+
+
+def clouds(settings: CloudSettings | None) -> Values:
+    """Take settings of [clouds], all of them."""
+    return {keys.CLOUDS: {"table": None if settings is None else settings.table}}
+
+
+def seen_arm(document: Document) -> Values:
+    """Give the model a forearm if the frame shown has one beyond the hand."""
+    params = params_of(document.model, document.shown)
+    run = document.run.with_arm_in_view(document.frame, params)
+    return {} if run is document.run else {keys.FOREARM: True}

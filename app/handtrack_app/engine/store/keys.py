@@ -1,0 +1,43 @@
+"""The values of a session's state, by their keys: what an action of the workbench may change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from handtrack.store.history import Value
+from handtrack.store.spans import Span
+from handtrack.store.store import SPANS
+
+POSE, SETTING, LIMITS = "pose", "setting", "limits"
+"""kinds with a name behind a slash: `pose/12` {parameters, found} or, where undo went back to a pose that was only seen,
+{parameters, carried}; `setting/cloud.weight`; `limits/index_mcp_flex` [low, high]
+[rad]"""
+SIZE, CLOUDS, FOREARM, START = "size", "clouds", "forearm", "start"
+"""the hand's size {overall, parts, pending}; the table [clouds] {table}; whether the model has a forearm; where tracking
+begins without a first pose {frame, parameters}"""
+
+
+def pose(frame: int) -> str:
+    """Return the key of a frame's pose."""
+    return f"{POSE}/{frame}"
+
+
+def setting(name: str) -> str:
+    """Return the key of a setting."""
+    return f"{SETTING}/{name}"
+
+
+def limits(name: str) -> str:
+    """Return the key of a joint parameter's limits."""
+    return f"{LIMITS}/{name}"
+
+
+def spans(laid: Sequence[Span]) -> dict[str, Value]:
+    """Return the current track, composed of spans of takes, the uppermost last."""
+    return {SPANS: [[span.take, span.first, span.stop] for span in laid]}
+
+
+def parts(key: str) -> tuple[str, str]:
+    """Return the kind of a key and its name, empty for kinds without one."""
+    kind, _, name = key.partition("/")
+    return kind, name

@@ -1,0 +1,109 @@
+"""On request: what stands in the workbench goes into the session's own files, the one before kept."""
+
+from __future__ import annotations
+
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_edit import edit_toml
+from handtrack.files.toml_text import read_toml
+from handtrack.files.versions import keep_version
+from handtrack.model.model_file import write_scale
+from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.formats.tables import write_result
+from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
+from handtrack.session.takes.track_files import file_digest
+from handtrack_app.engine.store import keys
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.store.tracks import whole_track
+
+_SETTINGS = "a session's settings"
+
+
+def save_first_pose(store: Persistence) -> str:
+    """Write the pose shown to init.json; return a sentence about it."""
+    store.check()
+    document = store.document
+    names = document.model.parameter_names
+    values = dict(zip(names, [round(float(v), 6) for v in document.shown], strict=True))
+    path = store.folder / INIT_FILE
+    try:
+        said = _keep_hand_size(store)
+        keep_version(path)
+        size = document.run.scale if document.size_pending else None
+        pose = FirstPose(document.frame, values, scale=size)
+        write_first_pose(path, pose)
+    except OSError as error:
+        raise HandtrackError(
+            f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+        ) from None
+    document.start_from(pose)
+    return f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
+
+
+def _keep_hand_size(store: Persistence) -> str:
+    """A size that was fitted from the first pose of before belongs to it: it gets its own file."""
+    run, path = store.document.run, store.folder / SESSION_FILE
+    if store.document.size_pending or not path.is_file():
+        return ""
+    hand = read_toml(path, _SETTINGS).get("hand")
+    if not isinstance(hand, dict) or hand.get("scale") != "fit":
+        return ""
+    keep_version(store.folder / HAND_FILE)
+    write_scale(store.folder / HAND_FILE, run.scale)
+    edit_toml(path, {"hand.scale": HAND_FILE}, _SETTINGS)
+    return f" The hand's fitted size is kept in {HAND_FILE}."
+
+
+def save_clouds(store: Persistence) -> str:
+    """Write the settings of [clouds] into session.toml; return a sentence about it."""
+    store.check()
+    document = store.document
+    clouds, changed = document.clouds, document.unsaved_clouds
+    if clouds is None:
+        raise HandtrackError("This session has no clouds whose settings could be saved.")
+    if not changed:
+        return "session.toml has these settings already."
+    values = clouds.table
+    kept = _edit_session(store, "clouds", {name: values.get(name) for name in changed})
+    document.saved_clouds = clouds
+    store.leave_to_the_file([keys.CLOUDS])
+    store.flush()
+    return kept
+
+
+def save_settings(store: Persistence) -> str:
+    """Write the settings that were changed into session.toml; return a sentence about it."""
+    store.check()
+    document = store.document
+    now, own = dict(document.run.settings.flat()), document.own_settings
+    changed = {name: value for name, value in now.items() if value != own[name]}
+    if not changed:
+        return "session.toml has these settings already."
+    kept = _edit_session(store, "tracking", changed)
+    document.own_settings = now
+    store.leave_to_the_file([key for key in document.state if keys.parts(key)[0] == keys.SETTING])
+    store.flush()
+    return kept
+
+
+def _edit_session(store: Persistence, table: str, changed: dict[str, object]) -> str:
+    changes = {f"{table}.{name}": value for name, value in changed.items()}
+    kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
+    return f"[{table}] of session.toml: {', '.join(changed)}.{kept}"
+
+
+def save_track(store: Persistence) -> str:
+    """Write tracks/poses.npz; return a sentence about it."""
+    store.check()
+    path = store.folder / POSES_FILE
+    track = whole_track(store.document)
+    try:
+        path.parent.mkdir(exist_ok=True)
+        previous = write_result(path, track)
+        if store.store is not None:
+            store.store.know_file(file_digest(path))
+    except OSError as error:
+        raise HandtrackError(
+            f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+        ) from None
+    kept = f" The one before is kept as {previous.name}." if previous is not None else ""
+    return f"{len(track)} frames are in {path}.{kept}"

@@ -1,0 +1,81 @@
+"""How a process ended, and what becomes of the page's work, in words."""
+
+from __future__ import annotations
+
+import re
+import signal
+from pathlib import Path
+
+from handtrack_app.process.memory import GB
+from handtrack_app.protocol.snapshots import Notice
+
+_TAIL = 4000  # bytes of the log in which the last words of a crash stand
+_MEMORY = re.compile(
+    rb"out of memory|bad_alloc|MemoryError|cannot allocate|insufficient memory", re.I
+)
+_CRASHES = {"SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE", "SIGABRT", "SIGSYS", "SIGTRAP"}
+
+
+def ending_words(code: int, memory: int | None, log: Path) -> str:
+    """Return how the engine's process ended, in a sentence.
+
+    code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes].
+    """
+    limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (`--memory`)."
+    name = _signal_name(-code) if code < 0 else ""
+    if name == "SIGKILL":
+        return (
+            "The part of handtrack that tracks was ended from outside (SIGKILL), as the system does when memory runs "
+            f"out.{limit}"
+        )
+    if name in _CRASHES or code > 0:
+        how = f"crashed ({name})" if name else f"ended with exit code {code}"
+        if _MEMORY.search(_tail(log)):
+            return f"The part of handtrack that tracks {how}, for want of memory.{limit}"
+        return f"The part of handtrack that tracks {how}, a mistake in handtrack or in a library."
+    if code == 0:
+        return "The part of handtrack that tracks was asked to end (SIGTERM), by a person or by a guard of the memory."
+    return f"The part of handtrack that tracks was ended from outside ({name})."
+
+
+def again_notice(how: str, stopped_at: int | None, recording: str, log: Path) -> Notice:
+    """Return what the user is told when the engine begins again.
+
+    stopped_at: the frame tracked last, if it tracked. recording: the folder that running cameras were recorded to.
+    """
+    text = f"{how} It begins again now, from what is on disk: what was accepted is there."
+    if stopped_at is not None:
+        text += (
+            f" Tracking stopped at frame {stopped_at} and does not go on by itself: go there, and 'From here: forward' "
+            "(tab Track) tracks on."
+        )
+    if recording:
+        text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
+    return Notice("error", "The engine was ended", f"{text} Details are in {log}.")
+
+
+def down_notice(how: str, times: int, log: Path) -> Notice:
+    """Return what the user is told when the engine stays ended."""
+    often = f" That was {times} times within a minute." if times > 1 else ""
+    return Notice(
+        "error",
+        "The engine stays ended",
+        f"{how}{often} It does not begin again by itself. What was accepted is on disk; 'Start again' (at the top) opens it. "
+        f"Details are in {log}.",
+    )
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _tail(log: Path) -> bytes:
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - _TAIL))
+            return file.read()
+    except OSError:
+        return b""

@@ -1,0 +1,177 @@
+"""The engine in a process of its own: when it dies, the page lives on, says so, and goes on with a new one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+from handtrack.errors import HandtrackError
+from handtrack_app.process.channel import Ended, FromEngine, Opened, Shown, Stop
+from handtrack_app.process.ending import again_notice, down_notice, ending_words
+from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.plan import EnginePlan
+from handtrack_app.process.standing_wishes import StandingWishes
+from handtrack_app.protocol import commands
+from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.protocol.snapshots import ProgressSnapshot, Snapshot
+
+_MOST_AGAIN = 3  # within so many seconds; after that it would only end once more
+_WITHIN_S = 60.0
+_MOST_WAITING = 1000  # commands: nobody presses so many while an engine begins
+_AGAIN = "Opening the session again …"
+
+
+class _Life:
+    """One process, from its start to its end."""
+
+    def __init__(self, child: EngineChild) -> None:
+        self.child = child
+        self.listens, self.over = threading.Event(), threading.Event()
+
+
+class EngineProcess:
+    """Has the face of a Worker. Commands wait until the session is shown."""
+
+    def __init__(
+        self,
+        plan: EnginePlan,
+        publish: Callable[[Snapshot], None],
+        child: EngineChild | None = None,
+    ) -> None:
+        """child: a process started already, for the first life."""
+        self.folder = plan.folder
+        self.last_words: list[str] = []
+        self._plan, self._publish, self._child = plan, publish, child
+        self._commands: Mailbox[commands.Command] = Mailbox(commands.kind_of)
+        self._wishes = StandingWishes()
+        self._shown, self._opened = threading.Event(), threading.Event()
+        self._stopping, self._again = threading.Event(), threading.Event()
+        self._failure: Exception | None = None
+        self._ends: deque[float] = deque(maxlen=_MOST_AGAIN + 1)
+        self._life: _Life | None = None
+        self._is_down = False
+        self._thread = threading.Thread(target=self._live, name="engine", daemon=True)
+
+    # ---- from the page
+
+    @property
+    def pid(self) -> int | None:
+        """The number of the engine's process; None while there is none."""
+        return None if self._life is None else self._life.child.pid
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def wait_shown(self, timeout: float) -> Exception | None:
+        """Wait for the first picture, a while at most; return why the session could not be opened."""
+        self._shown.wait(timeout)
+        return self._failure
+
+    def wait_opened(self, timeout: float | None) -> Exception | None:
+        """Wait until the session can be worked in, a while at most; return why it could not be opened."""
+        self._opened.wait(timeout)
+        return self._failure
+
+    def send(self, command: commands.Command) -> None:
+        """Hand over a command; returns at once."""
+        if isinstance(command, commands.StartAgain):
+            self._again.set()
+        elif not self._is_down and len(self._commands) < _MOST_WAITING:
+            self._wishes.note(command)
+            self._commands.put(command)
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the engine in order; at once where it does not answer."""
+        self._stopping.set()
+        self._again.set()
+        life = self._life
+        if life is not None:  # its pipe may be full, with nobody at the other end
+            threading.Thread(target=life.child.send, args=(Stop(timeout),), daemon=True).start()
+        self._thread.join(2 * timeout)
+        if life is not None and self._thread.is_alive():
+            life.child.kill()
+            self._thread.join(timeout)
+
+    # ---- on the engine's thread
+
+    def _live(self) -> None:
+        plan = self._plan
+        while not self._stopping.is_set():
+            code = self._one_life(plan)
+            if not self._stopping.is_set() and not self._tell_end(code):
+                self._is_down = True
+                self._again.clear()
+                if not self._stopping.is_set():
+                    self._again.wait()
+                    self._failure = None
+                self._is_down = False
+                self._ends.clear()
+            plan = replace(plan, preview=False, take_over=False, version=self._wishes.version)
+
+    def _one_life(self, plan: EnginePlan) -> int:
+        """Let a process be the engine; return how it ended."""
+        child, self._child = self._child or EngineChild(LOG_FILE), None
+        life = self._life = _Life(child)
+        if self._stopping.is_set():  # which saw no life yet
+            child.kill()
+        said = [] if plan is self._plan else self._wishes.again()
+        talker = threading.Thread(target=self._talk, args=(life, said), name="talk", daemon=True)
+        child.send(plan)
+        talker.start()
+        code = child.listen(lambda message: self._take(life, message))
+        life.over.set()
+        life.listens.set()
+        talker.join()
+        self._life = None
+        return code
+
+    def _talk(self, life: _Life, first: list[commands.Command]) -> None:
+        life.listens.wait()
+        for command in first:
+            life.child.send(command)
+        while not life.over.is_set():
+            command = self._commands.take(0.1)
+            if command is not None:
+                life.child.send(command)
+
+    def _take(self, life: _Life, message: FromEngine) -> None:
+        match message:
+            case Shown(failure):
+                self._failure = failure
+                life.listens.set()
+                self._shown.set()
+            case Opened(failure):
+                self._failure = failure
+                self._opened.set()
+                if failure is not None:
+                    life.child.send(Stop(1.0))
+            case Ended(words):
+                self.last_words = list(words)
+            case _:
+                self._wishes.see(message)
+                self._publish(message)
+
+    def _tell_end(self, code: int) -> bool:
+        """Say how the engine ended; return whether it begins again by itself."""
+        if self._failure is not None:
+            return False  # that was told
+        now, wishes = time.monotonic(), self._wishes
+        self._ends.append(now)
+        how = ending_words(code, self._plan.memory, LOG_FILE)
+        often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
+        if code and not often:
+            self._publish(again_notice(how, wishes.stopped_at, wishes.recording, LOG_FILE))
+            self._publish(ProgressSnapshot("opening", _AGAIN))
+            return True
+        notice = down_notice(how, len(self._ends) if often else 1, LOG_FILE)
+        if not self._shown.is_set():
+            self._failure = HandtrackError(notice.text)
+            self._shown.set()
+            self._opened.set()
+        self._publish(ProgressSnapshot("failed", "The engine stays ended."))
+        self._publish(notice)
+        return False

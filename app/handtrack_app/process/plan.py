@@ -1,0 +1,48 @@
+"""What an engine is to open, and how: all that one that begins anew is told; picklable, and light to import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from handtrack_app.engine.live.live_options import LiveOptions
+
+if TYPE_CHECKING:  # the page's process has no use for what the engine imports
+    from handtrack_app.engine.worker import Opener
+    from handtrack_app.protocol.commands import Command
+
+
+@dataclass(frozen=True)
+class EnginePlan:
+    """What to open, and how."""
+
+    folder: Path
+    live: LiveOptions | None = None
+    """track running cameras by the folder's settings"""
+    rerun: bool = False
+    """stream what is tracked to rerun's viewer"""
+    take_over: bool = False
+    """write, even if another program does"""
+    opener: Opener | None = None
+    """what opens the folder instead; a module's function, where it is for another process"""
+    memory: int | None = None
+    """bytes that the engine's process may use; None: no limit"""
+    preview: bool = True
+    """show what can be shown at once before the session can be worked in"""
+    version: int = 0
+    """of the user's edits so far"""
+
+
+class Engine(Protocol):
+    """The engine as the page's side sees it: on threads of this process (EngineThread), or a process (EngineProcess)."""
+
+    folder: Path
+    last_words: list[str]
+    """what is to be said once it has ended, in sentences"""
+
+    def start(self) -> None: ...
+    def send(self, command: Command) -> None: ...
+    def wait_shown(self, timeout: float) -> Exception | None: ...
+    def wait_opened(self, timeout: float | None) -> Exception | None: ...
+    def stop(self, timeout: float = 5.0) -> None: ...

@@ -1,0 +1,115 @@
+"""Which of a camera's own frames shows the moment of a session's frame: a camera may be late, have a rate of its own, or miss frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from handtrack.arrays import Array, Axes, H, W
+from handtrack.capture.images.frames import FrameSource
+from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
+from handtrack.session.layout import SESSION_FILE, matching_files
+from handtrack.session.session_file import CameraSettings, RecordingSettings
+
+_HALF = 0.501  # of a frame's duration: half, and what rounding adds
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTimes:
+    """A camera's frames against a session's, joined by time."""
+
+    line: FrameTimes
+    """of the session's frames"""
+    own: FrameTimes
+    """of the camera's, by the session's clock"""
+
+    def own_frame(self, frame: int) -> int | None:
+        """Return the camera's frame nearest to a session's frame; None where none lies within half a frame of it."""
+        time_s = self.line.time_of(frame)
+        own = self.own.nearest(time_s)
+        off = abs(self.own.time_of(own) - time_s)
+        return own if own >= 0 and off <= _HALF / self.line.fps else None
+
+    def frames(self, own: range) -> range:
+        """Return the session's frames from 0 to the one that shows the last of the camera's."""
+        return range(self.line.nearest(self.own.time_of(own.stop - 1)) + 1) if own else own
+
+
+@dataclass(frozen=True, eq=False)
+class SessionTimes:
+    """When a session's frames were taken, and which of each camera's frames belongs to them."""
+
+    line: FrameTimes
+    cameras: Mapping[str, CameraTimes] = field(default_factory=dict)
+    """of those whose frames are not simply numbered like the session's"""
+
+
+class JoinedByTime:
+    """A camera's images by the session's frames; see capture.images.frames.FrameSource."""
+
+    def __init__(self, recording: FrameSource, times: CameraTimes) -> None:
+        """recording: by the camera's own frames."""
+        self.recording, self._times = recording, times
+
+    @property
+    def where(self) -> str:
+        return self.recording.where
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        return self.recording.size
+
+    @property
+    def frames(self) -> range:
+        return self._times.frames(self.recording.frames)
+
+    @property
+    def known_frames(self) -> range:
+        return self._times.frames(self.recording.known_frames)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.recording.warnings
+
+    def has(self, frame: int) -> bool:
+        own = self._times.own_frame(frame)
+        return own is not None and self.recording.has(own)
+
+    def read(self, frame: int) -> Array[H, W, *Axes] | None:
+        own = self._times.own_frame(frame)
+        return None if own is None else self.recording.read(own)
+
+
+def recording_of(source: FrameSource) -> FrameSource:
+    """Return a source by the camera's own frames."""
+    return source.recording if isinstance(source, JoinedByTime) else source
+
+
+def session_times(
+    folder: Path, recording: RecordingSettings, cameras: Sequence[CameraSettings]
+) -> SessionTimes:
+    """Return the times that session.toml and the file it names say.
+
+    The session's frames are those of the first camera with time stamps; without any, they come `fps` times a second. A
+    camera without time stamps begins with the session. Raises HandtrackError.
+    """
+    stamps: dict[str, FrameTimes] = {}
+    if recording.timestamps is not None:
+        where = f"{folder / SESSION_FILE}, [session], timestamps"
+        path = matching_files(folder, recording.timestamps, where)[0]
+        stamps = read_timestamps(path, {c.name: c.fps or recording.fps for c in cameras})
+    first = next((camera for camera in cameras if camera.name in stamps), None)
+    if first is None:
+        assert recording.fps is not None
+        line = FrameTimes(recording.fps)
+    else:
+        line = stamps[first.name].later(-(first.lag_s or 0.0))
+    joined: dict[str, CameraTimes] = {}
+    for camera in cameras:
+        own, lag_s = stamps.get(camera.name), camera.lag_s or 0.0
+        if own is None and camera.fps is not None:
+            own = FrameTimes(camera.fps).later(line.time_of(0))
+        if camera is not first and (own is not None or lag_s):
+            joined[camera.name] = CameraTimes(line, (own or line).later(-lag_s))
+    return SessionTimes(line, joined)

@@ -1,0 +1,97 @@
+"""The current track frame by frame: of takes that lie over one another, read from disk when a frame is asked for."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from handtrack.store.take import FrameHead
+from handtrack.tracking.frame.result import FrameResult
+
+_HELD = 256  # frames whose arrays stay in memory, about 3 MB: those that one looks at
+
+Head = FrameHead | FrameResult
+"""status, energy and its parts of a frame; one that is nowhere on disk is its own head"""
+
+
+@dataclass(eq=False)
+class TakeFrames(Mapping[int, FrameResult]):
+    """The frames of one take."""
+
+    parameter_names: tuple[str, ...]
+    """of the model that it was tracked with"""
+    heads: dict[int, Head] = field(default_factory=dict)
+    _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)
+
+    def put(self, result: FrameResult, head: FrameHead | None) -> None:
+        """Take a frame, in the place of the one that was there. head: where it is on disk; None: nowhere."""
+        self.heads[result.frame] = result if head is None else head
+        self._hold(result)
+
+    def __getitem__(self, frame: int) -> FrameResult:
+        """Raises KeyError, or HandtrackError where a frame cannot be read any more."""
+        head = self.heads[frame]
+        if isinstance(head, FrameResult):
+            return head
+        result = self._held.get(frame)
+        if result is None:
+            result = head.read()
+        self._hold(result)
+        return result
+
+    def _hold(self, result: FrameResult) -> None:
+        self._held[result.frame] = result
+        self._held.move_to_end(result.frame)
+        while len(self._held) > _HELD:
+            self._held.popitem(last=False)
+
+    def __contains__(self, frame: object) -> bool:
+        return frame in self.heads
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.heads)
+
+    def __len__(self) -> int:
+        return len(self.heads)
+
+
+@dataclass(eq=False)
+class CurrentTrack(Mapping[int, FrameResult]):
+    """Takes over one another; where an upper one lacks a frame, the one below shows."""
+
+    layers: Sequence[tuple[range, TakeFrames]] = ()
+    """frames for which a take counts, and the take; the uppermost last"""
+
+    def head(self, frame: int) -> Head | None:
+        """Return what is known of a frame without its arrays; None of one that was not tracked."""
+        take = self._take(frame)
+        return None if take is None else take.heads[frame]
+
+    def count_of(self, take: TakeFrames) -> int:
+        """Return how many frames a take shows."""
+        return sum(self._take(frame) is take for frame in take)
+
+    def _take(self, frame: object) -> TakeFrames | None:
+        for frames, take in reversed(self.layers):
+            if frame in take and frame in frames:
+                return take
+        return None
+
+    def __getitem__(self, frame: int) -> FrameResult:
+        """Raises KeyError, or HandtrackError where a frame cannot be read any more."""
+        take = self._take(frame)
+        if take is None:
+            raise KeyError(frame)
+        return take[frame]
+
+    def __contains__(self, frame: object) -> bool:
+        return self._take(frame) is not None
+
+    def __iter__(self) -> Iterator[int]:
+        """Ascending."""
+        shown = {frame for frames, take in self.layers for frame in take if frame in frames}
+        return iter(sorted(shown))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)

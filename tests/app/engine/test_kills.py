@@ -1,0 +1,292 @@
+"""The workbench's store killed at random moments, or its disk full: what was acknowledged is there again, unchanged.
+
+A program edits, undoes, tracks, pauses, saves, is looked at by a second one, and begins again; the model of what must be
+there is the history itself. `HANDTRACK_KILLS=300 pytest tests/app/engine/test_kills.py` is the nightly measure.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import re
+import select
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.store.history import Action, History
+from handtrack.store.store import Store
+from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store.persistence import Persistence
+from tests.app.fake_run import FRAMES, fake_document
+
+KILLS = int(os.environ.get("HANDTRACK_KILLS", "40"))
+forked = pytest.mark.skipif(
+    not hasattr(os, "fork"), reason="processes are copied where they can be"
+)
+OURS = re.compile(
+    r"(actions|takes/\d{4})/\d{6}\.log|lease-\d{6}\.json|poses\.npz|versions/poses_[\w.-]+\.npz"
+)
+"""files that a session's tracks/ may have"""
+
+
+@dataclass
+class Known:
+    """What must be there: actions that were acknowledged, and frames that were shown."""
+
+    last_id: int = 0
+    state: dict[str, Any] = field(default_factory=dict)
+    frames: set[tuple[int, int]] = field(default_factory=set)
+    """take and frame"""
+    lost: int = 0
+
+    def hear(self, line: list[Any]) -> None:
+        if line[0] == "saved":
+            self.last_id, self.state = line[1], line[2]
+        elif line[0] == "frame":
+            self.frames.add((line[1], line[2]))
+
+    def check(self, folder: Path) -> None:
+        """Raise AssertionError where an acknowledged action is lost or changed."""
+        store = Store(folder / "tracks")
+        written = [action for step in _actions(store) for action in step]
+        up_to_it = History.of(action for action in written if action.id <= self.last_id)
+        assert up_to_it.state == self.state
+        opened = Persistence.open(fake_document(folder))
+        opened.restore()
+        document = opened.document
+        assert document.state == opened.history.state
+        given = {k: v for k, v in document.state.items() if keys.parts(k)[0] == keys.POSE}
+        shown = {k for k, v in given.items() if not v.get("carried")}
+        assert {keys.pose(frame) for frame in document.by_hand} == shown
+        for frame, values in document.by_hand.items():
+            parameters = given[keys.pose(frame)]["parameters"]
+            assert [parameters[n] for n in document.model.parameter_names] == values.tolist()
+        opened.close()
+        takes = [take.number for take in store.takes()]
+        there = {(number, frame) for number in takes for frame in store.frames_of(number)}
+        self.lost += len(self.frames - there)
+        self.frames &= there
+        self.last_id, self.state = opened.history.last_id, dict(opened.history.state)
+
+
+def _actions(store: Store) -> list[list[Action]]:
+    """Return all that is written, notes and undo too, in order."""
+    found: list[Action] = []
+
+    class Recorder(History):
+        def take(self, action: Action) -> None:
+            found.append(action)
+            super().take(action)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("handtrack.store.store.History", Recorder)
+        store.history()
+    return [found]
+
+
+class Session:
+    """A program at work, which tells what it acknowledged."""
+
+    def __init__(self, folder: Path, tell: Callable[..., None], rng: random.Random) -> None:
+        self.folder, self.tell, self.rng = folder, tell, rng
+        self.open()
+
+    def open(self) -> None:
+        self.store = Persistence.open(fake_document(self.folder, step_s=0.0))
+        self.store.restore()
+
+    def deed(self) -> None:
+        """Do one thing, and tell what is saved."""
+        rng, store = self.rng, self.store
+        deeds = [self.pose] * 8 + [self.setting] * 2 + [self.limits] * 2 + [store.undo] * 4
+        deeds += [store.redo] * 2 + [self.track] * 2 + [self.save, self.again, self.second]
+        try:
+            rng.choice(deeds)()
+        except HandtrackError:
+            self.tell("failed")
+        if self.store.is_saved:
+            self.tell("saved", self.store.history.last_id, self.store.history.state)
+
+    def pose(self) -> None:
+        document, rng = self.store.document, self.rng
+        frame = rng.randrange(FRAMES)
+        values = document.start + rng.uniform(-0.1, 0.1)
+        pose = edits.pose(document, frame, values.tolist(), found=rng.random() < 0.2)
+        tag = rng.choice(("", "slider"))
+        self.store.do("Pose", pose, tag, waits=rng.random() < 0.5)
+
+    def setting(self) -> None:
+        name = self.rng.choice(("cloud.weight", "silhouettes.weight"))
+        self.store.do("Setting", edits.setting(name, self.rng.choice((1.0, 2.0, 3.0))))
+
+    def limits(self) -> None:
+        interval = self.rng.choice((None, (0.0, self.rng.uniform(0.2, 1.0))))
+        values = edits.limits(self.store.document, "index_pip_flex", interval)
+        self.store.do("Limits", values)
+
+    def track(self) -> None:
+        store, rng = self.store, self.rng
+        document, first = store.document, rng.randrange(FRAMES)
+        params = document.start_params(first)
+        frames = range(first, FRAMES)
+        store.begin_take(frames, first, params)
+        assert store._take is not None
+        number, done = store._take.number, 0
+        stop = rng.randrange(1, FRAMES)
+        try:
+            for result in document.run.track(frames, first, params):  # type: ignore[attr-defined]
+                if done == stop:  # paused, something else done, and cancelled
+                    self.pose()
+                    break
+                store.add(result)
+                self.tell("frame", number, result.frame)
+                done += 1
+        finally:
+            store.end_take(finished=done == len(frames))
+
+    def save(self) -> None:
+        saving.save_track(self.store)
+
+    def again(self) -> None:
+        self.store.close()
+        self.open()
+
+    def second(self) -> None:
+        other = Persistence.open(fake_document(self.folder))
+        other.restore()
+        assert other.warning
+        other.do("Pose", edits.pose(other.document, 2, other.document.start.tolist()))
+        other.close()
+
+
+def work(folder: Path, tell: int, rng: random.Random) -> None:
+    """Work until the end; sometimes the disk is full, sometimes a write is torn by the death of the program."""
+    really_write, left = os.write, [0]
+    way = rng.choice(("half a write", "full", "any time"))
+
+    def write(handle: int, data: bytes) -> int:
+        left[0] -= 1
+        if left[0] == 0 and way != "any time":
+            really_write(handle, bytes(data)[: rng.randrange(len(data))])
+            if way == "full":
+                left[0] = rng.randint(1, 20)
+                raise OSError(errno.ENOSPC, "No space left on device")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return really_write(handle, data)
+
+    os.write = write
+
+    def told(*line: object) -> None:
+        really_write(tell, (json.dumps(line) + "\n").encode())
+
+    session = Session(folder, told, rng)
+    told("opened")
+    left[0] = rng.randint(1, 60)
+    while True:
+        session.deed()
+
+
+def killed(folder: Path, rng: random.Random) -> list[list[Any]]:
+    """Let a child work until it kills itself, or is killed; return what it told."""
+    hear, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(hear)
+            signal.alarm(60)
+            work(folder, tell, rng)
+        except BaseException as error:
+            os.write(2, f"the child ended by {error!r}\n".encode())
+        finally:
+            os._exit(1)
+    os.close(tell)
+    if rng.random() < 0.8:  # else it may be opening the store still
+        select.select([hear], [], [], 30.0)
+    time.sleep(rng.uniform(0.0, 0.3))
+    os.kill(child, signal.SIGKILL)
+    heard = b""  # the pipe may be full: it holds what the child told last
+    while chunk := os.read(hear, 1 << 16):
+        heard += chunk
+    os.close(hear)
+    status = os.waitpid(child, 0)[1]
+    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL, "it ended by itself"
+    return [json.loads(line) for line in heard.splitlines(keepends=True) if line.endswith(b"\n")]
+
+
+@forked
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
+    tmp_path: Path,
+) -> None:
+    rng, known, actions = random.Random(7), Known(), 0
+    for _ in range(KILLS):
+        before = known.last_id
+        for line in killed(tmp_path, random.Random(rng.random())):
+            known.hear(line)
+        known.check(tmp_path)
+        actions += known.last_id - before
+        assert not known.lost, "frames that were shown"
+    for path in tmp_path.rglob(".*.part*"):
+        os.utime(path, (0, 0))  # it was left long ago
+    known.check(tmp_path)
+    assert not strays(tmp_path / "tracks")
+    assert actions > KILLS and known.frames
+    print(f"{KILLS} kills, {actions} actions, {len(known.frames)} frames acknowledged, 0 lost")
+
+
+def strays(folder: Path) -> list[str]:
+    names = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()]
+    return [name for name in names if not OURS.fullmatch(name)]
+
+
+@pytest.mark.parametrize("for_good", [False, True], ids=["one write fails", "the disk is full"])
+def test_a6_a7_a_write_that_fails_at_any_call_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, for_good: bool
+) -> None:
+    monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
+    really_write, count, fails_at = os.write, [0], [0]
+
+    def write(handle: int, data: bytes) -> int:
+        count[0] += 1
+        if count[0] == fails_at[0] or (for_good and count[0] > fails_at[0] > 0):
+            really_write(handle, bytes(data)[: len(data) // 2])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return really_write(handle, data)
+
+    number = 0
+    while number == 0 or count[0] >= fails_at[0]:
+        number += 1
+        known, folder = Known(), tmp_path / str(number)
+        folder.mkdir()
+        session = Session(folder, lambda *line, known=known: known.hear([*line]), random.Random(3))
+        count[0], fails_at[0] = 0, number
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "write", write)
+            for deed in (session.pose, session.setting, session.track, session.pose,
+                         session.store.undo, session.limits, session.save):  # fmt: skip
+                with suppress(HandtrackError):  # told in words, and never an OSError
+                    deed()
+                if session.store.is_saved:
+                    known.hear(json.loads(json.dumps(
+                        ["saved", session.store.history.last_id, session.store.history.state]
+                    )))  # fmt: skip
+            try:
+                session.store.close()
+            except HandtrackError:
+                assert not session.store.is_saved
+            fails_at[0], reached = 10**9, count[0] >= number
+        known.check(folder)
+        if not reached:
+            break
+        fails_at[0] = number
+    assert number > 10

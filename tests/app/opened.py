@@ -1,0 +1,61 @@
+"""A session's store as the workbench opens it, on a fake run; and what is done in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from handtrack.store.current_track import TakeFrames
+from handtrack.store.history import Value
+from handtrack.store.spans import Span
+from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.persistence import Persistence
+from tests.app.fake_run import fake_document
+
+
+def opened(folder: Path, **options: Any) -> Persistence:
+    """Return the store of a session that is just opened."""
+    store = Persistence.open(fake_document(folder, step_s=0.0, **options))
+    store.restore()
+    return store
+
+
+def posed(store: Persistence, frame: int, by: float = 0.0, found: bool = False) -> None:
+    """Set a frame's pose: the first one, every parameter moved by so much."""
+    values = (store.document.start + by).tolist()
+    store.do(f"Pose of frame {frame}", edits.pose(store.document, frame, values, found))
+
+
+def did(store: Persistence, values: dict[str, Value]) -> None:
+    """Do something to the session's state."""
+    store.do("Something", values)
+
+
+def tracked(store: Persistence, frames: range | None = None, first: int = 3) -> Persistence:
+    """Track frames as a job does."""
+    document = store.document
+    frames = document.frames if frames is None else frames
+    params = document.start_params(first)
+    store.begin_take(frames, first, params)
+    for result in document.run.track(frames, first, params):  # type: ignore[attr-defined]
+        store.add(result)
+    store.end_take(finished=True)
+    return store
+
+
+def show_results(document: Document, results: Iterable[FrameResult]) -> None:
+    """Let a document have tracked frames that are nowhere on disk."""
+    take = TakeFrames(document.model.parameter_names, {r.frame: r for r in results})
+    number = document.takes.next_number
+    document.takes.put(number, take)
+    spans = document.state.get(keys.SPANS, [])
+    document.apply({keys.SPANS: [*spans, [number, min(take), max(take) + 1]]})
+
+
+def spans(store: Persistence) -> tuple[Span, ...]:
+    """Return what the current track is composed of, on disk."""
+    assert store.store is not None
+    return store.store.current()

@@ -1,0 +1,320 @@
+"""The engine in a process of its own: it may die, and what was accepted is there; it ends with whoever started it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.store.lease import holder_of
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.process import engine_process
+from handtrack_app.process.engine_process import EngineProcess
+from handtrack_app.process.memory import GB, memory_limit
+from handtrack_app.process.plan import EnginePlan
+from handtrack_app.protocol import commands, snapshots
+from tests.app.command_line import PROGRAM
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
+from tests.live_cameras import clip
+from tests.session.small_session import make_session
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+
+
+class Page:
+    """An engine in a process, and all that it said."""
+
+    def __init__(self, folder: Path, opener: Any = fake_document, **plan: Any) -> None:
+        self.seen: list[Any] = []
+        self.engine = EngineProcess(EnginePlan(folder, opener=opener, **plan), self.seen.append)
+
+    def wait(self, kind: type, test: Callable[[Any], bool] = lambda _: True, after: int = 0) -> Any:
+        """Return the first snapshot of a kind that passes the test."""
+
+        def found() -> Any:
+            return next((s for s in self.seen[after:] if isinstance(s, kind) and test(s)), None)
+
+        eventually(lambda: found() is not None, f"a {kind.__name__}", 30.0)
+        return found()
+
+    def idle(self, after: int = 0) -> None:
+        self.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", after)
+
+    def kill(self, number: int = signal.SIGKILL) -> int:
+        """Kill the engine's process; return how much had been said before."""
+        pid, said = self.engine.pid, len(self.seen)
+        assert pid is not None
+        os.kill(pid, number)
+        return said
+
+    @property
+    def notices(self) -> list[snapshots.Notice]:
+        return [s for s in self.seen if isinstance(s, snapshots.Notice)]
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Page]]:
+    pages: list[Page] = []
+
+    def started(*args: Any, **plan: Any) -> Page:
+        pages.append(Page(*args, **plan))
+        pages[-1].engine.start()
+        assert pages[-1].engine.wait_opened(60.0) is None
+        return pages[-1]
+
+    yield started
+    for page in pages:
+        page.engine.stop()
+
+
+def values_with(bend: float) -> tuple[float, ...]:
+    model = fake_document(Path()).model
+    values = model.rest.copy()
+    values[model.parameter_names.index("index_pip_flex")] = bend
+    return tuple(values.tolist())
+
+
+def bend_of(pose: snapshots.PoseSnapshot) -> float:
+    names = fake_document(Path()).model.parameter_names
+    return float(pose.values[names.index("index_pip_flex")])
+
+
+def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    page = start(tmp_path, partial(fake_document, step_s=0.3))
+    engine = page.engine
+    first = engine.pid
+    engine.send(commands.WantPictures(True, None, "outline"))
+    engine.send(commands.SetPose(9, values_with(0.75), 1))
+    page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9,))
+    engine.send(commands.Track(3, FRAMES, 3))
+    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.frame == 7)
+    engine.send(commands.SetPose(10, values_with(0.6), 2))  # on its way, and not on disk yet
+    page.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
+    began, said = time.monotonic(), page.kill()
+    notice = page.wait(snapshots.Notice, after=said)
+    assert time.monotonic() - began < 1.0
+    assert notice.level == "error" and "SIGKILL" in notice.text and "memory" in notice.text
+    assert "Tracking stopped at frame 7" in notice.text or "stopped at frame 8" in notice.text
+    assert page.wait(snapshots.ProgressSnapshot, after=said).state == "opening"
+    page.idle(said)
+    assert engine.pid not in (first, None)
+    welcome = page.wait(snapshots.Notice, lambda n: n.title == "Welcome back", said)
+    assert "1 pose set by hand" in welcome.text and "tracked frames" in welcome.text
+    strip = page.wait(snapshots.TimelineSnapshot, after=said)
+    assert (strip.status[3:6] >= 0).all(), "all but the last second"
+    assert page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9, 10), said)
+    shown = page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 10, said)
+    assert shown.version >= 2, "the page takes it for news"
+    page.wait(snapshots.PictureSnapshot, lambda p: p.frame == 10 and p.thumbnails, said)
+    states = {s.state for s in page.seen[said:] if isinstance(s, snapshots.ProgressSnapshot)}
+    assert "tracking" not in states, "it does not track on by itself"
+    engine.send(commands.Track(7, FRAMES, 7))
+    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking", said)
+
+
+def test_c40_commands_wait_while_the_next_one_takes_the_lease_of_the_dead(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    page = start(tmp_path)
+    holder = holder_of(tmp_path / "tracks")
+    assert holder is not None and holder.pid == page.engine.pid
+    said = page.kill()
+    page.wait(snapshots.Notice, after=said)
+    page.engine.send(commands.SetPose(5, values_with(0.5), 1))
+    page.engine.send(commands.ShowFrame(8))
+    page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
+    posed = page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 5 and p.version == 1, said)
+    np.testing.assert_allclose(bend_of(posed), 0.5)
+    holder = holder_of(tmp_path / "tracks")
+    assert holder is not None and holder.pid == page.engine.pid
+    assert not any("looked at" in notice.text for notice in page.notices)
+
+
+def crashing_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+    """A document that crashes whoever opens it while a file is there."""
+    if (folder / "crash").exists():
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return fake_document(folder, overrides)
+
+
+def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
+    tmp_path: Path, start: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine_process, "_MOST_AGAIN", 1)
+    monkeypatch.setattr(engine_process, "_WITHIN_S", 1e6)  # however slow the machine
+    page = start(tmp_path, crashing_document)
+    (tmp_path / "crash").touch()
+    said = page.kill()
+    last = page.wait(snapshots.Notice, lambda n: n.title == "The engine stays ended", said)
+    assert "SIGSEGV" in last.text and "2 times within a minute" in last.text
+    assert page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed", said)
+    page.engine.send(commands.ShowFrame(8))
+    assert page.engine.pid is None and not page.engine._commands, "nobody is there to serve it"
+    (tmp_path / "crash").unlink()
+    said = len(page.seen)
+    page.engine.send(commands.StartAgain())
+    page.idle(said)
+    said = page.kill(signal.SIGTERM)
+    last = page.wait(snapshots.Notice, lambda n: n.title == "The engine stays ended", said)
+    assert "asked to end (SIGTERM)" in last.text and "within a minute" not in last.text
+    assert not any((tmp_path / "tracks").glob("lease-*.json"))
+
+
+def test_c40_what_crashes_at_once_ends_the_program_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine_process, "_MOST_AGAIN", 0)
+    (tmp_path / "crash").touch()
+    page = Page(tmp_path, crashing_document)
+    page.engine.start()
+    with pytest.raises(HandtrackError, match="crashed .SIGSEGV., a mistake in handtrack or in a"):
+        raise page.engine.wait_shown(60.0) or AssertionError("it opened")
+    page.engine.stop()
+
+
+def test_running_cameras_are_opened_over_there(tmp_path: Path, start: Callable[..., Page]) -> None:
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    make_session(desk)
+    devices = {name: str(clip(tmp_path / f"{name}.avi")) for name in ("cam0", "cam1")}
+    page = start(desk, None, live=LiveOptions(devices, 10.0))
+    assert page.wait(snapshots.SessionSnapshot).live
+    folder = tmp_path / "recorded"
+    page.engine.send(commands.Record(True, str(folder)))
+    page.wait(snapshots.LiveSnapshot, lambda told: told.recording == str(folder))
+    said = page.kill()
+    assert f"The recording in {folder} was cut off" in page.wait(snapshots.Notice, after=said).text
+
+
+# ---- memory
+
+
+def hungry_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+    """A document whose frames take 100 GB each to track."""
+    return fake_document(folder, overrides, hungry=True)
+
+
+def hungry_opener(folder: Path, overrides: Mapping[str, object]) -> Document:
+    np.ones(100 * GB // 8)
+    raise AssertionError("it was given")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is not limited")
+def test_c40_too_much_memory_is_told_in_words_and_the_engine_goes_on(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    page = start(tmp_path, hungry_document, memory=2 * GB)
+    first = page.engine.pid
+    page.engine.send(commands.Track(3, FRAMES, 3))
+    notice = page.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped")
+    assert notice.text.startswith(
+        "Tracking needs more memory than the 2.0 GB that handtrack may use here (Unable to allocate "
+    )
+    assert "--memory GB" in notice.text
+    said = len(page.seen)
+    page.engine.send(commands.ShowFrame(8))
+    page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
+    assert page.engine.pid == first
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is not limited")
+def test_c40_a_session_too_large_to_open_says_so(tmp_path: Path) -> None:
+    page = Page(tmp_path, hungry_opener, memory=2 * GB)
+    page.engine.start()
+    assert isinstance(page.engine.wait_opened(60.0), MemoryError)
+    notice = page.wait(snapshots.Notice)
+    assert notice.title == "Not enough memory"
+    assert "2.0 GB" in notice.text
+    page.engine.stop()
+
+
+def test_memory_is_a_share_of_what_there_is_unless_it_is_said() -> None:
+    assert GB <= memory_limit()
+    assert memory_limit(2.5) == 2_500_000_000
+    for wrong in (0.1, -3.0, float("nan"), float("inf")):
+        with pytest.raises(HandtrackError, match="--memory .*: expected gigabytes, at least 1"):
+            memory_limit(wrong)
+
+
+# ---- ending
+
+slow_document = partial(fake_document, step_s=0.3)
+PARENT = """
+import sys, time
+from pathlib import Path
+from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.process import engine_process
+from handtrack_app.process.engine_process import EngineProcess
+from handtrack_app.process.plan import EnginePlan
+from handtrack_app.protocol import commands
+from tests.app.process.test_engine_process import slow_document
+
+engine = EngineProcess(EnginePlan(Path(sys.argv[1]), opener=slow_document), lambda _: None)
+engine.start()
+assert engine.wait_opened(60.0) is None
+engine.send(commands.Track(3, 12, 3))
+print(engine.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def test_c40_an_engine_whose_page_was_killed_ends_and_frees_the_session(tmp_path: Path) -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(tmp_path)], env=PROGRAM, stdout=subprocess.PIPE
+    )
+    assert parent.stdout is not None
+    engine = int(parent.stdout.readline())
+    tracks = tmp_path / "tracks"
+    eventually(lambda: (holder_of(tracks) or None) is not None, "it writes")
+    assert next(tracks.glob("lease-*.json")).is_file()
+    parent.kill()
+    parent.wait(10)
+    parent.stdout.close()
+    eventually(lambda: not any(tracks.glob("lease-*.json")), "the lease is given back", 10.0)
+    eventually(lambda: not _works(engine), "its process ended", 10.0)
+
+
+def _works(pid: int) -> bool:
+    """Return whether a process runs; one that nobody waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_c40_stopping_gives_the_session_back(tmp_path: Path) -> None:
+    page = Page(tmp_path, slow_document)
+    page.engine.start()
+    assert page.engine.wait_opened(60.0) is None
+    pid = page.engine.pid
+    page.engine.send(commands.SetPose(5, values_with(0.5), 1))
+    page.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
+    page.engine.send(commands.Track(3, FRAMES, 3))
+    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking")
+    began = time.monotonic()
+    page.engine.stop()
+    assert time.monotonic() - began < 5.0
+    assert pid is not None and not _works(pid)
+    assert not any((tmp_path / "tracks").glob("lease-*.json"))
+    again = Page(tmp_path)
+    again.engine.start()
+    assert again.engine.wait_opened(60.0) is None
+    welcome = again.wait(snapshots.Notice, lambda n: n.title == "Welcome back")
+    assert "1 pose set by hand" in welcome.text and "tracked frame" in welcome.text
+    again.engine.stop()
+    assert not [t for t in threading.enumerate() if t.name in ("engine", "talk")]

@@ -1,0 +1,102 @@
+"""`handtrack open` as its user has it: the part that tracks is killed, and the page goes on; Ctrl-C ends both parts."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from handtrack.session.bundled import bundled_session
+from tests.app.command_line import PROGRAM
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds its processes")
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    leave_out = shutil.ignore_patterns("tracks")
+    session = shutil.copytree(bundled_session(), tmp_path / "session", ignore=leave_out)
+    environment = PROGRAM | {"HANDTRACK_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "handtrack_app.cli", "open", str(session), "--no-browser"]
+    with subprocess.Popen(
+        [*command, "--port", "0", "--memory", "4"],
+        env=environment,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as started:
+        yield started
+        started.kill()
+
+
+def widget(client: WireClient, kind: str, label: str) -> Any:
+    """Return what `set_value` takes for the widget with a label."""
+    for _, message in list(client.messages):
+        if message["type"] == kind and message["props"].get("label") == label:
+            return SimpleNamespace(_impl=SimpleNamespace(uuid=message["uuid"]))
+    return None
+
+
+def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_path: Path) -> None:
+    assert program.stdout is not None and program.stderr is not None
+    address = re.compile(r"is open at (\S+)")
+    url = next(said[1] for line in program.stdout if (said := address.search(line)))
+    with WireClient(url) as client:
+
+        def came(words: str, after: float = 0.0) -> bool:
+            said = (str(message) for when, message in list(client.messages) if when > after)
+            return any(re.search(words, one) for one in said)
+
+        def engine() -> int:
+            processes = Path("/proc").glob("[0-9]*/stat")
+            (child,) = (int(p.parent.name) for p in processes if _parent(p) == program.pid)
+            return child
+
+        eventually(
+            lambda: widget(client, "GuiButtonMessage", "Track all frames") is not None,
+            "it is shown",
+            60.0,
+        )
+        eventually(lambda: came(">ready"), "it is open", 60.0)
+        client.set_value(widget(client, "GuiButtonMessage", "Track all frames"), True)
+        eventually(
+            lambda: came(r"Tracking: ([3-9]|\d\d) of 100 frames"), "frames are tracked", 90.0
+        )
+        loaded = Path(f"/proc/{program.pid}/maps").read_text()
+        assert not [name for name in ("llvmlite", "scipy", "skimage") if f"/{name}/" in loaded]
+        killed = engine()
+        began = time.perf_counter()
+        os.kill(killed, signal.SIGKILL)
+        eventually(lambda: came("The engine was ended", began), "it is told")
+        assert came("Tracking stopped at frame", began)
+        eventually(lambda: came("tracked frames", began), "they are back", 60.0)
+        assert engine() != killed
+        slider = widget(client, "GuiSliderMessage", "x mm")
+        sent = client.set_value(slider, 12.0)
+        eventually(lambda: came("batched_positions", sent), "the hand moves")
+    program.send_signal(signal.SIGINT)
+    out, err = program.communicate(timeout=30)
+    assert program.returncode == 0
+    assert err == "handtrack: starting the workbench …\n"
+    assert "Traceback" not in out
+    assert not any((tmp_path / "session/tracks").glob("lease-*.json"))
+
+
+def _parent(stat: Path) -> int:
+    try:
+        return int(stat.read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0

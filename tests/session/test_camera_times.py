@@ -1,0 +1,200 @@
+"""Cameras that are late, have a rate of their own or miss frames: their frames are taken by time, and a miss never shifts the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.session.doctor.examine import examine, examine_start
+from handtrack.session.session import Session
+from tests.capture.test_synchrony import camera, pictures
+from tests.session.small_session import edit, make_session
+from tests.session.test_bad_sessions import contains, refusal
+
+COUNT = 12
+SHAPE = (48, 64)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The first camera's image n is n grey levels bright, at 10 fps."""
+    return recorded(make_session(tmp_path), "cam0", range(COUNT))
+
+
+def recorded(folder: Path, name: str, levels: range | list[int]) -> Path:
+    """Write images 0, 1, 2 … whose grey levels say what moment they show."""
+    (folder / name).mkdir(exist_ok=True)
+    for old in (folder / name).iterdir():
+        old.unlink()
+    for number, level in enumerate(levels):
+        cv2.imwrite(str(folder / name / f"{number:03d}.png"), np.full((*SHAPE, 3), level, np.uint8))
+    return folder
+
+
+def second_camera(folder: Path, settings: str, levels: range | list[int]) -> Session:
+    """Return the session with images of a second camera, and lines for its table."""
+    recorded(folder, "cam1", levels)
+    edit(
+        folder / "session.toml",
+        'name = "cam1"',
+        f'name = "cam1"\nimages = "cam1/*.png"\n{settings}',
+    )
+    return Session.open(folder)
+
+
+def shown(session: Session, name: str, frames: range = range(COUNT)) -> list[int | None]:
+    """Return what moment the images of some frames show."""
+    images = (session.image(name, frame) for frame in frames)
+    return [None if image is None else int(image[0, 0, 0]) for image in images]
+
+
+@pytest.mark.parametrize("late", [3, -2])
+def test_c8_a_late_camera_is_joined_by_its_lag(late: int, folder: Path) -> None:
+    moments = [100 + frame - late for frame in range(COUNT)]
+    session = second_camera(folder, f"lag_s = {late / 10}", moments)
+    known = [moment if moment in moments else None for moment in range(100, 100 + COUNT)]
+    assert shown(session, "cam1") == known
+    assert shown(session, "cam0") == list(range(COUNT))
+    assert session.time_s(3) == pytest.approx(0.3)
+    assert session.frame_count == max(COUNT, COUNT - late)
+
+
+def test_c8_masks_and_keypoints_go_with_the_images(folder: Path) -> None:
+    session = second_camera(folder, "lag_s = 0.1", range(COUNT))
+    mask = np.zeros(SHAPE, np.uint8)
+    mask[5:9, 5:9] = 255
+    cv2.imwrite(str(folder / "masks/cam1/001.png"), mask)
+    seen = session.observation(0).silhouettes
+    assert [s.mask.sum() for s in seen] == [38 * 30, 16]
+
+
+def test_c8_half_a_frame_is_not_too_far_and_more_is(folder: Path) -> None:
+    assert shown(second_camera(folder, "lag_s = 0.05", range(COUNT)), "cam1") == list(range(COUNT))
+    edit(folder / "session.toml", "lag_s = 0.05", "lag_s = 0.04\nfps = 5.0")
+    joined = shown(Session.open(folder), "cam1", range(7))
+    assert joined == [0, None, 1, None, 2, None, 3]
+
+
+def test_c7_a_faster_and_a_slower_camera_are_joined_by_time(folder: Path) -> None:
+    session = second_camera(folder, "fps = 40.0", range(4 * COUNT))
+    assert shown(session, "cam1") == list(range(0, 4 * COUNT, 4))
+    assert session.frame_count == COUNT + 1  # its last image is 25 ms before a 13th frame
+    edit(folder / "session.toml", "fps = 40.0", "fps = 5.0")
+    joined = shown(Session.open(folder), "cam1", range(5))
+    assert joined == [0, None, 1, None, 2]
+
+
+def stamps(folder: Path, times: dict[str, list[float]]) -> Session:
+    rows = [f"{name},{i},{t:.4f}" for name, row in times.items() for i, t in enumerate(row)]
+    (folder / "t.csv").write_text("\n".join(["camera,frame,time_s", *rows]))
+    edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
+    return Session.open(folder)
+
+
+def test_c5_frames_that_one_camera_dropped_shift_no_others(folder: Path) -> None:
+    there = [moment for moment in range(COUNT) if moment not in (3, 4, 8)]
+    second_camera(folder, "", there)
+    session = stamps(
+        folder, {"cam0": [m / 10 for m in range(COUNT)], "cam1": [m / 10 for m in there]}
+    )
+    assert shown(session, "cam1") == [m if m in there else None for m in range(COUNT)]
+
+
+def test_c4_a_variable_rate_is_joined_by_its_time_stamps(folder: Path) -> None:
+    times = [1000 + 0.1 * m for m in range(COUNT)]  # since any moment
+    uneven = [1000 + 0.01 * t for t in (0, 4, 8, 13, 21, 33, 40, 52, 61, 72, 79, 91, 104, 110)]
+    second_camera(folder, "", range(len(uneven)))
+    session = stamps(folder, {"cam0": times, "cam1": uneven})
+    nearest = [int(np.argmin(np.abs(np.array(uneven) - t))) for t in times]
+    assert shown(session, "cam1") == nearest
+    assert session.time_s(5) == pytest.approx(1000.5)
+
+
+def test_c8_the_lag_of_a_camera_with_time_stamps_counts_too(folder: Path) -> None:
+    second_camera(folder, "lag_s = 0.3", range(COUNT))
+    times = [0.1 * m for m in range(COUNT)]
+    session = stamps(folder, {"cam0": times, "cam1": times})
+    assert shown(session, "cam1")[:4] == [3, 4, 5, 6]
+    edit(folder / "session.toml", "lag_s = 0.3\n", "")
+    edit(folder / "session.toml", 'name = "cam0"', 'name = "cam0"\nlag_s = 0.3')
+    session = Session.open(folder)
+    assert shown(session, "cam1")[:5] == [
+        None,
+        None,
+        None,
+        0,
+        1,
+    ]  # the first camera is the session's clock
+    assert session.time_s(0) == pytest.approx(-0.3)
+
+
+def test_c8_the_doctor_says_the_line_to_write(folder: Path) -> None:
+    edit(folder / "calibration.toml", "rotation = [0.0, 0.7, 0.0]", "rotation = [0.1, 0.5, 0.15]")
+    for name, turn, late in (("cam0", 0.0, 0), ("cam1", 0.5, 5)):
+        rng = np.random.default_rng(1)
+        for frame, picture in enumerate(pictures(camera(name, turn), late, rng)):
+            small = cv2.resize(picture, SHAPE[::-1], interpolation=cv2.INTER_AREA)
+            path = folder / name / f"{frame:03d}.png"
+            path.parent.mkdir(exist_ok=True)
+            cv2.imwrite(str(path), small)
+    text = (folder / "session.toml").read_text()
+    text = (
+        text.replace('masks = "masks/cam0/*.png"\n', "")
+        .replace("masks/cam1", "cam1")
+        .replace("masks", "images")
+    )
+    (folder / "session.toml").write_text(text)
+    (folder / "init.json").unlink()
+    found = [f.text for f in examine(Session.open(folder)) if "same moment" in f.text]
+    assert "camera 'cam1' comes 5 frames late" in found[0]
+    assert '`lag_s = 0.5` under [[camera]] name = "cam1"' in found[0]
+    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nlag_s = 0.5')
+    texts = [f.text for f in examine(Session.open(folder))]
+    assert not [text for text in texts if "same moment" in text]
+    assert "camera 'cam1': its frames are taken by time; 55 of the session's 60 have one." in texts
+
+
+def test_c7_a_video_of_another_rate_is_told_with_the_line_to_write(folder: Path) -> None:
+    writer = cv2.VideoWriter(
+        str(folder / "cam1.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 40.0, SHAPE[::-1]
+    )
+    for level in range(4 * COUNT):
+        writer.write(np.full((*SHAPE, 3), 5 * level, np.uint8))
+    writer.release()
+    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam1.avi"')
+    session = Session.open(folder)
+    words = "camera 'cam1': the video says 40 fps, the session 10. If the video is right, write `fps = 40`"
+    for texts in ([f.text for f in examine(session)], examine_start(session)):
+        assert any(text.startswith(words) for text in texts)
+    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nfps = 40')
+    session = Session.open(folder)
+    assert session.frame_count == COUNT + 1
+    assert [video.path.name for video in session.videos] == ["cam1.avi"]
+    assert not any("fps, " in text for text in examine_start(session))
+
+
+def test_c8_a_lag_beyond_the_recording_is_an_error_in_words(folder: Path) -> None:
+    session = second_camera(folder, "lag_s = -40", range(COUNT))
+    assert shown(session, "cam1") == [None] * COUNT
+    edit(folder / "session.toml", "lag_s = -40", "lag_s = 40")
+    session = Session.open(folder)
+    assert session.frame_count == COUNT
+    assert shown(session, "cam1") == [None] * COUNT
+    errors = [f.text for f in examine(session) if f.severity == "error"]
+    assert (
+        "camera 'cam1': its frames are taken by time; 0 of the session's 12 have one. Look at `lag_s` [s], `fps` and the time "
+        "stamps: they never meet."
+    ) in errors
+
+
+@pytest.mark.parametrize("line", ['lag_s = "3"', "lag_s = nan", "lag_s = inf"])
+def test_c8_a_lag_that_is_no_number_is_refused(line: str, folder: Path) -> None:
+    edit(folder / "session.toml", 'name = "cam1"', f'name = "cam1"\n{line}')
+    contains(refusal(folder), "camera 'cam1'", "lag_s = ", "expected a number [s]")
+
+
+def test_c7_without_these_keys_frames_go_by_their_numbers(folder: Path) -> None:
+    assert all(view.times is None for view in Session.open(folder).views)
