@@ -27,10 +27,8 @@ def soak() -> dict[str, Any]:
         began, taken, sent, came = time.monotonic(), [], 0, 1
         renewed = began
         while (now := time.monotonic()) < began + 60 * _MINUTES:
-            for client in (
-                first,
-                *others,
-            ):  # those that look on are refused, and their pages put back
+            # those that look on are refused, and their pages put back
+            for client in (first, *others):
                 client.set_value(frame["uuid"], sent % 100)
                 if sent % int(_RATE) == 0:
                     slider = sliders[sent // int(_RATE) % len(sliders)]
@@ -42,16 +40,18 @@ def soak() -> dict[str, Any]:
                 others.append(WireClient(program.url))
                 came, renewed = came + 1, now
                 take_over((first, *others)[came % _CLIENTS])
-                taken.append((now - began, program.resident_mb(), program.open_files(), program.threads()))  # fmt: skip
+                taken.append((
+                    now - began, program.resident_mb(), program.page_mb(), program.open_files(), program.threads(),
+                ))  # fmt: skip
             time.sleep(1 / _RATE)
         take_over(first)
         waits = latencies_ms(first, sliders[0], 30)
         for client in others:
             client.__exit__(None, None, None)
         settled = np.array([row for row in taken if row[0] > 60 * _SETTLED])
-        growth = 3600 * float(np.polyfit(settled[:, 0], settled[:, 1], 1)[0])
+        growth, page_growth = 3600 * np.polyfit(settled[:, 0], settled[:, 1:3], 1)[0]
         return {
-            "ratio": growth / 5.0,
+            "ratio": float(growth) / 5.0,
             "reference": "5 MB an hour, by a line through the last three minutes",
             "minutes": _MINUTES,
             "frames_shown": sent,
@@ -60,9 +60,12 @@ def soak() -> dict[str, Any]:
             "memory_first_mb": taken[0][1],
             "memory_settled_mb": float(settled[0, 1]),
             "memory_last_mb": float(settled[-1, 1]),
-            "growth_mb_an_hour": growth,
-            "open_files": f"{int(settled[:, 2].min())} to {int(settled[:, 2].max())}",
-            "threads": f"{int(settled[:, 3].min())} to {int(settled[:, 3].max())}",
+            "growth_mb_an_hour": float(growth),
+            "of_this_the_page": float(page_growth),
+            "page_settled_mb": float(settled[0, 2]),
+            "page_last_mb": float(settled[-1, 2]),
+            "open_files": f"{int(settled[:, 3].min())} to {int(settled[:, 3].max())}",
+            "threads": f"{int(settled[:, 4].min())} to {int(settled[:, 4].max())}",
             "latency_at_the_end_ms": float(np.median(waits)),
         }
 
