@@ -28,6 +28,7 @@ from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol.log_file import LOG_FILE
 from handtrack_app.protocol.mailbox import Mailbox
 
 if TYPE_CHECKING:
@@ -249,7 +250,7 @@ class Workbench:
         self._ready.set()
 
 
-@logging_to(snapshots.LOG_FILE)
+@logging_to(LOG_FILE)
 def run_workbench(
     session_folder: Path,
     *,

@@ -14,7 +14,7 @@ from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.memory import memory_limit
-from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.protocol.log_file import ENGINE_LOG
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
     memory = memory_limit(args.memory)
     say("handtrack: starting the workbench …")
-    child = EngineChild(LOG_FILE)  # its imports take longest: they run beside those of the page
+    child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
     try:
         from handtrack_app.workbench import run_workbench
 

@@ -14,6 +14,7 @@ from typing import BinaryIO, cast
 from handtrack_app.process.channel import Channel, FromEngine
 
 _GOING_S = 2.0  # between the end of its pipe and its own
+_LARGEST_LOG = 1_000_000  # bytes; a larger one makes room when an engine begins
 _PROGRAM = "handtrack_app.process.child"
 
 
@@ -26,7 +27,9 @@ class EngineChild:
         command = [sys.executable, "-P", "-m", _PROGRAM]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         try:
-            log.parent.mkdir(parents=True, exist_ok=True)
+            log.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if log.is_file() and log.stat().st_size > _LARGEST_LOG:
+                log.replace(log.with_name(f"{log.name}.1"))
             errors = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
         except OSError:  # another user's file
             errors = os.open(os.devnull, os.O_WRONLY)

@@ -15,7 +15,7 @@ from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.plan import EnginePlan
 from handtrack_app.process.standing_wishes import StandingWishes
 from handtrack_app.protocol import commands
-from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import ProgressSnapshot, Snapshot
 
@@ -114,7 +114,7 @@ class EngineProcess:
 
     def _one_life(self, plan: EnginePlan) -> int:
         """Let a process be the engine; return how it ended."""
-        child, self._child = self._child or EngineChild(LOG_FILE), None
+        child, self._child = self._child or EngineChild(ENGINE_LOG), None
         life = self._life = _Life(child)
         if self._stopping.is_set():  # which saw no life yet
             child.kill()
@@ -161,13 +161,13 @@ class EngineProcess:
             return False  # that was told
         now, wishes = time.monotonic(), self._wishes
         self._ends.append(now)
-        how = ending_words(code, self._plan.memory, LOG_FILE)
+        how = ending_words(code, self._plan.memory, ENGINE_LOG)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
         if code and not often:
-            self._publish(again_notice(how, wishes.stopped_at, wishes.recording, LOG_FILE))
+            self._publish(again_notice(how, wishes.stopped_at, wishes.recording, ENGINE_LOG))
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
-        notice = down_notice(how, len(self._ends) if often else 1, LOG_FILE)
+        notice = down_notice(how, len(self._ends) if often else 1, ENGINE_LOG)
         if not self._shown.is_set():
             self._failure = HandtrackError(notice.text)
             self._shown.set()

@@ -1,7 +1,10 @@
-"""Where details of mistakes are kept, in the user's own folder; light to import."""
+"""Where details of mistakes are kept: files of the user's own; light to import."""
 
 from __future__ import annotations
 
 from handtrack.session.bundled import user_data_folder
 
 LOG_FILE = user_data_folder() / "logs" / "workbench.log"
+"""what the page's process notes"""
+ENGINE_LOG = LOG_FILE.with_name("engine.log")
+"""what the engine's process, and libraries in it, print"""

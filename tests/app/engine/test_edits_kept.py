@@ -90,3 +90,20 @@ def test_a15_a_drag_that_goes_on_and_on_is_written_meanwhile(
     monkeypatch.setattr(persistence, "_LONGEST_S", 0.05)
     edit(worker, listener, 3, 1)
     eventually(lambda: written(tmp_path) == [3], "the drag on the disk")
+
+
+def test_a14_while_tracking_is_paused_every_frame_is_on_disk(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.03):
+        worker.send(commands.Track(0, 12, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.done >= 4)
+        worker.send(commands.Pause(True))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
+
+        results, store = worker.document.results, Store(tmp_path / "tracks")
+        eventually(
+            lambda shown=results, store=store: (
+                len(shown) >= 4 and set(shown) == set(store.frames_of(1))
+            ),
+            "what is shown is on disk",
+        )
+        worker.send(commands.Cancel())

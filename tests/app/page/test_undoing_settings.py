@@ -53,6 +53,7 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
 def cloudy(tmp_path: Path) -> Iterator[Workbench]:
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
     assert workbench.wait_ready(60.0)
+    eventually(lambda: hasattr(workbench.layout.cloud, "filters"), "the session is open")
     yield workbench
     workbench.stop()
 

@@ -52,7 +52,7 @@ def widget(client: WireClient, kind: str, label: str) -> Any:
 
 def test_c40_the_page_outlives_what_tracks(program: subprocess.Popen[str], tmp_path: Path) -> None:
     assert program.stdout is not None and program.stderr is not None
-    address = re.compile(r"is open at (\S+)")
+    address = re.compile(r"is open at (http://\S+)")
     url = next(said[1] for line in program.stdout if (said := address.search(line)))
     with WireClient(url) as client:
 

@@ -30,11 +30,11 @@ class TakesPanel:
         with self.folder:
             self.list = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", self.numbers)
-            back = gui.add_button(
+            self.back = gui.add_button(
                 "Bring this take back", icon=viser.Icon.RESTORE, color="gray",
                 hint="It becomes the whole track again. Undo takes that back; nothing is ever overwritten.",
             )  # fmt: skip
-        self.page.on(back, lambda _: self._restore())
+        self.page.on(self.back, lambda _: self._restore())
 
     def _restore(self) -> None:
         chosen = str(self.chosen.value)
@@ -58,7 +58,11 @@ def takes_table(work: WorkSnapshot) -> str:
     """Return a row for each take, the latest first."""
     rows = ""
     for card in work.takes[:_MOST]:
-        shown = f"<b>{card.shown} frames shown</b>" if card.shown else ""
+        shown = (
+            f"<b>{card.shown} {'frame' if card.shown == 1 else 'frames'} shown</b>"
+            if card.shown
+            else ""
+        )
         rows += (
             f"<tr><td style='vertical-align:top;padding-right:.8em'><b>{card.number}</b></td>"
             f"<td>{html.escape(card.words)} {shown}</td></tr>"
