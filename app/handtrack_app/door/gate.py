@@ -73,6 +73,8 @@ class Gate:
         name = getattr(message, "uuid", None) or getattr(message, "name", "")
         if kind != "camera" and name not in own and not (client is None or self.may_edit(client)):
             raise LooksOn(name)
+        if isinstance(message, words.GuiUpdateMessage):
+            self._keep(message)
         return kind, msgspec.msgpack.encode(message)
 
     def refuse(self, why: NotForUs, client: int | None) -> None:
@@ -92,6 +94,12 @@ class Gate:
         The widget's own may be another by now: the program moves it, too.
         """
         return self._said.get(handle._impl.uuid, handle.value)
+
+    def _keep(self, message: words.GuiUpdateMessage) -> None:
+        if len(self._said) >= _MOST_KEPT and self.server is not None:
+            known = self.server.gui._gui_input_handle_from_uuid
+            self._said = {uuid: kept for uuid, kept in self._said.items() if uuid in known}
+        self._said[message.uuid] = message.updates.value
 
     def _own_widgets(self, client: int | None) -> _Widgets:
         """Return the widgets that one client alone has."""
@@ -146,9 +154,6 @@ class Gate:
         if getattr(props, "disabled", False):
             raise NotForUs("a widget that is switched off")
         value = fitting(message.updates.value, handle.value, props)
-        if len(self._said) >= _MOST_KEPT:
-            self._said = {uuid: kept for uuid, kept in self._said.items() if uuid in known}
-        self._said[message.uuid] = value
         kind = object() if handle._impl.is_button else message.uuid
         return kind, words.GuiUpdateMessage(message.uuid, words.Updates(value))
 

@@ -35,6 +35,11 @@ class Editing:
     def welcome(self, client: viser.ClientHandle) -> None:
         """Let the first page edit and a later one look on."""
         with self._lock:
+            here = self.page.server.get_clients()
+            if client.client_id not in here:  # left again; perhaps before it came, as threads go
+                return
+            self._buttons = {one: button for one, button in self._buttons.items() if one in here}
+            self._told = {one: when for one, when in self._told.items() if one in here}
             if self._editor() is None:
                 self.page.state.editor = client.client_id
                 return

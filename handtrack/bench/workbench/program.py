@@ -50,6 +50,10 @@ class RunningWorkbench:
         """Return the resident memory of the program and the processes that it started [MB]; on Linux only."""
         return sum(_resident_kb(pid) for pid in self._pids()) / 1000
 
+    def page_mb(self) -> float:
+        """Return the resident memory of the process that serves the page [MB]; on Linux only."""
+        return _resident_kb(self._process.pid) / 1000
+
     def open_files(self) -> int:
         """Return its open files and sockets; on Linux only."""
         return sum(len(list(Path(f"/proc/{pid}/fd").iterdir())) for pid in self._pids())

@@ -49,6 +49,7 @@ def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
         eventually(lambda: value_of(second, slider) == before, "its page is put back")
         time.sleep(0.1)
         assert (slider.value, bench.state.frame, bench.state.version) == (before, frame, 0)
+        assert bench.door.gate.said(slider) == before
         first.set_value(slider, 50.0)
         eventually(lambda: bench.state.version == 1, "the first one edits")
         eventually(lambda: value_of(second, slider) == 50.0, "and the second one sees it")
