@@ -9,7 +9,7 @@ from pathlib import Path
 from handtrack_app.process.memory import GB
 from handtrack_app.protocol.snapshots import Notice
 
-_TAIL = 4000  # bytes of the log in which the last words of a crash stand
+_TAIL = 20_000  # bytes of the log in which the last words of a crash stand, with the stacks of all threads
 _MEMORY = re.compile(
     rb"out of memory|bad_alloc|MemoryError|cannot allocate|insufficient memory", re.I
 )
@@ -21,21 +21,18 @@ def ending_words(code: int, memory: int | None, log: Path) -> str:
 
     code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes].
     """
-    limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (`--memory`)."
+    limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (--memory)."
     name = _signal_name(-code) if code < 0 else ""
     if name == "SIGKILL":
-        return (
-            "The part of handtrack that tracks was ended from outside (SIGKILL), as the system does when memory runs "
-            f"out.{limit}"
-        )
+        return f"The engine was ended from outside (SIGKILL), as the system does when memory runs out.{limit}"
     if name in _CRASHES or code > 0:
         how = f"crashed ({name})" if name else f"ended with exit code {code}"
         if _MEMORY.search(_tail(log)):
-            return f"The part of handtrack that tracks {how}, for want of memory.{limit}"
-        return f"The part of handtrack that tracks {how}, a mistake in handtrack or in a library."
+            return f"The engine {how}, for want of memory.{limit}"
+        return f"The engine {how}, a mistake in handtrack or in a library."
     if code == 0:
-        return "The part of handtrack that tracks was asked to end (SIGTERM), by a person or by a guard of the memory."
-    return f"The part of handtrack that tracks was ended from outside ({name})."
+        return "The engine was asked to end (SIGTERM), by a person or by a guard of the memory."
+    return f"The engine was ended from outside ({name})."
 
 
 def again_notice(how: str, stopped_at: int | None, recording: str, log: Path) -> Notice:
@@ -43,15 +40,12 @@ def again_notice(how: str, stopped_at: int | None, recording: str, log: Path) ->
 
     stopped_at: the frame tracked last, if it tracked. recording: the folder that running cameras were recorded to.
     """
-    text = f"{how} It begins again now, from what is on disk: what was accepted is there."
+    text = f"{how} It begins again from the disk, where all is that was accepted."
     if stopped_at is not None:
-        text += (
-            f" Tracking stopped at frame {stopped_at} and does not go on by itself: go there, and 'From here: forward' "
-            "(tab Track) tracks on."
-        )
+        text += f" Tracking stopped at frame {stopped_at}; there, 'From here' (tab Track) goes on."
     if recording:
         text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
-    return Notice("error", "The engine was ended", f"{text} Details are in {log}.")
+    return Notice("error", "The engine was ended", f"{text} Details: {log}")
 
 
 def down_notice(how: str, times: int, log: Path) -> Notice:
@@ -60,8 +54,7 @@ def down_notice(how: str, times: int, log: Path) -> Notice:
     return Notice(
         "error",
         "The engine stays ended",
-        f"{how}{often} It does not begin again by itself. What was accepted is on disk; 'Start again' (at the top) opens it. "
-        f"Details are in {log}.",
+        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk. Details: {log}",
     )
 
 

@@ -29,7 +29,7 @@ def test_c40_how_it_ended_is_said_in_words(
     tmp_path: Path, code: int, said: bytes, words: str
 ) -> None:
     log = tmp_path / "log"
-    log.write_bytes(b"std::bad_alloc, long ago\n" + 5000 * b"." + said)
+    log.write_bytes(b"std::bad_alloc, long ago\n" + 20_000 * b"." + said)
     assert words in ending_words(code, 3 * GB, log)
     assert "crashed" in ending_words(-signal.SIGABRT, None, tmp_path / "no log")
 
