@@ -112,7 +112,9 @@ class TrackedTake:
         if not self._own:
             number = self._writers[-1].take.number
             self._store.know_file(file_digest(self._out))
-            self._store.make_current([Span(number, min(frames), max(frames) + 1)])
+            first, last = min(frames), max(frames)
+            words = f"{_PROGRAM} of frames {first} to {last}"
+            self._store.make_current([Span(number, first, last + 1)], words)
         if finished:
             for writer in self._writers:  # not before: the later ones follow from the earlier
                 writer.finish()

@@ -229,11 +229,8 @@ class Persistence:
 
     def _show(self, take: OpenTake) -> None:
         """Lay a take over the others."""
-        if take.writer is not None:
-            with suppress(
-                HandtrackError
-            ):  # its first frame is to be safe before anybody is told of it
-                take.writer.sync()
+        with suppress(HandtrackError):
+            take.sync()  # its first frame is to be safe before anybody is told of it
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
         under = resolved(spans_of(document.state.get(keys.SPANS)), document.takes.frames_of)
         values: dict[str, Value] = keys.spans([*under, span])
