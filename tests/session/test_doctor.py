@@ -201,6 +201,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
 @pytest.mark.parametrize("case", ODD)
 def test_odd_things_are_found(case: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # whose hand it is has tests of its own, and takes longer than all the rest
+    """Faults C6, C16, C22."""
     monkeypatch.setattr(check_hand, "_off_m", lambda xyz, side: 0.0)
     damage, severity, text = ODD[case]
     damage(folder)
