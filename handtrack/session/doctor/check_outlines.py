@@ -135,16 +135,14 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     for a, b in zip(first.outlines, second.outlines, strict=True):
         if a is None or b is None or not len(a.pixels) or not len(b.pixels):
             continue
-        rays = [
-            seen.camera.rays(outline.pixels.mean(axis=0))
-            for seen, outline in ((first, a), (second, b))
-        ]
-        across = np.cross(*rays)
+        to_a = first.camera.rays(a.pixels.mean(axis=0))
+        to_b = second.camera.rays(b.pixels.mean(axis=0))
+        across = np.cross(to_a, to_b)
         if not np.linalg.norm(across) > _LEAST_ANGLE:
             continue
         line = second.camera.centre - first.camera.centre
-        lengths = [np.linalg.det([line, ray, across]) for ray in rays[::-1]]
-        met.append(min(lengths) < 0)
+        lengths = (np.linalg.det(np.stack([line, ray, across])) for ray in (to_b, to_a))
+        met.append(min(lengths) < 0)  # along each ray, times across²
     return len(met) >= _FEWEST and float(np.mean(met)) > 0.5
 
 
