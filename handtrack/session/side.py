@@ -51,5 +51,5 @@ def doubt_of_side(
         return ""
     return (
         f"a {other_side} hand fits what was seen decisively better than a {model.side} one (log-odds {odds:.1f} in "
-        f'{len(rows)} frames). Is side = "{model.side}" right in session.toml?'
+        f'{len(rows)} frames). Is side = "{model.side}" right in session.toml? If it is: are two cameras exchanged?'
     )

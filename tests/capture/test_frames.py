@@ -118,6 +118,7 @@ def test_what_only_looks_like_a_mask_is_refused(
     ids=["colour", "opaque", "empty"],
 )
 def test_masks_in_other_forms(image: np.ndarray, tmp_path: Path) -> None:
+    """Fault C13."""
     cv2.imwrite(str(tmp_path / "0.png"), image)
     mask = ImageFiles([tmp_path / "0.png"], MASK).read(0)
     assert np.array_equal(mask, HAND * bool(image[..., 0].any() if image.ndim == 3 else 0))
@@ -127,6 +128,7 @@ def test_masks_in_other_forms(image: np.ndarray, tmp_path: Path) -> None:
 def test_an_image_that_asks_to_be_turned_is_and_it_is_said(
     orientation: int, size, tmp_path: Path
 ) -> None:
+    """Fault C12."""
     path = tmp_path / "0.jpg"
     path.write_bytes(jpeg_to_be_turned(orientation))
     source = ImageFiles([path])
@@ -140,6 +142,7 @@ def test_an_image_that_asks_to_be_turned_is_and_it_is_said(
 
 
 def test_ten_bits_in_sixteen_are_said(tmp_path: Path) -> None:
+    """Fault C13."""
     for frame, most in enumerate((1023, 65535)):
         cv2.imwrite(str(tmp_path / f"{frame}.png"), np.full((6, 8, 3), most, np.uint16))
     (text,) = dim_notes(tmp_path / "0.png")

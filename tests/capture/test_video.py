@@ -107,6 +107,7 @@ def test_after_the_end_and_before_the_start_are_misses(clip: Path) -> None:
 
 
 def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
+    """Fault C2."""
     data = clip.read_bytes()
     clip.write_bytes(data[: len(data) // 2])
     source = VideoFile(clip)
@@ -157,6 +158,7 @@ def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(
 
 
 def test_files_that_are_no_videos_are_refused(tmp_path: Path) -> None:
+    """Fault C1."""
     with pytest.raises(HandtrackError, match=r"none.mp4: no such file; expected a video"):
         VideoFile(tmp_path / "none.mp4")
     (tmp_path / "text.mp4").write_text("hello")

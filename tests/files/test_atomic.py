@@ -29,6 +29,7 @@ def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path: Path) -> None:
+    """Fault C38."""
     path = tmp_path / "poses.npz"
     path.write_text("old")
     with pytest.raises(OSError, match=r"poses\.npz") as caught, replacing(path) as part:

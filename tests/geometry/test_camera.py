@@ -32,6 +32,7 @@ def make(distortions: Floats | None = None, **changes: object) -> Camera:
 def test_projects_as_opencv_with_every_number_of_coefficients(
     count: int, rng: np.random.Generator
 ) -> None:
+    """Fault C30."""
     camera = make(rng.normal(0, 0.02, count))
     points = rng.uniform(-0.15, 0.15, (40, 3))
     expected, _ = cv2.projectPoints(

@@ -344,6 +344,7 @@ def test_c48_a_pipe_is_not_opened(folder: Path, name: str) -> None:
 
 
 def test_links_within_the_folder_are_fine(folder: Path) -> None:
+    """Fault C57."""
     (folder / "cam0").rename(folder / "elsewhere")
     (folder / "cam0").symlink_to(folder / "elsewhere")
     assert Session.open(folder).image("cam0", 1) is not None

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -201,6 +202,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
 @pytest.mark.parametrize("case", ODD)
 def test_odd_things_are_found(case: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # whose hand it is has tests of its own, and takes longer than all the rest
+    """Faults C6, C16, C22."""
     monkeypatch.setattr(check_hand, "_off_m", lambda xyz, side: 0.0)
     damage, severity, text = ODD[case]
     damage(folder)
@@ -227,6 +229,38 @@ def test_c28_exchanged_cameras_are_named() -> None:
         lambda c: [c[0], replace(c[2], name=c[1].name), replace(c[1], name=c[2].name)]
     )
     assert "They would fit if cameras 'cam1' and 'cam2' were exchanged" in said
+
+
+def side_by_side(order: tuple[int, int]) -> str:
+    """Return what the doctor says of a pair 0.1 m apart that looks one way, each image given to one of its cameras."""
+    matrix = np.array([[400.0, 0, 159.5], [0, 400.0, 119.5], [0, 0, 1]])
+    pair = [
+        Camera(name, (320, 240), matrix, np.zeros(5), np.eye(3), np.array([-x, 0, 0.6]))
+        for name, x in (("a", 0.0), ("b", 0.1))
+    ]
+    middle = np.array([[0.06, 0.01, 0.0]])
+    outlines = []
+    for camera in pair:
+        mask = np.zeros((240, 320), np.uint8)
+        column, row = camera.project(middle)[0].round().astype(int)
+        cv2.circle(mask, (int(column), int(row)), 30, 255, -1)
+        outlines.append(mask)
+    views = [
+        SimpleNamespace(
+            camera=camera, has_masks=True, settings=SimpleNamespace(roi=None), name=camera.name,
+            mask=lambda _frame, shown=outlines[which]: shown,
+        )
+        for camera, which in zip(pair, order, strict=True)
+    ]  # fmt: skip
+    found = check_outlines(SimpleNamespace(views=views, frame_count=4))  # type: ignore[arg-type]
+    return " ".join(finding.text for finding in found)
+
+
+def test_c28_an_exchanged_pair_that_looks_one_way_is_named() -> None:
+    assert side_by_side((0, 1)) == ""
+    said = side_by_side((1, 0))
+    assert "what is seen lies behind the cameras" in said
+    assert "They would fit if cameras 'a' and 'b' were exchanged" in said
 
 
 def test_c27_inverse_extrinsics_are_named() -> None:

@@ -140,6 +140,7 @@ def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_rubbish(tmp_path):
+    """Fault C38."""
     path = tmp_path / "poses.npz"
     path.write_text("old")
     with pytest.raises(RuntimeError), replacing(path) as part:
@@ -194,6 +195,7 @@ def test_files_that_are_no_results(tmp_path):
 
 
 def test_what_is_written_over_is_kept(rng, tmp_path):
+    """Fault C64."""
     path = tmp_path / "poses.npz"
     first, second = sample_track(rng), sample_track(rng)
     assert write_result(path, first) is None

@@ -32,6 +32,7 @@ TIMES: dict[str, tuple[str, list[str]]] = {
 
 @pytest.mark.parametrize("case", TIMES)
 def test_timestamps_that_cannot_be_used(case: str, folder: Path) -> None:
+    """Fault C9."""
     text, words = TIMES[case]
     (folder / "t.csv").write_text(text)
     edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')

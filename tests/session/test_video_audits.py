@@ -91,6 +91,7 @@ def test_what_was_counted_is_kept_for_the_next_opening(folder: Path) -> None:
 
 
 def test_damage_is_told_and_remembered(folder: Path) -> None:
+    """Fault C3."""
     cut(folder / "cam0.avi")
     session = Session.open(folder)
     assert session.known_frames == range(FRAMES)  # as it announces

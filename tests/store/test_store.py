@@ -142,6 +142,7 @@ def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(
 
 
 def test_a6_a_folder_that_is_gone_is_told_and_not_made_again(folder: Path) -> None:
+    """Fault C44."""
     store = WritableStore(folder, "a test")
     writer = store.begin(about())
     shutil.rmtree(folder)

@@ -49,6 +49,7 @@ def test_what_is_stated_holds_the_truth(bundled, opening):
 
 
 def test_two_runs_give_the_same_bytes(bundled, opening):
+    """Fault C67."""
     again = TrackingRun.open(Session.open(bundled_session("open_fist_open")))
     part = again.result(again.track(range(6), *again.initial()))
     first = opening.between(range(6))

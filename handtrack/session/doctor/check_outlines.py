@@ -28,6 +28,7 @@ _FEWEST = 3  # comparisons
 _MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
 _BORDER_PX = 3  # an outline that near to the image's border is cut off, not touched
 _SPECK_PX = 5
+_LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
 _MOST_OFF, _MOST_OFF_PX = 0.01, 5.0  # of the images' width; good recordings are off by 0.1 to 2 px
 
 
@@ -43,8 +44,14 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
         for (a, b), px in zip(pairs, apart, strict=True)
         if px is not None and _is_off(px, a, b)
     ]
-    meant = _what_would_fit(seen) if off or all(px is None for px in apart) else ""
-    if off:
+    behind = [f"'{a.camera.name}' and '{b.camera.name}'" for a, b in pairs if _is_behind(a, b)]
+    meant = _what_would_fit(seen) if off or behind or all(px is None for px in apart) else ""
+    if behind and not off:
+        yield warning(
+            f"what is seen lies behind the cameras by this calibration: the lines of sight to the hand of {'; '.join(behind)} part "
+            f"before them. {meant or 'Are cameras exchanged, or is a direction in calibration.toml the wrong way round?'}"
+        )
+    elif off:
         yield warning(
             f"silhouettes do not fit together by this calibration: those of cameras {'; '.join(off)} (median of the frames looked "
             "at; a hand's outlines touch the same planes through both cameras). "
@@ -80,12 +87,20 @@ def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
 
 
 def _what_would_fit(seen: Sequence[_Seen]) -> str:
-    """Return a mistake that is often made and with which all silhouettes would fit together, as a question; empty for none."""
+    """Return mistakes that are often made and with which all silhouettes would fit together, as questions; empty for none."""
+    return " ".join(filter(None, [_if_inverse(seen), _if_exchanged(seen)]))
+
+
+def _if_inverse(seen: Sequence[_Seen]) -> str:
     if _fit([replace(one, camera=_inverse(one.camera)) for one in seen]):
         return (
             "They would fit if rotation and translation in calibration.toml led from the camera to the world: are they the "
             "inverse of what is expected (p_camera = R p_world + t)?"
         )
+    return ""
+
+
+def _if_exchanged(seen: Sequence[_Seen]) -> str:
     for i, j in combinations(range(len(seen)), 2) if len(seen) <= _MOST_EXCHANGED else ():
         a, b = seen[i].camera, seen[j].camera
         if a.size != b.size:
@@ -104,10 +119,31 @@ def _inverse(camera: Camera) -> Camera:
 
 
 def _fit(seen: Sequence[_Seen]) -> bool:
-    """Return whether the outlines of all pairs can be compared and touch common planes."""
+    """Return whether the outlines of all pairs can be compared, touch common planes and lie before the cameras."""
     pairs = list(combinations(seen, 2))
+    if any(_is_behind(a, b) for a, b in pairs):
+        return False
     apart = ((_pixels_apart(a, b), a, b) for a, b in pairs)
     return bool(pairs) and all(px is not None and not _is_off(px, a, b) for px, a, b in apart)
+
+
+def _is_behind(first: _Seen, second: _Seen) -> bool:
+    """Return whether lines of sight to the middles of two cameras' outlines meet behind a camera in most frames: what
+    silhouettes of a pair that looks one way tell of its order.
+    """
+    met = []
+    for a, b in zip(first.outlines, second.outlines, strict=True):
+        if a is None or b is None or not len(a.pixels) or not len(b.pixels):
+            continue
+        to_a = first.camera.rays(a.pixels.mean(axis=0))
+        to_b = second.camera.rays(b.pixels.mean(axis=0))
+        across = np.cross(to_a, to_b)
+        if not np.linalg.norm(across) > _LEAST_ANGLE:
+            continue
+        line = second.camera.centre - first.camera.centre
+        lengths = (np.linalg.det(np.stack([line, ray, across])) for ray in (to_b, to_a))
+        met.append(min(lengths) < 0)  # along each ray, times across²
+    return len(met) >= _FEWEST and float(np.mean(met)) > 0.5
 
 
 def _pixels_apart(first: _Seen, second: _Seen) -> float | None:

@@ -55,6 +55,7 @@ def test_the_recording_is_good_before_it_is_damaged(handtrack: CommandLine, clou
 
 
 def test_an_empty_cloud_is_a_lost_frame(handtrack: CommandLine, clouds: Path) -> None:
+    """Fault C19."""
     np.savez(cloud_file(clouds, 2), points=np.zeros((0, 3)))
     ended = handtrack("track", clouds)
     assert statuses(ended, clouds) == one_bad(2)
@@ -73,6 +74,7 @@ def test_a_cloud_without_a_number_is_a_lost_frame(handtrack, clouds: Path, value
 
 
 def test_single_points_without_numbers_cost_nothing_else(handtrack, clouds: Path) -> None:
+    """Fault C20."""
     points = points_of(clouds, 1).copy()
     points[::10, 1] = np.nan
     points[5::10] = np.inf
@@ -105,7 +107,7 @@ def test_a_damaged_cloud_is_a_missing_one(handtrack: CommandLine, clouds: Path) 
 
 
 def test_ten_million_points_take_bounded_memory_and_time(handtrack, clouds: Path, rng) -> None:
-    """A hand in a room of ten million points (120 MB): the hand is tracked, and a note says to thin."""
+    """A hand in a room of ten million points (120 MB): the hand is tracked, and a note says to thin. Fault C21."""
     count = 10_000_000
     room = rng.uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
     room[:, 2] += 1.3
@@ -218,6 +220,7 @@ def test_depth_is_tracked_before_it_is_damaged(handtrack: CommandLine, depth: Pa
 
 
 def test_eight_bits_are_no_depth(handtrack: CommandLine, depth: Path) -> None:
+    """Fault C24."""
     for frame in range(FRAMES):
         eight = (depth_image(frame) // 40).astype(np.uint8)
         cv2.imwrite(str(depth / "depth" / f"{frame}.png"), eight)
@@ -249,6 +252,7 @@ def test_missing_and_damaged_depth_are_lost_frames(handtrack, depth: Path) -> No
 
 
 def test_a_wrong_scale_of_depth_is_noticed(handtrack: CommandLine, depth: Path) -> None:
+    """Fault C23."""
     edit(depth / "session.toml", "depth_scale_m = 0.0001", "depth_scale_m = 0.1")
     ended = handtrack("doctor", depth)
     assert ended.code == 0

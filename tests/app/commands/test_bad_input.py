@@ -174,6 +174,7 @@ SESSIONS: dict[str, tuple[Damage, list[str]]] = {
 
 @pytest.mark.parametrize("case", SESSIONS)
 def test_a_session_that_cannot_be_used(case: str, handtrack, session: Path) -> None:
+    """Faults C25, C26, C30, C36."""
     damage, expected = SESSIONS[case]
     damage(session)
     refused(handtrack, session.parent, ["track", session], expected)
@@ -277,6 +278,7 @@ def test_empty_masks_are_lost_frames(handtrack, session: Path) -> None:
 
 
 def test_inverted_masks_are_found_by_the_doctor(handtrack, session: Path) -> None:
+    """Fault C18."""
     fill_masks(session, np.bitwise_not)
     ended = handtrack("doctor", session)
     assert ended.code == 0
@@ -296,7 +298,7 @@ def test_missing_masks_are_misses(handtrack, session: Path) -> None:
 
 
 def test_a_mirrored_camera_is_found(handtrack, session: Path) -> None:
-    """A camera whose pose is another's mirror image shows the hand elsewhere: the doctor compares."""
+    """A camera whose pose is another's mirror image shows the hand elsewhere: the doctor compares. Fault C26."""
     camera_value("translation", "[0.0, 0.0, -0.5]")(session)
     ended = handtrack("doctor", session)
     assert ended.code == 0
@@ -331,7 +333,7 @@ def cut_video(session: Path) -> None:
 
 
 def test_a_cut_video_is_tracked_as_far_as_it_goes(handtrack, session: Path) -> None:
-    """The camera's images end early: its later frames are missing observations, and a note says so."""
+    """The camera's images end early: its later frames are missing observations, and a note says so. Fault C1."""
     cut_video(session)
     ended = handtrack("track", session)
     assert ended.code == 0

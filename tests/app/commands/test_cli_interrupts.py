@@ -63,6 +63,7 @@ class Interrupter:
 def test_interrupted_tracking_is_saved_and_named(
     handtrack: CommandLine, session: Path, monkeypatch, presses: int
 ) -> None:
+    """Fault C65."""
     monkeypatch.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(2, presses))
     handler = signal.getsignal(signal.SIGINT)
     ended = handtrack("track", session)

@@ -159,6 +159,7 @@ LINES: dict[str, Words] = {
 
 @pytest.mark.parametrize("case", LINES)
 def test_words_that_cannot_be_meant(case: str, handtrack, session: Path, tmp_path: Path) -> None:
+    """Fault C64."""
     (session / "x.npz").mkdir()
     places = {"s": session, "p": session / "tracks/poses.npz", "t": tmp_path / "empty", "v": VIDEO}
     places["t"].mkdir()

@@ -56,6 +56,7 @@ def test_on_an_open_host_the_names_of_this_machine_are_its_own():
 
 
 def test_a_port_that_is_asked_for_and_taken_is_an_error(taken):
+    """Fault C45."""
     with pytest.raises(HandtrackError) as error:
         choose_port("127.0.0.1", taken)
     assert str(error.value).startswith(f"--port {taken}: this port of 127.0.0.1 cannot be used (")
@@ -65,6 +66,7 @@ def test_a_port_that_is_asked_for_and_taken_is_an_error(taken):
 
 
 def test_the_next_free_port_is_found(taken, monkeypatch):
+    """Fault C45."""
     monkeypatch.setattr(address, "FIRST_PORT", taken)
     assert taken < choose_port("127.0.0.1") <= taken + 100
     assert choose_port("127.0.0.1", 0) == 0

@@ -42,6 +42,7 @@ time.sleep(60)
 
 
 def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> None:
+    """Fault C39."""
     paths = [str(REPOSITORY), str(REPOSITORY / "app"), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     program = subprocess.Popen(

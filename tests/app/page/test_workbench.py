@@ -213,6 +213,7 @@ def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
+    """Fault C41."""
     bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
     time.sleep(0.1)
     with WireClient(bench.url) as client:

@@ -105,6 +105,7 @@ def test_iterations_of_a_frame_have_their_own_timeline(tmp_path):
 
 
 def test_the_oldest_entries_go_when_the_queue_is_full(tmp_path, monkeypatch):
+    """Fault C62."""
     begin = RerunStream._begin
 
     def slow(stream):
@@ -124,6 +125,8 @@ def test_the_oldest_entries_go_when_the_queue_is_full(tmp_path, monkeypatch):
 
 
 def test_a_failure_is_told_and_tracking_goes_on(tmp_path, monkeypatch, caplog):
+    """Fault C62."""
+
     def fail(*_):
         raise OSError("disk full")
 
