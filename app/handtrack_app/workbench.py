@@ -216,6 +216,10 @@ class Workbench:
                 self.layout.show_timeline(snapshot)
                 if self._demo is not None:
                     self._demo.begin(snapshot, self.page, self.layout.snapshot)
+            case snapshots.TimelineChange():
+                strip = self.layout.timeline.strip
+                if strip is not None:
+                    self.layout.show_timeline(snapshot.over(strip))
             case snapshots.ProgressSnapshot():
                 self.layout.show_progress(snapshot)
                 tracking = snapshot.state in ("tracking", "preparing")

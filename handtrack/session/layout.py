@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
+from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from handtrack.errors import HandtrackError
@@ -77,21 +80,43 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
         raise _leaves(folder, pattern, where, fixed)
     files = []
     try:
-        matching = sorted(folder.glob(pattern))
+        for parent in _matching_folders(folder, PurePosixPath(pattern)):
+            found, links = _entries(parent, PurePosixPath(pattern).name)
+            # a file that is no link lies where its folder does
+            for path in [*([parent / found[0]] if found else []), *(parent / n for n in links)]:
+                if not _is_within(path, folder):
+                    raise _leaves(folder, str(path.relative_to(folder)), where, path)
+            files += [parent / name for name in sorted([*found, *links])]
     except ValueError as error:
         raise HandtrackError(f'{where}: "{pattern}" is no pattern of files: {error}.') from None
-    for path in matching:
-        if path.name.startswith(".") or not path.is_file():
-            continue
-        if not _is_within(path, folder):
-            raise _leaves(folder, str(path.relative_to(folder)), where, path)
-        files.append(path)
     if not files:
         raise HandtrackError(
             f'{where}: nothing matches "{pattern}" in {folder}; {_there(fixed, pattern)}. Check the pattern, or leave '
             "the setting away if this camera has no such files."
         )
     return files
+
+
+def _matching_folders(folder: Path, pattern: PurePosixPath) -> list[Path]:
+    """Return the folders in which the files of a pattern may lie."""
+    if "**" in pattern.name:
+        raise ValueError("'**' stands for folders, and alone")
+    above = str(pattern.parent)
+    if not is_pattern(above):
+        return [folder / above]
+    return sorted({path for path in folder.glob(above) if path.is_dir()})
+
+
+def _entries(folder: Path, pattern: str) -> tuple[list[str], list[str]]:
+    """Return the names of the files of a folder that match, and of links to files. Each is looked at once: there may be
+    many.
+    """
+    files, links = list[str](), list[str]()
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if fnmatch(entry.name, pattern) and not entry.name.startswith(".") and entry.is_file():
+                (links if entry.is_symlink() else files).append(entry.name)
+    return files, links
 
 
 def _there(fixed: Path, pattern: str) -> str:

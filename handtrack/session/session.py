@@ -15,7 +15,7 @@ from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.images.frames import files_by_frame, frames_of
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
@@ -124,7 +124,7 @@ class Session:
     def frame_count(self) -> int:
         """Frames run from 0 to the last that any camera or cloud has. The first use counts those of videos by decoding."""
         counts = [view.frame_count for view in self.views]
-        return max(max(self.cloud_files, default=-1) + 1, *counts)
+        return max(len(frames_of(self.cloud_files)), *counts)
 
     @property
     def frame_range(self) -> range:
@@ -135,7 +135,7 @@ class Session:
     def known_frames(self) -> range:
         """Every frame as far as is known without decoding: what videos announce, until their frames were counted."""
         counts = [view.known_count for view in self.views]
-        return range(max(max(self.cloud_files, default=-1) + 1, *counts))
+        return range(max(len(frames_of(self.cloud_files)), *counts))
 
     @property
     def videos(self) -> list[VideoFile]:

@@ -22,11 +22,14 @@ class TakeFrames(Mapping[int, FrameResult]):
     parameter_names: tuple[str, ...]
     """of the model that it was tracked with"""
     heads: dict[int, Head] = field(default_factory=dict)
+    puts: list[int] = field(default_factory=list)
+    """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
     _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)
 
     def put(self, result: FrameResult, head: FrameHead | None) -> None:
         """Take a frame, in the place of the one that was there. head: where it is on disk; None: nowhere."""
         self.heads[result.frame] = result if head is None else head
+        self.puts.append(result.frame)
         self._hold(result)
 
     def __getitem__(self, frame: int) -> FrameResult:

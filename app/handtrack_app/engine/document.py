@@ -131,7 +131,11 @@ class Document:
         """
         kinds = {keys.parts(key)[0] for key in values}
         run = self._run_with(values)
-        self.state = {k: v for k, v in {**self.state, **values}.items() if v is not None}
+        for key, value in values.items():
+            if value is None:
+                self.state.pop(key, None)
+            else:
+                self.state[key] = value
         if keys.SIZE in values:
             self._pend(values[keys.SIZE])
         if run is not self.run or keys.LIMITS in kinds:

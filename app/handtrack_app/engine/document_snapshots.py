@@ -12,12 +12,14 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, drivers, params_of
+from handtrack_app.engine.timeline import TrackedRows
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     CameraCard,
     PartCard,
     PoseSnapshot,
     SessionSnapshot,
+    TimelineChange,
     TimelineSnapshot,
     WorkSnapshot,
 )
@@ -132,19 +134,44 @@ def _origin(document: Document, frame: int) -> str:
 
 def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
-    rows = document.rows
-    rows.follow(document.results, lambda frame: _tracked_error(document, frame), energy_parts)
+    rows = _followed(document)
+    rows.changed.clear()
     error = rows.error_mm.copy()
-    for frame, values in document.by_hand.items():
-        error[frame - document.frames.start] = _error_mm(
-            document, frame, document.model.bones(params_of(document.model, values))
-        )
+    for frame in document.by_hand if document.run.session.truth is not None else ():
+        error[frame - document.frames.start] = _given_error(document, frame)
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
     terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found
     )
+
+
+def timeline_change(document: Document) -> TimelineChange:
+    """Return what is new of status, energy and error since the last look: its cost does not grow with the recording."""
+    rows, start = _followed(document), document.frames.start
+    row = np.array(sorted(rows.changed), np.int64)
+    rows.changed.clear()
+    error = rows.error_mm[row]
+    for n, frame in enumerate((row + start).tolist()):
+        if frame in document.by_hand:
+            error[n] = _given_error(document, frame)
+    terms = {word: values[row] for word, values in rows.terms.items()}
+    return TimelineChange(document.frames, row, rows.status[row], rows.energy[row], error, terms)
+
+
+def _followed(document: Document) -> TrackedRows:
+    rows = document.rows
+    rows.follow(document.results, lambda frame: _tracked_error(document, frame), energy_parts)
+    return rows
+
+
+def _given_error(document: Document, frame: int) -> float:
+    def error(values: Floats) -> float:
+        bones = document.model.bones(params_of(document.model, values))
+        return _error_mm(document, frame, bones)
+
+    return document.rows.given_error(frame, document.by_hand[frame], error)
 
 
 def read_errors(document: Document) -> bool:

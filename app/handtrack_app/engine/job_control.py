@@ -13,6 +13,7 @@ from handtrack_app.engine.document import Document, params_of
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
+    timeline_change,
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
@@ -247,7 +248,7 @@ class JobControl:
             self._publish(pose_snapshot(document))
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
-            self._publish(timeline_snapshot(document))
+            self._publish(timeline_change(document))
         self.show_progress()
 
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:

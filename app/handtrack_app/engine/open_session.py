@@ -31,6 +31,7 @@ from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
     Snapshot,
+    WorkSnapshot,
 )
 
 Request = commands.Command | Report
@@ -84,7 +85,7 @@ class OpenSession:
         )
         self._clouds = CloudService(document, render_thread)
         self._counted, self._told = False, set[str]()
-        self._told_work: tuple[int, str, bool] | None = None
+        self._told_work: WorkSnapshot | None = None
         self._reads_errors = True  # of a long track, while nobody waits
 
     def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
@@ -312,10 +313,10 @@ class OpenSession:
 
     def _tell_work(self) -> None:
         """Say what is on disk, where that changed."""
-        now = (id(self.document.results), self.store.saved, self.jobs.busy)
+        now = work_snapshot(self.document, self.store.saved)
         if now != self._told_work:
             self._told_work = now
-            self._publish(work_snapshot(self.document, self.store.saved))
+            self._publish(now)
 
     # ---- showing
 

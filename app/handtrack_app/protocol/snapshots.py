@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, Bytes, E, F, Floats, H, Ints, K, L, M, N, S, T, V, W
+from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, K, L, M, N, S, T, V, W
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.protocol.log_file import ENGINE_LOG
+from handtrack_app.protocol.timeline import TimelineChange, TimelineSnapshot
 
 HAND_REACH_M = 0.11
 """how far a hand extends around its middle"""
@@ -135,24 +136,6 @@ class PictureSnapshot:
     """the thumbnails side by side"""
     screen: str | None = None
     screen_image: Bytes[H, W, D3] | None = None
-
-
-@dataclass(frozen=True)
-class TimelineSnapshot:
-    """The whole recording at a glance; rows are frames from `start`."""
-
-    start: int
-    status: Ints[F]
-    """contracts §5; −1 untracked"""
-    energy: Floats[F]
-    error_mm: Floats[F]
-    """NaN where unknown"""
-    by_hand: tuple[int, ...]
-    """frames whose pose was given, by hand or by a search"""
-    terms: dict[str, Floats[F]] = field(default_factory=dict)
-    """the energy's parts in words"""
-    found: tuple[int, ...] = ()
-    """those of `by_hand` that a search gave"""
 
 
 @dataclass(frozen=True)
@@ -355,12 +338,12 @@ class WorkSnapshot:
 
 
 Snapshot = (
-    SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | ProgressSnapshot | Notice | Download
-    | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
+    SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
+    | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
     | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
 
 
 def kind_of(snapshot: object) -> Hashable | None:
     """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none."""
-    return None if isinstance(snapshot, Notice | Download) else type(snapshot)
+    return None if isinstance(snapshot, Notice | Download | TimelineChange) else type(snapshot)

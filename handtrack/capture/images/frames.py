@@ -6,6 +6,7 @@ A miss is a value, None.
 from __future__ import annotations
 
 import errno
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -71,7 +72,7 @@ def frame_number(name: str) -> int:
 
     Raises HandtrackError.
     """
-    groups = re.findall(r"\d+", Path(name).stem)
+    groups = re.findall(r"\d+", os.path.splitext(os.path.basename(name))[0])
     if not groups:
         raise HandtrackError(
             f"{name}: no digits in the file name; expected the frame number in it, such as "
@@ -91,7 +92,7 @@ def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
     Raises HandtrackError when two have the same number.
     """
     by_frame: dict[int, Path] = {}
-    for path in sorted(paths):
+    for path in sorted(paths, key=str):  # which is quicker than paths
         frame = frame_number(str(path))
         if frame in by_frame:
             raise HandtrackError(
@@ -101,6 +102,11 @@ def files_by_frame(paths: Iterable[Path]) -> dict[int, Path]:
             )
         by_frame[frame] = path
     return dict(sorted(by_frame.items()))
+
+
+def frames_of(files: dict[int, Path]) -> range:
+    """Return the frames from 0 to the last of what is there by frame, ascending; asked often, so the last one is not sought."""
+    return range(next(reversed(files), -1) + 1)
 
 
 class ImageFiles:
@@ -139,7 +145,7 @@ class ImageFiles:
 
     @property
     def frames(self) -> range:
-        return range(max(self._files, default=-1) + 1)
+        return frames_of(self._files)
 
     @property
     def known_frames(self) -> range:

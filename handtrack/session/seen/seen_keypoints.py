@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.capture.images.frame_notes import FrameNotes
-from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.images.frames import files_by_frame, frames_of
 from handtrack.capture.images.openpose import LAYOUTS, Layout, read_openpose
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
@@ -42,7 +42,7 @@ class KeypointFiles:
     @property
     def frames(self) -> range:
         """From 0 to the last frame there is."""
-        return range(max(self.files) + 1)
+        return frames_of(self.files)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -44,8 +44,10 @@ def taken_pose(document: Document, frame: int, source: str) -> Values:
         taken = body_pose(model, source) if body else named_pose(model, source)
         taken[:6] = current[:6]
     elif source == "previous":
-        known = [f for f in (*document.by_hand, *document.results) if f < frame]
-        taken = document.pose_at(max(known)) if known else document.start
+        earlier = range(frame - 1, document.frames.start - 1, -1)
+        known = (f for f in earlier if f in document.by_hand or f in document.results)
+        before = next(known, None)
+        taken = document.start if before is None else document.pose_at(before)
     else:
         taken = document.start
     return pose(document, frame, taken.tolist())

@@ -154,7 +154,8 @@ class Persistence:
     def _settle(self, wait: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
         document = self.document
-        said = [key for key in document.state if keys.parts(key)[0] == keys.SETTING]
+        named = map(keys.setting, document.own_settings)
+        said = [key for key in named if key in document.state]  # the state may hold many poses
         if said and dict(document.run.settings.flat()) == document.own_settings:
             self.leave_to_the_file(said)
         if self._first_waits is None:
@@ -244,6 +245,7 @@ class Persistence:
         written: they stay as long as the program runs.
         """
         take, self._take = self._take, None
+        self.document.takes.look_again()
         if take is None or not take.shelf:
             return
         try:

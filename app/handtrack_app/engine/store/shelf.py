@@ -19,6 +19,7 @@ class TakeShelf:
         self._store = None if folder is None else Store(folder)
         self._tell = tell
         self._known: dict[int, TakeFrames | None] = {}
+        self._cards: tuple[CurrentTrack, tuple[TakeCard, ...]] | None = None
 
     def get(self, number: int) -> TakeFrames | None:
         """Return a take's frames; None of one that was removed or cannot be read."""
@@ -31,7 +32,12 @@ class TakeShelf:
         return tuple(self.get(number) or ())
 
     def cards(self, track: CurrentTrack) -> tuple[TakeCard, ...]:
-        """Return what is told of each take, the latest first."""
+        """Return what is told of each take, the latest first. All takes are looked at, so once for a track."""
+        if self._cards is None or self._cards[0] is not track:
+            self._cards = track, self._cards_of(track)
+        return self._cards[1]
+
+    def _cards_of(self, track: CurrentTrack) -> tuple[TakeCard, ...]:
         there = {} if self._store is None else {take.number: take for take in self._store.takes()}
         shown = {number: track.count_of(take) for number, take in self._known.items() if take}
         cards = []
@@ -54,6 +60,10 @@ class TakeShelf:
     def put(self, number: int, take: TakeFrames) -> None:
         """Add a take that is being tracked."""
         self._known[number] = take
+
+    def look_again(self) -> None:
+        """A take has come to its end."""
+        self._cards = None
 
     @property
     def next_number(self) -> int:

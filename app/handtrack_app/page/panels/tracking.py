@@ -6,6 +6,7 @@ import html
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import viser
 
 from handtrack_app.page.page import Page, put
@@ -237,7 +238,7 @@ class TrackingPanel:
 
 def odd_frames(strip: TimelineSnapshot) -> list[int]:
     """Return the frames that are doubtful or lost, but for those set right by hand."""
-    odd = [strip.start + i for i, status in enumerate(strip.status.tolist()) if status in (1, 2)]
+    odd = (strip.start + np.flatnonzero(np.isin(strip.status, (1, 2)))).tolist()
     by_hand = set(strip.by_hand)
     return [frame for frame in odd if frame not in by_hand]
 
