@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
             if later and not problem and not stop():
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
-            doubts = _doubts_of_side(run_, results, args, stop)
+            doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
             code = _save(
                 run_, results, frames, out, stop(), problem, take, doubts,
                 began if args.json else None,
@@ -148,7 +148,9 @@ def _opened(
 def _doubts_of_side(
     run_: TrackingRun, results: Sequence[FrameResult], args: argparse.Namespace, stop: Stop
 ) -> list[str]:
-    """Return that the other hand was tracked, in words, where nothing but session.toml says which it is."""
+    """Return that the other hand was tracked, in words, where nothing but session.toml says which it is. That takes as long
+    as a hundred frames: asked once a session, and by `doctor`.
+    """
     joints_given = args.init != "auto" and run_.first is not None and run_.first.xyz is not None
     if joints_given or stop():
         return []

@@ -16,8 +16,9 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
-from handtrack_app.engine import jobs, keys
+from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
+from handtrack_app.engine.store import keys
 from handtrack_app.page.scene.ghosts import update_ghosts
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot

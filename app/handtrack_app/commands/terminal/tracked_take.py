@@ -85,6 +85,11 @@ class TrackedTake:
             say(f"resuming at frame {count} of {len(frames)} {more}")
         return done
 
+    @property
+    def is_first(self) -> bool:
+        """Whether nothing was tracked of the session to its end before, as far as the store knows."""
+        return self._store is None or not any(take.is_finished for take in self._store.takes())
+
     def add(self, step: Step) -> None:
         """Keep a tracked frame."""
         if self._writers:
