@@ -100,9 +100,10 @@ def _add_part(
     )
 
 
-def update_hand(view: HandView, pose: PoseSnapshot) -> None:
+def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     """Move what is shown of the hand to a pose. Only poses are sent, never meshes; what is hidden follows when it is shown."""
-    if view.flesh.visible:
+    flesh = display.flesh or display.surface  # which it stands for while that is made
+    if flesh and not view.parts:
         view.flesh.batched_positions = pose.centre.astype(np.float32)
         view.flesh.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
     turns = quaternion_wxyz(pose.bone_rotation)
@@ -113,7 +114,7 @@ def update_hand(view: HandView, pose: PoseSnapshot) -> None:
         view.bones.batched_wxyzs = turns.astype(np.float32)
         view.joints.batched_positions = both
     for part, bone in zip(view.parts, view.part_bone, strict=True):
-        if part.visible:
+        if flesh:
             part.position, part.wxyz = pose.bone_position[bone], turns[bone]
 
 

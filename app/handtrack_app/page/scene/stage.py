@@ -161,7 +161,7 @@ class Stage:
         inside = points or self.ghosts.bones.visible
         show_hand(self.hand, display, ready, inside)
         if pose is not None and self._fits(pose):
-            update_hand(self.hand, pose)
+            update_hand(self.hand, pose, display)
         put(self.surface, visible=ready, opacity=flesh_opacity(display, inside))
 
     @property
