@@ -1,4 +1,4 @@
-"""A recording of any length, tracked already: two small cameras, one mask a camera under every frame's name."""
+"""A recording of any length, tracked already: two small cameras, masks that come round every four seconds."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
@@ -33,10 +34,11 @@ def make_recording(folder: Path, count: int, truth: bool) -> Path:
     for name in _CAMERAS:
         masks = folder / "masks" / name
         masks.mkdir(parents=True)
-        given = sorted((source / "masks" / name).iterdir())[0]
-        (masks / "000000.png").write_bytes(given.read_bytes())
-        for frame in range(1, count):
-            os.link(masks / "000000.png", masks / f"{frame:06d}.png")
+        given = sorted((source / "masks" / name).iterdir())[:count]
+        for frame, path in enumerate(given):
+            (masks / f"{frame:06d}.png").write_bytes(path.read_bytes())
+        for frame in range(len(given), count):
+            os.link(masks / f"{frame % len(given):06d}.png", masks / f"{frame:06d}.png")
     run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
     start, params = run.initial()
     _, result = run.tracker.step(TrackerState.beginning_at(params), run.observation(start))
@@ -45,10 +47,27 @@ def make_recording(folder: Path, count: int, truth: bool) -> Path:
     with WritableStore(folder / "tracks", "handtrack bench") as store:
         take = store.begin(about_take(run, "handtrack bench", range(count), start, params))
         for frame in range(count):
-            take.replace(replace(result, frame=frame, time_s=frame / 25))
+            take.replace(_at(run.model, result, frame))
         take.finish()
         store.make_current([Span(take.take.number, 0, count)])
     return folder
+
+
+def _at(model: ArticulatedModel, result: FrameResult, frame: int) -> FrameResult:
+    """Return a frame of a hand that opens and closes."""
+    values = result.parameters.copy()
+    values[6:] += 0.2 * np.sin(frame / 7)
+    values = model.joint_params(model.clipped(model.transform.solver_params(values)))
+    bones = model.bones(model.transform.solver_params(values))
+    return replace(
+        result,
+        frame=frame,
+        time_s=frame / 25,
+        parameters=values,
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones),
+    )
 
 
 def _write_truth(folder: Path, result: FrameResult, count: int) -> None:

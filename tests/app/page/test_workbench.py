@@ -220,3 +220,18 @@ def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
         eventually(
             lambda: any("Welcome back" in str(message) for _, message in client.messages), "told"
         )
+
+
+def test_c60_what_is_hidden_of_the_hand_is_not_sent_and_follows_when_it_is_shown(
+    bench: Workbench,
+) -> None:
+    bench.page.draw("mode", "Flesh")
+    with WireClient(bench.url) as client:
+        time.sleep(0.5)
+        sent = client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 33.0)
+        assert client.wait_for(sent, "/hand/flesh", "batched_positions") is not None
+        assert client.wait_for(sent, "/hand/bones", "batched_positions", 0.5) is None
+        asked = time.perf_counter()
+        bench.page.draw("mode", "Skeleton")
+        assert client.wait_for(asked, "/hand/bones", "batched_positions") is not None
+    bench.page.draw("mode", "Flesh")

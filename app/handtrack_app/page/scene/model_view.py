@@ -100,17 +100,21 @@ def _add_part(
     )
 
 
-def update_hand(view: HandView, pose: PoseSnapshot) -> None:
-    """Move the hand to a pose. Only poses are sent, never meshes."""
-    view.flesh.batched_positions = pose.centre.astype(np.float32)
-    view.flesh.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
-    tips = pose.bone_position + pose.bone_rotation[:, :, 1] * view.bone_length[:, None]
-    view.bones.batched_positions = pose.bone_position.astype(np.float32)
-    view.bones.batched_wxyzs = quaternion_wxyz(pose.bone_rotation).astype(np.float32)
-    view.joints.batched_positions = np.concatenate([pose.bone_position, tips]).astype(np.float32)
-    if view.parts:
-        turns = quaternion_wxyz(pose.bone_rotation)
-        for part, bone in zip(view.parts, view.part_bone, strict=True):
+def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
+    """Move what is shown of the hand to a pose. Only poses are sent, never meshes; what is hidden follows when it is shown."""
+    flesh = display.flesh or display.surface  # which it stands for while that is made
+    if flesh and not view.parts:
+        view.flesh.batched_positions = pose.centre.astype(np.float32)
+        view.flesh.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
+    turns = quaternion_wxyz(pose.bone_rotation)
+    if view.bones.visible:
+        ends = pose.bone_position + pose.bone_rotation[:, :, 1] * view.bone_length[:, None]
+        both = np.concatenate([pose.bone_position, ends]).astype(np.float32)
+        view.bones.batched_positions = pose.bone_position.astype(np.float32)
+        view.bones.batched_wxyzs = turns.astype(np.float32)
+        view.joints.batched_positions = both
+    for part, bone in zip(view.parts, view.part_bone, strict=True):
+        if flesh:
             part.position, part.wxyz = pose.bone_position[bone], turns[bone]
 
 

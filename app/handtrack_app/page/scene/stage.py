@@ -130,6 +130,7 @@ class Stage:
             return
         with self.page.server.atomic():
             self.tips.show(display.tips and self.pose is not None)
+            self._move_tips()
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
@@ -159,6 +160,8 @@ class Stage:
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         show_hand(self.hand, display, ready, inside)
+        if pose is not None and self._fits(pose):
+            update_hand(self.hand, pose, display)
         put(self.surface, visible=ready, opacity=flesh_opacity(display, inside))
 
     @property
@@ -210,25 +213,38 @@ class Stage:
         display = self.display
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
-        if self.session is None or len(pose.centre) != len(self.session.radii):
-            return  # of the model before
-        if len(pose.tips) != len(self.tips.controls):
+        if not self._fits(pose):
             return
         first, self.pose = self.pose is None, pose
         with self.page.server.atomic():
-            update_hand(self.hand, pose)
             update_truth(self.hand, pose, display)
             show_cloud(self.cloud, display, pose.frame)
             show_ghosts(self.ghosts, display.ghosts, pose.frame)
             self._show_flesh()
             if move_handle:
                 self.root.show_at(pose.values[:6])
-                self.tips.show_at(pose.tips)
-        if first:
+                self._move_tips()
+        if first and self.session is not None:
             self._set_first_view(self.session, pose)
             self.apply()
         else:
             place_screen(self.cameras, self.screen_camera(), middle_of(pose), self._larger)
+
+    def _fits(self, pose: PoseSnapshot) -> bool:
+        """Whether a pose is of the model that stands in the scene, and not of the one before."""
+        session, tips = self.session, self.tips
+        return (
+            session is not None
+            and tips is not None
+            and len(pose.centre) == len(session.radii)
+            and len(pose.tips) == len(tips.controls)
+            and len(pose.bone_position) == len(session.bone_names)
+        )
+
+    def _move_tips(self) -> None:
+        pose = self.pose
+        if self.tips is not None and self.display.tips and pose is not None and self._fits(pose):
+            self.tips.show_at(pose.tips)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""
