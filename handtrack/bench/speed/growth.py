@@ -16,6 +16,7 @@ import numpy as np
 from handtrack.bench.clouds.cloud_speed import SIGMA_M, cloud_scene
 from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
 from handtrack.bench.speed.three_views import ThreeViews
+from handtrack.bench.workbench.long_recordings import opened
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
@@ -31,7 +32,7 @@ _FRAMES = (1_000, 20_000)
 
 def growth() -> dict[str, Any]:
     """Return by how much an iteration takes longer with 12 cameras instead of 3, with 100,000 points instead of 10,000, and
-    what a stored frame costs among 20,000 instead of 1,000.
+    what a stored frame and the workbench cost with 20,000 frames, and before, with 1,000.
     """
     figures = alone(_MODULE, "cameras")
     points = alone(_MODULE, "points")
@@ -39,6 +40,11 @@ def growth() -> dict[str, Any]:
     few, many = (alone(_MODULE, "frames", str(count)) for count in _FRAMES)
     for name, value in many.items():
         figures |= {f"frames_20x_{name}": value, f"frames_20x_{name}_ratio": value / few[name]}
+    for words, truth in (("", False), ("_with_truth", True)):
+        few, many = (opened(count, truth) for count in _FRAMES)
+        for name, value in many.items():
+            figures[f"workbench{words}_20x_{name}"] = value
+            figures[f"workbench{words}_20x_{name}_before"] = few[name]
     return figures
 
 

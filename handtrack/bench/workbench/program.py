@@ -1,4 +1,4 @@
-"""`handtrack open` as a program of its own, on its own copy of the bundled recording: its address, memory and output."""
+"""`handtrack open` as a program of its own, on its own copy of the bundled recording or on another: its address, memory, output."""
 
 from __future__ import annotations
 
@@ -19,13 +19,17 @@ _ADDRESS = re.compile(r"is open at (\S+)")
 class RunningWorkbench:
     """A started workbench; its terminal is a file."""
 
+    def __init__(self, *folder: str) -> None:
+        """folder: of a session; without, the bundled one."""
+        self._folder = folder
+
     def __enter__(self) -> RunningWorkbench:
         self._home = tempfile.TemporaryDirectory()
         home = Path(self._home.name)
         self._terminal = (home / "terminal").open("w+")
         command = "import sys; from handtrack_app.cli import main; sys.exit(main(sys.argv[1:]))"
         self._process = subprocess.Popen(
-            [sys.executable, "-c", command, "open", "--no-browser"],
+            [sys.executable, "-c", command, "open", "--no-browser", *self._folder],
             env=os.environ | {"HANDTRACK_HOME": str(home)},
             stdout=self._terminal, stderr=subprocess.STDOUT, start_new_session=True,
         )  # fmt: skip
@@ -53,6 +57,10 @@ class RunningWorkbench:
     def page_mb(self) -> float:
         """Return the resident memory of the process that serves the page [MB]; on Linux only."""
         return _resident_kb(self._process.pid) / 1000
+
+    def cpu_s(self) -> float:
+        """Return the processor time of the program and the processes that it started [s]; on Linux only."""
+        return sum(_ticks(pid) for pid in self._pids()) / os.sysconf("SC_CLK_TCK")
 
     def open_files(self) -> int:
         """Return its open files and sockets; on Linux only."""
@@ -87,6 +95,14 @@ def _session(process: Path) -> int | None:
         return int((process / "stat").read_text().rpartition(")")[2].split()[3])
     except OSError:
         return None
+
+
+def _ticks(pid: int) -> float:
+    try:
+        user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    except OSError:
+        return 0.0
+    return float(user) + float(system)
 
 
 def _resident_kb(pid: int) -> float:

@@ -28,6 +28,7 @@ class WireClient:
             max_size=None,
         )
         self.messages: list[tuple[float, dict[str, Any]]] = []
+        self.bytes_taken = 0
         self._came = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -62,6 +63,7 @@ class WireClient:
                     self.messages += [
                         (now, message) for message in msgspec.msgpack.decode(inner)["messages"]
                     ]
+                    self.bytes_taken += len(raw)
                     self._came.notify_all()
         except Exception:  # the server went away: the test that minds will see no message
             return

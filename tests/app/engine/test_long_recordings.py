@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,13 +45,19 @@ def long_document(request, tmp_path: Path) -> Document:
 def looked_at(monkeypatch) -> list[int]:
     """The frames that were asked for."""
     frames: list[int] = []
-    head = CurrentTrack._take
+    head, all_of = CurrentTrack._take, CurrentTrack.__iter__
 
     def noted(track: CurrentTrack, frame: int) -> TakeFrames | None:
         frames.append(frame)
         return head(track, frame)
 
+    def all_noted(track: CurrentTrack) -> Iterator[int]:
+        found = list(all_of(track))
+        frames.extend(found)
+        return iter(found)
+
     monkeypatch.setattr(CurrentTrack, "_take", noted)
+    monkeypatch.setattr(CurrentTrack, "__iter__", all_noted)
     return frames
 
 
