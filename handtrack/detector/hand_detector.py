@@ -89,5 +89,5 @@ class HandDetector:
     def _unexpected(self, network: str) -> HandtrackError:
         return HandtrackError(
             f"{self.weights.path}: the {network} network answers in another form than expected; these are weights of another "
-            "detector. `handtrack detector install` says which ones were tested."
+            "detector. Name Google's hand_landmarker.task with --weights."
         )

@@ -36,9 +36,9 @@ def open_network(data: bytes, backend: str, where: str) -> Network:
         )
     try:
         return _by_litert(data) if backend == "litert" else _by_opencv(data)
-    except (cv2.error, ValueError, RuntimeError) as error:
+    except (cv2.error, ValueError, RuntimeError, ImportError) as error:
         said = " ".join(str(error).split())
-        raise HandtrackError(f"{where}: {backend} cannot read this network: {said}.") from None
+        raise HandtrackError(f"{where}: {backend} cannot run this network: {said}.") from None
 
 
 def _by_opencv(data: bytes) -> Network:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,6 @@ from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, log_odds, our_hands
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
 from handtrack.session.seen.views import View
@@ -24,7 +23,6 @@ from handtrack.session.session import Session
 
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
-_LEAST_SURE = 0.0  # log-odds of a side, its mean over the frames a hand was followed
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class JointDetection:
         """Write a file for every image that was looked at, with the session's hand or none; return what was found."""
         side = self.session.file.hand.side
         sides = self._sides(side)
-        counts = {view.name: [0, 0, 0, 0] for view in self.views}
+        tallies = {view.name: Counter[str]() for view in self.views}
         for frame, views in self._seen.items():
             seen = {
                 view.name: [
@@ -90,18 +88,18 @@ class JointDetection:
                 if view.name in views
             }
             ours = our_hands(seen)
-            for name, hands in seen.items():
-                mine = ours.get(name)
-                other = bool(hands) and all(hand.log_odds <= _LEAST_SURE for hand in hands)
-                unfit = bool(hands) and mine is None and not other
-                counts[name] = list(
-                    np.add(counts[name], [1, mine is not None, other and mine is None, unfit])
-                )
-                path = joint_file(self.session.folder, name, self._own[name][frame])
-                path.parent.mkdir(parents=True, exist_ok=True)
-                points = None if mine is None else _with_confidence(mine.hand, mine.camera)
-                write_hand(path, points, side, _WRITER)
-        return [CameraDetection(name, *map(int, numbers)) for name, numbers in counts.items()]
+            for view in self.views:
+                if view.name in seen:
+                    mine = ours.get(view.name)
+                    tallies[view.name][_outcome(mine, seen[view.name])] += 1
+                    path = joint_file(self.session.folder, view.name, self._own[view.name][frame])
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    points = None if mine is None else _with_confidence(mine.hand, view)
+                    write_hand(path, points, side, _WRITER)
+        return [
+            CameraDetection(name, n.total(), n["found"], n["other side"], n["unfit"])
+            for name, n in tallies.items()
+        ]
 
     def _sides(self, side: str) -> dict[tuple[str, int], float]:
         """Return the log-odds of our side of each hand of each camera, by its number: the mean while it was followed."""
@@ -174,9 +172,18 @@ def _check_folder(folder: Path, camera: str) -> None:
             )
 
 
-def _with_confidence(hand: DetectedHand, camera: Camera) -> Floats[D21, D3]:
-    """Return points with the hand's presence as confidence; what is guessed beyond the image's border has none."""
-    inside_image = ((hand.points >= -0.5) & (hand.points <= np.array(camera.size) - 0.5)).all(
-        axis=1
-    )
-    return np.column_stack([hand.points, np.where(inside_image, hand.presence, 0.0)])
+def _outcome(mine: SeenHand | None, hands: Sequence[SeenHand]) -> str:
+    """Return what became of a view's hands in one frame."""
+    if mine is not None or not hands:
+        return "found" if mine is not None else "nobody"
+    return "unfit" if any(hand.log_odds > 0 for hand in hands) else "other side"
+
+
+def _with_confidence(hand: DetectedHand, view: View) -> Floats[D21, D3]:
+    """Return points with the hand's presence as confidence; what is guessed beyond the image's border, or outside of the
+    region of interest, has none.
+    """
+    x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
+    least = np.array([x, y]) - 0.5
+    seen = ((hand.points >= least) & (hand.points <= least + [width, height])).all(axis=1)
+    return np.column_stack([hand.points, np.where(seen, hand.presence, 0.0)])

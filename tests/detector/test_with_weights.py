@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds
 from handtrack.detector.weights import read_weights
+from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
@@ -44,6 +46,15 @@ def test_the_weights_are_the_known_ones(weights):
     assert read_weights(weights).is_known
 
 
+def test_networks_of_another_shape_are_refused(weights):
+    known = read_weights(weights)
+    exchanged = HandDetector(replace(known, palm=known.landmarks), "opencv")
+    with pytest.raises(HandtrackError, match="the palm network answers in another form"):
+        exchanged.find(np.zeros((64, 64, 3), np.uint8), 2)
+    with pytest.raises(HandtrackError, match=r"task: opencv cannot run this network"):
+        HandDetector(replace(known, palm=known.palm[:100_000]), "opencv")
+
+
 def test_the_hand_over_the_desk_is_found_in_both_views_where_it_is(detector, desk):
     """Near the first pose's joints, which another program's detector gave; a right hand; on its epipolar lines."""
     followers = {view.name: HandFollower(detector) for view in desk.views}
@@ -68,6 +79,18 @@ def test_a_mirrored_hand_is_one_of_the_other_side(detector, desk):
     image = cv2.flip(desk.views[1].image(FIRST), 1)
     (hand,) = HandFollower(detector).step(image).values()
     assert hand.right < 0.1
+
+
+def test_two_hands_in_one_image_are_found_and_told_apart(detector, desk):
+    image = desk.views[0].image(FIRST)
+    both = np.hstack([image, cv2.flip(image, 1)])
+    follower = HandFollower(detector)
+    found = follower.step(both)
+    assert found.keys() == follower.step(both).keys() == {0, 1}
+    left, right = sorted(found.values(), key=lambda hand: hand.points[0, 0])
+    assert left.right > 0.9 > 0.1 > right.right
+    mirrored = both.shape[1] - 1 - right.points[:, 0]
+    assert np.median(np.abs(mirrored - left.points[:, 0])) < 5.0
 
 
 def test_a_hand_before_a_wall_is_found(detector, data_dir):

@@ -150,6 +150,21 @@ def test_joints_of_others_stay(handtrack: CommandLine, folder: Path, scene: Scen
     assert 'keypoints = "keypoints/cam1/*.json"' in (folder / "session.toml").read_text()
 
 
+def test_points_outside_of_what_is_observed_are_missing(
+    handtrack: CommandLine, folder: Path, scene: Scene
+):
+    """Beyond the image's border, or the region of interest: the networks guess them."""
+    edit(folder / "session.toml", 'masks = "masks/cam0/*.png"', "roi = [0, 0, 64, 24]")
+    scene.places = {"right": np.array([0.2, 0.0, 0.0])}  # half of it is right of both images
+    assert handtrack("detect", folder, "--write").code == 0
+    for view, (width, height) in zip(Session.open(folder).views, ((64, 24), (64, 48)), strict=True):
+        true = view.camera.project(0.5 * keypoints() + scene.places["right"])
+        within = ((true >= -0.5) & (true <= np.array([width, height]) - 0.5)).all(axis=1)
+        assert 0 < within.sum() < 21
+        (joints,) = view.keypoints(0, 5.0)
+        assert np.isfinite(joints.pixels).all(axis=1).tolist() == within.tolist()
+
+
 def test_ctrl_c_keeps_what_was_found(
     handtrack: CommandLine, folder: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ):
