@@ -7,9 +7,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, H, W
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 
-_LOOK_EVERY = (
-    10  # frames between looks for hands that are not followed: a third of a second of most videos
-)
+_LOOK_EVERY = 10  # images between looks for hands that are not followed: a tenth more work
 _SAME = 0.15  # of the region's side: hands whose points are nearer in the median are one
 
 
