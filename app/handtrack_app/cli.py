@@ -229,6 +229,21 @@ COMMANDS: dict[str, _Command] = {
         _option("--seed", type=int, default=0, help="of motion and noise"),
     )),
     "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", ()),
+    "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (
+        _SESSION, _FRAMES,
+        _option("--weights", type=Path, metavar="FILE",
+                help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
+        _option("--camera", action="append", default=[], metavar="NAME",
+                help="look at this camera only; may be repeated (default: all that have images)"),
+        _option("--write", action="store_true", help="also write into session.toml that these joints are to be used"),
+        _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
+        _JSON,
+    )),
+    "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
+        _option("action", choices=("install",), help="what to do"),
+        _option("file", nargs="?", type=Path, metavar="FILE",
+                help="hand_landmarker.task (default: one that an installed Python package carries)"),
+    )),
     "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),

@@ -47,6 +47,7 @@ _LONG = {
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",
+    "detector": "starts.detector",
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",
     "hand_size": "clouds.hand_size",

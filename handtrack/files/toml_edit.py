@@ -22,7 +22,8 @@ from handtrack.files.versions import keep_version
 def edit_toml(path: Path, changes: Mapping[str, Any], what: str) -> str:
     """Change values of a file, whole or not at all; return a sentence about the file before, empty where nothing changed.
 
-    changes: values by their dotted names, None to remove one. what: a few words for the error, such as `a session's
+    changes: values by their dotted names, None to remove one; of tables in a list, by their number from 0 (`camera.0.roi`).
+    what: a few words for the error, such as `a session's
     settings`. Raises HandtrackError for a file that is no valid TOML, or that cannot be read, changed or written.
     """
     read_toml(path, what)
@@ -91,6 +92,9 @@ def _inner(tables: Any, keys: list[str]) -> tuple[Any, list[str]]:
     """Return the innermost table there is on the way to a value, and the keys from there."""
     while len(keys) > 1 and keys[0] in tables:
         tables, table, keys = tables[keys[0]], keys[0], keys[1:]
+        in_list = isinstance(tables, list) and len(keys) > 1 and keys[0].isdecimal()
+        if in_list and int(keys[0]) < len(tables):
+            tables, table, keys = tables[int(keys[0])], f"{table}.{keys[0]}", keys[1:]
         if not isinstance(tables, dict):
             raise ValueError(f"'{table}' is no table")
     return tables, keys

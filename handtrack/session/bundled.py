@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
-import sys
 from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
+from handtrack.files.user_folder import user_data_folder
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRACKS_FOLDER, TRUTH_FILE
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -64,18 +63,6 @@ def working_copy(source: Path, name: str) -> Path:
             "name another folder in the environment variable HANDTRACK_HOME."
         ) from None
     return target
-
-
-def user_data_folder() -> Path:
-    """Return where handtrack keeps a user's own copies: HANDTRACK_HOME, else the system's place."""
-    chosen = os.environ.get("HANDTRACK_HOME")
-    if chosen:
-        return Path(chosen)
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", "~/AppData/Local")).expanduser() / "handtrack"
-    if sys.platform == "darwin":
-        return Path("~/Library/Application Support/handtrack").expanduser()
-    return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "handtrack"
 
 
 def _shelf() -> Path:

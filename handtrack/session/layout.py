@@ -20,9 +20,11 @@ WORK_FILE = "tracks/workbench.npz"
 """what the workbench has tracked and posed so far"""
 HAND_FILE = "hand.json"
 JOURNAL_FILE = "tracks/journal.jsonl"
+KEYPOINTS_FOLDER = "keypoints"
+"""what the hand detector writes: a folder for each camera"""
 _WRITTEN = (
     SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, WORK_FILE, JOURNAL_FILE, "versions",
-    "tracks/takes", "tracks/actions", "tracks/versions",
+    "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER,
 )  # fmt: skip
 
 _WILD = "*?["

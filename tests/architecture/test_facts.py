@@ -129,3 +129,13 @@ def test_importers_finds_whole_modules_only(tmp_path, monkeypatch):
     monkeypatch.setattr("tests.architecture.test_facts.CORE", Path(tmp_path / "handtrack"))
     monkeypatch.setattr("tests.architecture.test_rooms.REPOSITORY", tmp_path)
     assert importers("room", "handtrack.model.limits") == {"one"}
+
+
+def test_the_hand_detector_is_imported_where_it_is_used_only():
+    outside = {
+        n
+        for n in importers("", "handtrack.detector")
+        if n.split("/")[0] not in ("detector", "bench")
+    }
+    assert outside == {"session/detection"}
+    assert importers("", "handtrack.session.detection") <= {"bench/starts/detector"}

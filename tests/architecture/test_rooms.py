@@ -41,10 +41,11 @@ ARROWS: dict[str, set[str]] = {
         "geometry", "observation", "model", "sampling", "tracking.frame", "tracking.search",
         "tracking.hypotheses",
     },
+    "detector": {"files", "geometry"},
     "diagnostics": {"geometry", "model", "observation", "terms", "tracking.frame"},
     "store": {"files", "terms", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
-        "files", "geometry", "capture", "observation", "model", "tracking", "tracking.frame",
+        "files", "geometry", "capture", "observation", "model", "detector", "tracking", "tracking.frame",
         "tracking.size", "tracking.search", "store",
     },
     "simulation": {

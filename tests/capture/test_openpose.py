@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_hand, written_by
 from handtrack.errors import HandtrackError
 
 BODY = LAYOUTS["body_25"]
@@ -64,7 +64,7 @@ def test_layouts_name_each_point_once():
         (
             '{"people": [{"hand_left_keypoints_2d": []}]}',
             "person 0 has no 'pose_keypoints_2d'. Another keypoint_layout may fit: "
-            "body_25, body_25b, hand_left, hand_right.",
+            "body_25, body_25b, hand_left, hand_right, mediapipe21.",
         ),
         (
             '{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}',
@@ -79,3 +79,40 @@ def test_other_files_are_refused(tmp_path, text, message):
         read_openpose(file, BODY)
     assert message in str(error.value)
     assert str(file) in str(error.value)
+
+
+HAND = LAYOUTS["mediapipe21"]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_that_was_written_is_read_by_its_side_and_as_a_detectors(tmp_path, side):
+    points = np.column_stack([np.arange(21.0), 2.5 * np.arange(21), np.full(21, 0.75)])
+    points[4] = (7.0, 8.0, 0.0)  # not seen
+    file = tmp_path / "000003.json"
+    write_hand(file, points, side, "a test")
+    points[4] = (np.nan, np.nan, 0.0)
+    for layout in (HAND, LAYOUTS[f"hand_{side}"]):
+        assert np.array_equal(read_openpose(file, layout), points, equal_nan=True)
+    assert written_by(file) == "a test"
+
+
+def test_no_hand_is_nobody(tmp_path):
+    write_hand(tmp_path / "0.json", None, "right", "a test")
+    assert read_openpose(tmp_path / "0.json", HAND) is None
+
+
+def test_of_two_hands_none_is_guessed(tmp_path):
+    person = _person(10, "hand_left_keypoints_2d", 21) | _person(10, "hand_right_keypoints_2d", 21)
+    file = _write(tmp_path / "a_0.json", [person])
+    with pytest.raises(HandtrackError, match="has two hands.*hand_left or hand_right"):
+        read_openpose(file, HAND)
+    person["hand_left_keypoints_2d"] = []
+    found = read_openpose(_write(tmp_path / "a_1.json", [person]), HAND)
+    assert found is not None
+    assert found.shape == (21, 3)
+
+
+def test_who_wrote_other_files_is_unknown(tmp_path):
+    assert written_by(_write(tmp_path / "a_0.json", [])) is None
+    (tmp_path / "b").write_text("no json")
+    assert written_by(tmp_path / "b") is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -163,3 +164,27 @@ def test_what_is_no_table_is_left_alone(tmp_path: Path) -> None:
     )
     assert path.read_text(encoding="utf-8") == "tracking = 3\n"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[session]\nformat = 1\n\n[[camera]]\nname = 'a' # first\n\n[[camera]] # west\nname = 'b'\n\n# of clouds\n[clouds]\nfiles = 'c'\n",
+        "camera = [{ name = 'a' }, { name = 'b' }] # T\n",
+    ],
+    ids=["tables", "inline"],
+)
+def test_values_of_tables_in_a_list_are_changed_by_their_number(text: str) -> None:
+    changed = changed_toml(text, {"camera.0.roi": [1, 2, 3, 4], "camera.1.name": "c"})
+    assert tomllib.loads(changed)["camera"] == [
+        {"name": "a", "roi": [1, 2, 3, 4]},
+        {"name": "c"},
+    ]
+    assert [part for part in re.findall("#.*", text) if part not in changed] == []
+    assert changed_toml(changed, {"camera.0.roi": None, "camera.1.name": "b"}).count("roi") == 0
+
+
+@pytest.mark.parametrize("name", ["camera.2.name", "camera.0", "camera.x.name"])
+def test_what_is_no_table_of_the_list_is_not_changed(name: str) -> None:
+    with pytest.raises(ValueError, match="is no table"):
+        changed_toml("[[camera]]\nname = 'a'\n", {name: "b"})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from handtrack.session.bundled import user_data_folder
+from handtrack.files.user_folder import user_data_folder
 
 LOG_FILE = user_data_folder() / "logs" / "workbench.log"
 """what the page's process notes"""

@@ -1,7 +1,8 @@
-"""Read 2D joints from OpenPose's JSON files, one a frame, several people in it."""
+"""2D joints in OpenPose's JSON files, one a frame, several people in it."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, K
 from handtrack.errors import HandtrackError
+from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 
 
@@ -18,8 +20,8 @@ from handtrack.files.text_files import read_json
 class Layout:
     """Which of a detector's points are which joints."""
 
-    key: str
-    """of the numbers in the file"""
+    keys: tuple[str, ...]
+    """of the numbers in the file: one of them"""
     count: int
     points: Mapping[str, int]
     """joint name → row"""
@@ -33,6 +35,7 @@ def _both(rows: Mapping[str, tuple[int, int]]) -> dict[str, int]:
     }
 
 
+_LEFT, _RIGHT = "hand_left_keypoints_2d", "hand_right_keypoints_2d"
 _FINGERS = {
     "thumb": ("cmc", "mcp", "ip", "tip"),
     **dict.fromkeys(("index", "middle", "ring", "little"), ("mcp", "pip", "dip", "tip")),
@@ -44,7 +47,7 @@ _HAND = {"wrist": 0} | {
 }
 LAYOUTS: dict[str, Layout] = {
     "body_25": Layout(
-        "pose_keypoints_2d",
+        ("pose_keypoints_2d",),
         25,
         {"nose": 0, "neck": 1, "pelvis": 8}
         | _both(
@@ -55,7 +58,7 @@ LAYOUTS: dict[str, Layout] = {
         ),
     ),
     "body_25b": Layout(
-        "pose_keypoints_2d",
+        ("pose_keypoints_2d",),
         25,
         {"nose": 0, "neck": 17, "head_top": 18}
         | _both(
@@ -65,8 +68,9 @@ LAYOUTS: dict[str, Layout] = {
             }
         ),
     ),
-    "hand_left": Layout("hand_left_keypoints_2d", 21, _HAND),
-    "hand_right": Layout("hand_right_keypoints_2d", 21, _HAND),
+    "hand_left": Layout((_LEFT,), 21, _HAND),
+    "hand_right": Layout((_RIGHT,), 21, _HAND),
+    "mediapipe21": Layout((_RIGHT, _LEFT), 21, _HAND),
 }  # fmt: skip
 
 
@@ -89,17 +93,12 @@ def _height(points: Floats) -> float:
 def _people(path: Path, layout: Layout) -> Iterator[Floats]:
     table = _read(path)
     for number, person in enumerate(table):
-        values = person.get(layout.key) if isinstance(person, Mapping) else None
-        if values is None:
-            raise HandtrackError(
-                f"{path}: person {number} has no '{layout.key}'. Another keypoint_layout may fit: "
-                f"{', '.join(LAYOUTS)}."
-            )
+        key, values = _values(person, layout, f"{path}: person {number}")
         if len(values) == 0:
             continue
         if len(values) != 3 * layout.count or not all(isinstance(v, (int, float)) for v in values):
             raise HandtrackError(
-                f"{path}: '{layout.key}' of person {number} has {len(values)} values; expected {layout.count} times "
+                f"{path}: '{key}' of person {number} has {len(values)} values; expected {layout.count} times "
                 "x, y, confidence."
             )
         points = np.array(values, dtype=float).reshape(layout.count, 3)
@@ -107,6 +106,48 @@ def _people(path: Path, layout: Layout) -> Iterator[Floats]:
         points[missing] = (np.nan, np.nan, 0.0)
         if not missing.all():
             yield points
+
+
+def _values(person: Any, layout: Layout, who: str) -> tuple[str, Sequence[Any]]:
+    """Return the key and the numbers of a person; none where this person has none."""
+    known = (
+        {k: person[k] for k in layout.keys if k in person} if isinstance(person, Mapping) else {}
+    )
+    filled = [key for key, values in known.items() if values]
+    if not known:
+        raise HandtrackError(
+            f"{who} has no '{layout.keys[0]}'. Another keypoint_layout may fit: {', '.join(LAYOUTS)}."
+        )
+    if len(filled) > 1:
+        raise HandtrackError(
+            f"{who} has two hands, {' and '.join(filled)}; expected one. Say which by keypoint_layout: hand_left or hand_right."
+        )
+    key = (filled or list(known))[0]
+    return key, known[key]
+
+
+def write_hand(path: Path, points: Floats[K, D3] | None, side: str, writer: str) -> None:
+    """Write one hand's 21 points, or that none was found, as OpenPose does.
+
+    points: column and row [px], confidence; where that is 0 the point counts as missing. side: right or left.
+    writer: a mark that `written_by` finds again.
+    """
+    people = []
+    if points is not None:
+        rows = np.where(points[:, 2:] > 0, points, 0.0)
+        numbers = [round(float(value), 4) for value in rows.reshape(-1)]
+        people = [{_RIGHT if side == "right" else _LEFT: numbers}]
+    table = {"version": 1.3, "writer": writer, "people": people}
+    replace_text(path, json.dumps(table) + "\n")
+
+
+def written_by(path: Path) -> str | None:
+    """Return the mark that `write_hand` left in a file; None in files of others, and in what cannot be read."""
+    try:
+        table = read_json(path, "joints")
+    except HandtrackError:
+        return None
+    return table.get("writer") if isinstance(table, Mapping) else None
 
 
 def _read(path: Path) -> Sequence[Any]:

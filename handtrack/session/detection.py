@@ -1,0 +1,189 @@
+"""The session's hand found in the images of its cameras, and its joints written as files that the session reads."""
+
+from __future__ import annotations
+
+import glob
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, D21, Floats
+from handtrack.capture.images.openpose import write_hand, written_by
+from handtrack.detector.hand_detector import DetectedHand, HandDetector
+from handtrack.detector.hand_follower import HandFollower
+from handtrack.detector.identity import SeenHand, log_odds, our_hands
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.model_file import load_model
+from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
+from handtrack.session.seen.views import View
+from handtrack.session.session import Session
+
+LAYOUT = "mediapipe21"
+_WRITER = "handtrack detect"
+
+
+@dataclass(frozen=True)
+class CameraDetection:
+    """What was found in one camera's images."""
+
+    camera: str
+    images: int
+    """how many were looked at"""
+    found: int
+    """in how many of them the session's hand was found"""
+    other_side: int
+    """in how many all hands were rather of the other side"""
+    unfit: int
+    """in how many a hand was seen that does not lie where the other cameras see the session's"""
+
+
+class JointDetection:
+    """Goes through frames in order, then says which hand is the session's, and writes its joints."""
+
+    def __init__(
+        self, session: Session, detector: HandDetector, cameras: Sequence[str] = ()
+    ) -> None:
+        """cameras: all that have images, unless named. Raises HandtrackError where there is nothing to look at, and before
+        joints of others would be written over.
+        """
+        model = load_model(session.hand_model)
+        if model.kind != "hand":
+            raise HandtrackError(
+                f"{session.folder / SESSION_FILE}: the model is {model.name}, but the detector finds hands."
+            )
+        self.session = session
+        self.views = _views(session, cameras)
+        self._followers = {view.name: HandFollower(detector) for view in self.views}
+        self._seen: dict[int, dict[str, dict[int, DetectedHand]]] = {}
+        self._own: dict[str, dict[int, int]] = {view.name: {} for view in self.views}
+        for view in self.views:
+            _check_folder(session.folder, view.name)
+
+    def step(self, frame: int) -> None:
+        """Look for hands in all images of a frame."""
+        self._seen[frame] = {}
+        for view in self.views:
+            own = frame if view.times is None else view.times.own_frame(frame)
+            image = None if own is None else view.image(frame)
+            hands = self._followers[view.name].step(image)
+            if image is not None and own is not None:
+                self._seen[frame][view.name] = hands
+                self._own[view.name][frame] = own
+
+    def write(self) -> list[CameraDetection]:
+        """Write a file for every image that was looked at, with the session's hand or none; return what was found."""
+        side = self.session.file.hand.side
+        sides = self._sides(side)
+        tallies = {view.name: Counter[str]() for view in self.views}
+        for frame, views in self._seen.items():
+            seen = {
+                view.name: [
+                    SeenHand(view.camera, hand, sides[view.name, number])
+                    for number, hand in views[view.name].items()
+                ]
+                for view in self.views
+                if view.name in views
+            }
+            ours = our_hands(seen)
+            for view in self.views:
+                if view.name in seen:
+                    mine = ours.get(view.name)
+                    tallies[view.name][_outcome(mine, seen[view.name])] += 1
+                    path = joint_file(self.session.folder, view.name, self._own[view.name][frame])
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    points = None if mine is None else _with_confidence(mine.hand, view)
+                    write_hand(path, points, side, _WRITER)
+        return [
+            CameraDetection(name, n.total(), n["found"], n["other side"], n["unfit"])
+            for name, n in tallies.items()
+        ]
+
+    def _sides(self, side: str) -> dict[tuple[str, int], float]:
+        """Return the log-odds of our side of each hand of each camera, by its number: the mean while it was followed."""
+        said: dict[tuple[str, int], list[float]] = defaultdict(list)
+        for views in self._seen.values():
+            for name, hands in views.items():
+                for number, hand in hands.items():
+                    said[name, number].append(log_odds(hand.right, side))
+        return {key: float(np.mean(values)) for key, values in said.items()}
+
+
+def joint_pattern(camera: str) -> str:
+    """Return the pattern, for session.toml, of the files that detection writes of a camera."""
+    return f"{KEYPOINTS_FOLDER}/{glob.escape(camera)}/*.json"
+
+
+def joint_file(folder: Path, camera: str, own_frame: int) -> Path:
+    """Return the file of one of a camera's own frames."""
+    return folder / KEYPOINTS_FOLDER / camera / f"{own_frame:06d}.json"
+
+
+def session_changes(session: Session, cameras: Sequence[str]) -> dict[str, str]:
+    """Return what session.toml lacks for these cameras' joints to be used, by dotted names; nothing of those that have joints
+    of others already.
+    """
+    changes: dict[str, str] = {}
+    for number, camera in enumerate(session.file.cameras):
+        pattern = joint_pattern(camera.name)
+        if camera.name in cameras and camera.keypoints is None:
+            changes[f"camera.{number}.keypoints"] = pattern
+        if camera.name in cameras and camera.keypoints in (None, pattern):
+            changes |= (
+                {f"camera.{number}.keypoint_layout": LAYOUT}
+                if camera.keypoint_layout != LAYOUT
+                else {}
+            )
+    return changes
+
+
+def other_joints(session: Session, camera: str) -> str | None:
+    """Return the joints of a camera that session.toml names and that detection did not write, None where there are none."""
+    (pattern,) = (c.keypoints for c in session.file.cameras if c.name == camera)
+    return None if pattern == joint_pattern(camera) else pattern
+
+
+def _views(session: Session, cameras: Sequence[str]) -> list[View]:
+    for name in cameras:
+        if name not in session.camera_names:
+            where = str(session.folder / SESSION_FILE)
+            raise unknown_name("camera", name, session.camera_names, where)
+    chosen = [view for view in session.views if not cameras or view.name in cameras]
+    without = [view.name for view in chosen if view.images is None]
+    if without and (cameras or len(without) == len(chosen)):
+        raise HandtrackError(
+            f"{session.folder / SESSION_FILE}: camera '{without[0]}' has no `images`; a hand is found in images. Name other "
+            "cameras with --camera, or give it a video or numbered files."
+        )
+    return [view for view in chosen if view.images is not None]
+
+
+def _check_folder(folder: Path, camera: str) -> None:
+    """Raise HandtrackError where files of others lie, or the folder leads out of the session."""
+    name = f"{KEYPOINTS_FOLDER}/{camera}"
+    where = inside(folder, name, str(folder))
+    for path in sorted(where.glob("*")) if where.is_dir() else ():
+        if written_by(path) != _WRITER:
+            raise HandtrackError(
+                f"{path} was not written by `{_WRITER}`, so {name} is left as it is. Move these files away, and say in "
+                f"{SESSION_FILE} where they are if they are to be used."
+            )
+
+
+def _outcome(mine: SeenHand | None, hands: Sequence[SeenHand]) -> str:
+    """Return what became of a view's hands in one frame."""
+    if mine is not None or not hands:
+        return "found" if mine is not None else "nobody"
+    return "unfit" if any(hand.log_odds > 0 for hand in hands) else "other side"
+
+
+def _with_confidence(hand: DetectedHand, view: View) -> Floats[D21, D3]:
+    """Return points with the hand's presence as confidence; what is guessed beyond the image's border, or outside of the
+    region of interest, has none.
+    """
+    x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
+    least = np.array([x, y]) - 0.5
+    seen = ((hand.points >= least) & (hand.points <= least + [width, height])).all(axis=1)
+    return np.column_stack([hand.points, np.where(seen, hand.presence, 0.0)])

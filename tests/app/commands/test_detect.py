@@ -1,0 +1,228 @@
+"""`handtrack detect` and `handtrack detector`: files that the session reads, and nothing of others written over."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.arrays import D3, Array, H, W
+from handtrack.detector.hand_detector import DetectedHand, HandDetector
+from handtrack.detector.regions import Region, region_of_hand
+from handtrack.session.session import Session
+from tests.app.command_line import CommandLine, refused
+from tests.session.small_session import FRAMES, edit, keypoints, make_session
+
+MINE, OTHER = np.zeros(3), np.array([0.09, 0.05, 0.02])
+STEP = 40  # between the grey values of small_session's frames
+
+
+class Scene:
+    """Sees the hands of a session's images, which it knows by their first pixel: frame and camera."""
+
+    backend = "fake"
+
+    def __init__(self, folder: Path) -> None:
+        self.session = Session.open(folder)
+        self.places = {"right": MINE}
+        self.weights = type("Known", (), {"is_known": True})
+
+    def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
+        return [region_of_hand(hand.points) for hand in self._hands(image)][:most]
+
+    def hand(self, image: Array[H, W, D3], region: Region) -> DetectedHand | None:
+        hands = self._hands(image)
+        near = [np.linalg.norm(hand.region.centre - region.centre) for hand in hands]
+        return hands[int(np.argmin(near))] if near and min(near) < 0.5 * region.side else None
+
+    def _hands(self, image: Array[H, W, D3]) -> list[DetectedHand]:
+        frame, number = divmod(int(image[0, 0, 0]), STEP)
+        if frame == FRAMES - 1:
+            return []
+        camera = self.session.views[number].camera
+        shape = 0.5 * keypoints() + [0.001 * frame, 0, 0]
+        return [
+            DetectedHand(camera.project(shape + place), 0.9, 0.98 if side == "right" else 0.02)
+            for side, place in self.places.items()
+        ]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The small session, with images of both cameras."""
+    session = make_session(tmp_path)
+    edit(session / "session.toml", 'name = "cam1"\n', 'name = "cam1"\nimages = "cam1/*.png"\n')
+    (session / "cam1").mkdir()
+    for frame in range(FRAMES):
+        image = np.full((48, 64, 3), STEP * frame + 1, np.uint8)
+        cv2.imwrite(str(session / "cam1" / f"{frame:03d}.png"), image)
+    return session
+
+
+@pytest.fixture
+def scene(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    scene = Scene(folder)
+    monkeypatch.setattr(HandDetector, "open", lambda *_: scene)
+    return scene
+
+
+def test_joints_are_written_and_the_session_reads_them(
+    handtrack: CommandLine, folder: Path, scene: Scene
+):
+    ended = handtrack("detect", folder, "--write")
+    assert ended.code == 0, ended.err
+    assert f"cam0: found in {FRAMES - 1} of {FRAMES} images (75.0 %)." in ended.out
+    assert "The file before is kept as versions/session_" in ended.out
+    session = Session.open(folder)
+    for view in session.views:
+        assert view.settings.keypoint_layout == "mediapipe21"
+        (joints,) = view.keypoints(1, 5.0)
+        true = view.camera.project(0.5 * keypoints() + [0.001, 0, 0])
+        assert joints.pixels[joints.names.index("index_tip")] == pytest.approx(true[8], abs=1e-3)
+        assert view.keypoints(FRAMES - 1, 5.0) == ()
+    files = sorted((folder / "keypoints" / "cam1").iterdir())
+    assert [file.name for file in files] == [f"{frame:06d}.json" for frame in range(FRAMES)]
+    again = handtrack("detect", folder, "--write")
+    assert again.code == 0, again.err
+    assert "session.toml" not in again.out  # it says so already
+
+
+def test_without_write_the_lines_are_printed(handtrack: CommandLine, folder: Path, scene: Scene):
+    before = (folder / "session.toml").read_bytes()
+    ended = handtrack("detect", folder, "--camera", "cam1", "--frames", "1:3")
+    assert '[[camera]] "cam1": keypoints = "keypoints/cam1/*.json"' in ended.out
+    assert '[[camera]] "cam1": keypoint_layout = "mediapipe21"' in ended.out
+    assert "cam0" not in ended.out
+    assert (folder / "session.toml").read_bytes() == before
+    assert [file.name for file in sorted((folder / "keypoints").rglob("*.json"))] == [
+        "000001.json",
+        "000002.json",
+    ]
+
+
+def test_of_two_hands_the_sessions_is_written(handtrack: CommandLine, folder: Path, scene: Scene):
+    scene.places = {"left": OTHER, "right": MINE}
+    for side, place in (("right", MINE), ("left", OTHER)):
+        ended = handtrack("detect", folder, "--write", "--json")
+        table = json.loads(ended.out)
+        assert table["cameras"]["cam0"]["found"] == FRAMES - 1
+        view = Session.open(folder).views[0]
+        (joints,) = view.keypoints(0, 5.0)
+        true = view.camera.project(0.5 * keypoints() + place)
+        assert joints.pixels[joints.names.index("wrist")] == pytest.approx(true[0], abs=1e-3), side
+        edit(folder / "session.toml", f'side = "{side}"', 'side = "left"')
+
+
+def test_a_hand_of_the_other_side_is_left_out_and_told(
+    handtrack: CommandLine, folder: Path, scene: Scene
+):
+    scene.places = {"left": MINE}
+    ended = handtrack("detect", folder, "--write")
+    assert ended.code == 0
+    assert f"camera 'cam1': in {FRAMES - 1} images all hands look like left ones" in ended.err
+    assert 'write side = "left" in [hand]' in ended.err
+    assert "keypoints" not in (folder / "session.toml").read_text()
+
+
+def test_joints_of_others_stay(handtrack: CommandLine, folder: Path, scene: Scene):
+    own = folder / "keypoints" / "cam0"
+    own.mkdir(parents=True)
+    (own / "000000.json").write_text('{"people": []}')
+    refused(
+        handtrack,
+        folder,
+        ["detect", folder],
+        ["was not written by `handtrack detect`", "Move these files"],
+    )
+    shutil.move(own, folder / "mine")
+    edit(folder / "session.toml", 'masks = "masks/cam0/*.png"', 'keypoints = "mine/*.json"')
+    ended = handtrack("detect", folder, "--write")
+    assert (
+        "camera 'cam0' has keypoints = \"mine/*.json\" already, which stays as it is." in ended.err
+    )
+    assert 'keypoints = "mine/*.json"' in (folder / "session.toml").read_text()
+    assert 'keypoints = "keypoints/cam1/*.json"' in (folder / "session.toml").read_text()
+
+
+def test_points_outside_of_what_is_observed_are_missing(
+    handtrack: CommandLine, folder: Path, scene: Scene
+):
+    """Beyond the image's border, or the region of interest: the networks guess them."""
+    edit(folder / "session.toml", 'masks = "masks/cam0/*.png"', "roi = [0, 0, 64, 24]")
+    scene.places = {"right": np.array([0.2, 0.0, 0.0])}  # half of it is right of both images
+    assert handtrack("detect", folder, "--write").code == 0
+    for view, (width, height) in zip(Session.open(folder).views, ((64, 24), (64, 48)), strict=True):
+        true = view.camera.project(0.5 * keypoints() + scene.places["right"])
+        within = ((true >= -0.5) & (true <= np.array([width, height]) - 0.5)).all(axis=1)
+        assert 0 < within.sum() < 21
+        (joints,) = view.keypoints(0, 5.0)
+        assert np.isfinite(joints.pixels).all(axis=1).tolist() == within.tolist()
+
+
+def test_ctrl_c_keeps_what_was_found(
+    handtrack: CommandLine, folder: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+):
+    find = scene.find
+
+    def interrupted(*words: Any) -> list[Region]:
+        monkeypatch.setattr(scene, "find", find)
+        signal.raise_signal(signal.SIGINT)
+        return find(*words)
+
+    monkeypatch.setattr(scene, "find", interrupted)
+    ended = handtrack("detect", folder)
+    assert ended.code == 130
+    assert "cam0: found in 1 of 1 images" in ended.out
+    assert (folder / "keypoints" / "cam1" / "000000.json").exists()
+
+
+def test_what_cannot_be_detected_is_refused(handtrack: CommandLine, folder: Path, scene: Scene):
+    refused(
+        handtrack,
+        folder,
+        ["detect", folder, "--camera", "cam7"],
+        ["no camera 'cam7'", "known: cam0, cam1"],
+    )
+    edit(folder / "session.toml", 'images = "cam1/*.png"\n', "")
+    refused(
+        handtrack, folder, ["detect", folder, "--camera", "cam1"], ["camera 'cam1' has no `images`"]
+    )
+    ended = handtrack("detect", folder)
+    assert "cam1" not in ended.out
+    (folder / "keypoints" / "cam0" / "000000.json").unlink()
+    edit(folder / "session.toml", 'model = "hand26"', 'model = "body34"')
+    (folder / "init.json").unlink()
+    refused(handtrack, folder, ["detect", folder], ["the model is body34", "finds hands"])
+
+
+def test_without_weights_one_sentence_says_so(
+    handtrack: CommandLine, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
+    refused(handtrack, folder, ["detect", folder], ["has no weights", "all else works without it."])
+    refused(
+        handtrack,
+        folder,
+        ["detector", "install", folder / "init.json"],
+        ["not the detector's weights"],
+    )
+
+
+def test_weights_are_installed_with_their_licence(
+    handtrack: CommandLine, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = data_dir / "hand_detector" / "hand_landmarker.task"
+    if not file.is_file():
+        pytest.skip(f"no detector's weights at {file}")
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    ended = handtrack("detector", "install", file)
+    assert ended.code == 0, ended.err
+    assert "Licence of these weights: Apache License 2.0" in ended.out
+    assert (tmp_path / "home/detector/hand_landmarker.task").read_bytes() == file.read_bytes()

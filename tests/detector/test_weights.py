@@ -1,0 +1,132 @@
+"""Weights: none, somebody else's, damaged, made to fill the memory; only the known file is installed."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from handtrack.detector import weights as module
+from handtrack.detector.weights import (
+    find_weights,
+    install_weights,
+    installed_weights,
+    read_weights,
+    weights_in_packages,
+)
+from handtrack.errors import HandtrackError
+
+NETWORK = b"\x1c\0\0\0TFL3" + bytes(40)
+NAMES = ("hand_detector.tflite", "hand_landmarks_detector.tflite")
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
+
+
+def task(path: Path, names: tuple[str, ...] = NAMES, content: bytes = NETWORK) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in names:
+            archive.writestr(name, content)
+    return path
+
+
+def test_without_weights_one_sentence_says_what_is_missing():
+    with pytest.raises(
+        HandtrackError, match=r"the hand detector has no weights: .*all else works without it\.$"
+    ):
+        find_weights()
+
+
+def test_the_option_comes_before_the_environment_and_that_before_what_is_installed(
+    tmp_path, monkeypatch
+):
+    given, named = task(tmp_path / "given.task"), task(tmp_path / "named.task")
+    installed_weights().parent.mkdir(parents=True)
+    task(installed_weights())
+    assert find_weights() == installed_weights()
+    monkeypatch.setenv("HANDTRACK_DETECTOR", str(named))
+    assert find_weights() == named
+    assert find_weights(given) == given
+    monkeypatch.setenv("HANDTRACK_DETECTOR", str(tmp_path / "gone"))
+    with pytest.raises(HandtrackError, match="HANDTRACK_DETECTOR .*gone: no such file"):
+        find_weights()
+
+
+def test_both_networks_are_read_and_the_file_is_not_the_known_one(tmp_path):
+    found = read_weights(task(tmp_path / "a.task"))
+    assert found.palm == found.landmarks == NETWORK
+    assert not found.is_known
+
+
+def test_bytes_before_the_zip_do_no_harm(tmp_path):
+    """Google's file begins with two of them."""
+    path = task(tmp_path / "a.task")
+    path.write_bytes(b"\0\0" + path.read_bytes())
+    assert read_weights(path).palm == NETWORK
+
+
+def test_what_is_no_such_file_is_refused(tmp_path):
+    cut = task(tmp_path / "cut.task")
+    cut.write_bytes(cut.read_bytes()[:-30])
+    damaged = task(tmp_path / "damaged.task")
+    data = bytearray(damaged.read_bytes())
+    data[60:70] = bytes(10)
+    damaged.write_bytes(bytes(data))
+    other = task(tmp_path / "other.task", content=b"something else")
+    for path, expected in (
+        (cut, "it is no zip"),
+        (damaged, "it cannot be unpacked"),
+        (other, "no network in TFLite's form"),
+        (task(tmp_path / "half.task", NAMES[:1]), f"there is no {NAMES[1]} in it"),
+        (tmp_path, "it is no file"),
+    ):
+        with pytest.raises(HandtrackError, match=expected) as error:
+            read_weights(path)
+        assert "\n" not in str(error.value)
+    with pytest.raises(HandtrackError, match="cannot be read: No such file"):
+        read_weights(tmp_path / "nothing.task")
+
+
+def test_networks_that_would_fill_the_memory_are_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_MOST_BYTES", 4000)
+    path = task(tmp_path / "bomb.task", content=NETWORK + bytes(100_000))
+    assert path.stat().st_size < 4000
+    with pytest.raises(HandtrackError, match="would take"):
+        read_weights(path)
+    monkeypatch.setattr(module, "_MOST_BYTES", 100)
+    with pytest.raises(HandtrackError, match="it has 0 MB"):
+        read_weights(path)
+
+
+def test_only_the_known_file_is_installed(tmp_path, monkeypatch):
+    path = task(tmp_path / "a.task")
+    with pytest.raises(HandtrackError, match="its SHA-256 is .*Nothing was installed"):
+        install_weights(path)
+    assert not installed_weights().exists()
+    monkeypatch.setattr(module, "SHA256", module.digest_of(path))
+    assert install_weights(path) == installed_weights() == find_weights()
+    assert installed_weights().read_bytes() == path.read_bytes()
+    assert read_weights(installed_weights()).is_known
+
+
+def test_the_known_file_inside_an_installed_package_is_found(tmp_path, monkeypatch):
+    carried = task(tmp_path / "carried.task")
+
+    class Package:
+        class File:
+            name = "hand_landmarker.task"
+
+            def locate(self) -> Path:
+                return carried
+
+        files = (File(),)
+
+    monkeypatch.setattr(module, "distributions", lambda: [Package()])
+    with pytest.raises(HandtrackError, match="no installed Python package carries"):
+        weights_in_packages()
+    monkeypatch.setattr(module, "SHA256", module.digest_of(carried))
+    assert weights_in_packages() == carried
