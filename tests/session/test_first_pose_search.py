@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
+from handtrack.capture.images.openpose import write_hand
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
@@ -19,6 +20,7 @@ from handtrack.session.first_pose.first_pose_search import find_first_poses, spr
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
+from tests.session.small_session import edit, keypoints, make_session
 
 
 @pytest.fixture(scope="module")
@@ -215,3 +217,25 @@ def test_bad_joints_in_images_are_refused(case, tmp_path):
     path.write_text(json.dumps(data | changes))
     with pytest.raises(HandtrackError, match=message):
         read_first_pose(path)
+
+
+def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatch):
+    """Frame 0 has them in one camera only; by the session's masks nothing would be found."""
+    folder = make_session(tmp_path)
+    rig = Session.open(folder).rig
+    for name, frames in (("cam0", (0, 2)), ("cam1", (2,))):
+        masks = f'masks = "masks/{name}/*.png"'
+        joints = f'keypoints = "keypoints/{name}/*.json"\nkeypoint_layout = "mediapipe21"'
+        edit(folder / "session.toml", masks, f"{masks}\n{joints}")
+        (folder / "keypoints" / name).mkdir(parents=True)
+        for frame in frames:
+            pixels = np.column_stack([rig[name].project(keypoints()), np.full(21, 0.9)])
+            write_hand(folder / "keypoints" / name / f"{frame}.json", pixels, "right", "a test")
+    monkeypatch.setattr(first_pose_search, "auto_start", lambda *_: [])
+    run = TrackingRun.open(Session.open(folder), use_init=False)
+    (best,) = find_first_poses(run)
+    assert best.frame == 2
+    assert best.note == "2 cameras agree on 21 of 21 joints"
+    np.testing.assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
+    assert find_first_poses(run, 0) == []
+    assert find_first_poses(run.with_values({"keypoints.weight": 0.0})) == []

@@ -22,7 +22,7 @@ FULL = SessionFile(
     RecordingSettings('two "views"', 29.97, "times.csv", 0.043),
     HandSettings("hand26", "left", 1.05, True),
     (
-        CameraSettings("cam0", "cam0.mp4", SkinYCrCb(y_min=50), (1, 2, 30, 40)),
+        CameraSettings("cam0", "cam0.mp4", SkinYCrCb(y_min=50), roi=(1, 2, 30, 40)),
         CameraSettings("cam1", "cam1/*.png", "masks/cam1/*.png"),
         CameraSettings("kinect", masks=DepthRange(0.2, 0.9), depth="d/*.png", depth_scale_m=0.001),
         CameraSettings("drawn"),

@@ -8,9 +8,10 @@ from itertools import islice
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
+from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
@@ -32,8 +33,8 @@ def find_first_poses(
 ) -> list[FirstPoseCandidate]:
     """Return first poses of one frame, the surest first; empty where no hand was found.
 
-    frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at silhouettes and
-    clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for a model
+    frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at joints on
+    which two cameras agree, else at silhouettes and clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for a model
     that is no hand.
     """
     tell = on_progress or (lambda share, text: None)
@@ -102,8 +103,8 @@ def spread_order(frames: range) -> list[int]:
 def no_hand_found(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
     return HandtrackError(
-        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a hand in silhouettes or "
-        "cloud. Look at them with `handtrack doctor`, or pose the hand in the workbench (`handtrack open`)."
+        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a hand in silhouettes, "
+        "cloud or joints of two cameras. Look at them with `handtrack doctor`, or pose the hand in the workbench (`handtrack open`)."
     )
 
 
@@ -128,6 +129,10 @@ def _found(
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
     models = _models(run if scale == run.scale else run.with_scale(scale))
+    joints = _image_joints(seen)
+    in_space = pose_in_space(run.settings, models[0], seen.frame, joints) if joints else None
+    if in_space is not None:
+        return [in_space]
     found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []
@@ -150,8 +155,16 @@ def _fits(best: StartCandidate) -> str:
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
 
 
+def _image_joints(seen: Observation) -> list[ImageKeypoints]:
+    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
+
+
 def _may_show_a_hand(seen: Observation) -> bool:
-    """Return whether a frame has enough to look for a hand in: two silhouettes (one, where there is one camera), or a cloud."""
+    """Return whether a frame has enough to look for a hand in: two silhouettes (one, where there is one camera), joints in
+    two images, or a cloud.
+    """
+    if len({joints.camera for joints in _image_joints(seen)}) > 1:
+        return True
     if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
         return True
     full = sum(float(s.mask.sum()) >= _SEEN_PX for s in seen.silhouettes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
-from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -37,14 +38,9 @@ def poses_from_images(
     Raises HandtrackError for a camera that the session does not have, and for too few joints.
     """
     images = image_keypoints(session, settings, first)
-    points = triangulated(images)
-    if np.isfinite(points).all(axis=1).sum() >= _ENOUGH_IN_SPACE:
-        params = fit_keypoints(
-            model, Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
-        )
-        given = FirstPose(first.frame, {}, points, first.convention)
-        note = f"{len(images)} cameras agree on {int(np.isfinite(points).all(axis=1).sum())} of 21 joints"
-        return [FirstPoseCandidate(first.frame, params, 1.0, note, model, 0.0, given)]
+    in_space = pose_in_space(settings, model, first.frame, images)
+    if in_space is not None:
+        return [in_space]
     found = hands_from_images(model, images)
     shapes = [
         shape_of(model, model.joint_params(h.params), "given") for h in found[: GIVEN_JOINTS.most]
@@ -65,6 +61,27 @@ def poses_from_images(
     many = "one camera" if len(images) == 1 else f"{len(images)} cameras"
     notes = [f"joints seen by {many}", *(differs(rows[0], row) for row in rows[1:])]
     return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+
+
+def pose_in_space(
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    frame: int,
+    images: Sequence[ImageKeypoints],
+) -> FirstPoseCandidate | None:
+    """Return the pose that joints in a frame's undistorted images say, where two cameras or more agree on most; else None.
+
+    model: a hand with all joints.
+    """
+    points = triangulated(images)
+    count = int(np.isfinite(points).all(axis=1).sum())
+    if count < _ENOUGH_IN_SPACE:
+        return None
+    known = Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
+    given = FirstPose(frame, {}, points, CONVENTIONS[0])
+    cameras = len({joints.camera for joints in images})
+    note = f"{cameras} cameras agree on {count} of 21 joints"
+    return FirstPoseCandidate(frame, fit_keypoints(model, known), 1.0, note, model, 0.0, given)
 
 
 def image_keypoints(
