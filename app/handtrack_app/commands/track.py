@@ -149,7 +149,7 @@ def _doubts_of_side(
     run_: TrackingRun, results: Sequence[FrameResult], args: argparse.Namespace, stop: Stop
 ) -> list[str]:
     """Return that the other hand was tracked, in words, where nothing but session.toml says which it is. That takes as long
-    as a hundred frames: asked once a session, and by `doctor`.
+    as a hundred frames: asked once for a first pose, and by `doctor`.
     """
     joints_given = args.init != "auto" and run_.first is not None and run_.first.xyz is not None
     if joints_given or stop():

@@ -64,7 +64,8 @@ def evidence_of_other_side(
             least = min(least, least_of(model, landscape, theirs))
         if control.should_stop():
             return 0.0
-        total += 0.5 * count * float(np.log(least / theirs))
+        if least > 0 and theirs > 0:  # else nothing of it was seen
+            total += 0.5 * count * float(np.log(least / theirs))
         if total < 0:
             break
     return total

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 
+from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
@@ -22,6 +24,7 @@ from handtrack.tracking.state import Step
 from handtrack_app.commands.terminal.progress import say
 
 _PROGRAM = "handtrack track"
+_STARTS = ("first pose", "hand")
 _UNFINISHED = ".unfinished"
 
 
@@ -87,8 +90,16 @@ class TrackedTake:
 
     @property
     def is_first(self) -> bool:
-        """Whether nothing was tracked of the session to its end before, as far as the store knows."""
-        return self._store is None or not any(take.is_finished for take in self._store.takes())
+        """Whether nothing was tracked to its end before from the same first pose with the same hand."""
+        if self._store is None or not self._writers:
+            return True
+        own = self._writers[0].about.inputs
+        for take in self._store.takes():
+            with suppress(HandtrackError):  # nobody knows what it was made from
+                made_from = take.about.inputs
+                if all(made_from.get(key) == own[key] for key in _STARTS) and take.is_finished:
+                    return False
+        return True
 
     def add(self, step: Step) -> None:
         """Keep a tracked frame."""
