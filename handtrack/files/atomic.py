@@ -51,12 +51,12 @@ def replace_text(path: Path, text: str) -> None:
 
 
 def remove_abandoned(folder: Path) -> list[Path]:
-    """Remove the files that programs killed inside `replacing` left in a folder; return them.
+    """Remove the files that programs killed inside `replacing` left in a folder and its versions/; return them.
 
     For who alone may write there. Ours by their names, and not touched for ten minutes.
     """
     gone = []
-    for path in folder.glob(".*.part*"):
+    for path in (*folder.glob(".*.part*"), *folder.glob("versions/.*.part*")):
         named = _PART.fullmatch(path.name)
         if named is None or Path(named["name"]).suffix != (named["suffix"] or ""):
             continue

@@ -208,8 +208,9 @@ def test_a23_what_was_left_by_a_kill_is_removed_by_the_next_run(
     left = [
         session / ".init.json.0123abc_.part.json",
         session / "tracks/.poses.npz.0123abcd.part.npz",
+        session / "tracks/versions/.poses_1.npz.0123abcd.part.npz",
     ]
-    (session / "tracks").mkdir()
+    (session / "tracks/versions").mkdir(parents=True)
     for path in left:
         path.write_text("half")
         os.utime(path, (0, 0))

@@ -114,7 +114,7 @@ class Session:
             rng.choice(deeds)()
         except HandtrackError:
             self.tell("failed")
-        if self.store.is_saved:
+        if self.store.saved == "saved":  # and not merely kept nowhere, where opening found no room
             self.tell("saved", self.store.history.last_id, self.store.history.state)
 
     def pose(self) -> None:
@@ -149,7 +149,8 @@ class Session:
                     self.pose()
                     break
                 store.add(result)
-                self.tell("frame", number, result.frame)
+                if store.store is not None:
+                    self.tell("frame", number, result.frame)
                 done += 1
         finally:
             store.end_take(finished=done == len(frames))
@@ -158,7 +159,8 @@ class Session:
         saving.save_track(self.store)
 
     def again(self) -> None:
-        self.store.close()
+        with suppress(HandtrackError):  # what could not be written was never told to be saved
+            self.store.close()
         self.open()
 
     def second(self) -> None:
