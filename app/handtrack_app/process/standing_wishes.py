@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.commands import Command
@@ -50,7 +51,11 @@ class StandingWishes:
         now, frame = self._clock(), self._frame
         show = [] if frame is None else [commands.ShowFrame(frame)]
         with self._lock:
-            edits = [edit for when, edit in self._edits.values() if now - when < _UNWRITTEN_S]
+            edits = [  # as of now: the new engine passes over what is older than the newest edit
+                replace(edit, version=self.version)
+                for when, edit in self._edits.values()
+                if now - when < _UNWRITTEN_S
+            ]
             self._edits.clear()
             return [*self._wishes.values(), *edits, *show]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,11 @@ def test_c40_edits_of_the_last_moment_are_said_again_but_not_what_was_undone() -
     wishes.note(first)
     now[0] = 5.0
     assert wishes.again() == [wish], "that is written"
+    other = commands.SetPose(7, (0.3,), 3)
+    for command in (second, other):
+        wishes.note(command)
+    # the engine passes over edits older than the newest, which its plan names: another frame's is none of these
+    assert wishes.again() == [wish, replace(second, version=3), other]
     wishes.note(first)
     wishes.note(commands.Undo(3))
     assert wishes.again() == [wish]
