@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -53,17 +53,18 @@ class Store:
             raise HandtrackError(f"{self.folder}: no take {number}; its takes: {there}.")
         return known[number]
 
-    def history(self) -> History:
-        """Return what was decided so far. Reads all of it."""
-        history = History()
+    def actions(self) -> Iterator[Action]:
+        """Yield what was decided, one action after the other."""
         for record in read_log(self.folder / _ACTIONS, [], payloads=False):
             with suppress(ValueError, KeyError, TypeError):  # of a later version
                 if record.kind == _ACTION:
-                    history.take(Action.of(record.data))
+                    yield Action.of(record.data)
                 elif record.kind == _CURRENT:
-                    spans = Change(SPANS, None, record.data["spans"])
-                    history.take(history.next("", [spans], NOTE))
-        return history
+                    yield Action(0, NOTE, "", (Change(SPANS, None, record.data["spans"]),))
+
+    def history(self) -> History:
+        """Return what was decided so far. Reads all of it."""
+        return History.of(self.actions())
 
     def current(self) -> tuple[Span, ...]:
         """Return the spans of takes that show as the current track, in ascending order."""

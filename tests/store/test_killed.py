@@ -5,13 +5,7 @@
 
 from __future__ import annotations
 
-import errno
-import json
-import os
 import random
-import select
-import signal
-import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,12 +16,8 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
+from tests.killing import KILLS, Fate, Tell, forked, killed
 from tests.store.made import about, files_of, same, step
-
-KILLS = int(os.environ.get("HANDTRACK_KILLS", "40"))
-pytestmark = pytest.mark.skipif(
-    not hasattr(os, "fork"), reason="processes are copied where they can be"
-)
 
 
 @dataclass
@@ -67,28 +57,10 @@ class Known:
                 assert same(found[take][frame], step(np.random.default_rng(seed), frame))
 
 
-def work(folder: Path, tell: int, rng: random.Random) -> None:
+def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
     """Do whatever a program does with a store, telling before and after each deed."""
-
-    def told(*line: object) -> None:
-        really_write(tell, (json.dumps(line) + "\n").encode())
-
-    really_write, left = os.write, [0]
-    way = rng.choice(("half a write", "full", "any time"))
-
-    def write(handle: int, data) -> int:
-        left[0] -= 1
-        if left[0] == 0 and way != "any time":
-            really_write(handle, bytes(data)[: rng.randrange(len(data))])
-            if way == "full":
-                left[0] = rng.randint(1, 20)
-                raise OSError(errno.ENOSPC, "No space left on device")
-            os.kill(os.getpid(), signal.SIGKILL)
-        return really_write(handle, data)
-
-    os.write = write
     with WritableStore(folder, "a test") as store:
-        left[0] = rng.randint(1, 60)
+        fate.arm()
         numbers = [take.number for take in store.takes() if not take.is_finished]
         go_on, writer = numbers and rng.random() < 0.5, None
         while writer is None:
@@ -122,35 +94,12 @@ def work(folder: Path, tell: int, rng: random.Random) -> None:
                 told("failed", "")
 
 
-def killed(folder: Path, rng: random.Random) -> list[list]:
-    """Let a child work until it kills itself, or is killed; return what it told."""
-    hear, tell = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.close(hear)
-            signal.alarm(60)
-            work(folder, tell, rng)
-        except BaseException as error:
-            os.write(2, f"the child ended by {error!r}\n".encode())
-        finally:
-            os._exit(1)
-    os.close(tell)
-    if rng.random() < 0.8:  # else it may be opening the store still
-        select.select([hear], [], [], 30.0)
-    time.sleep(rng.uniform(0.0, 0.1))
-    os.kill(child, signal.SIGKILL)
-    status = os.waitpid(child, 0)[1]
-    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL, "it ended by itself"
-    with os.fdopen(hear) as lines:
-        return [json.loads(line) for line in lines if line.endswith("\n")]
-
-
+@forked
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
     rng, known = random.Random(5), Known()
     for number in range(KILLS):
-        for line in killed(tmp_path, random.Random(rng.random())):
+        for line in killed(tmp_path, random.Random(rng.random()), work, longest_s=0.1):
             known.hear(line)
         known.check(tmp_path)
         known.spans = [Store(tmp_path).current()]

@@ -11,10 +11,6 @@ import json
 import os
 import random
 import re
-import select
-import signal
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,16 +19,13 @@ from typing import Any
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.store.history import Action, History
+from handtrack.store.history import History
 from handtrack.store.store import Store
 from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import FRAMES, fake_document
+from tests.killing import KILLS, Fate, Tell, forked, killed
 
-KILLS = int(os.environ.get("HANDTRACK_KILLS", "40"))
-forked = pytest.mark.skipif(
-    not hasattr(os, "fork"), reason="processes are copied where they can be"
-)
 OURS = re.compile(
     r"(actions|takes/\d{4})/\d{6}\.log|lease-\d{6}\.json|poses\.npz|versions/poses_[\w.-]+\.npz"
 )
@@ -58,8 +51,7 @@ class Known:
     def check(self, folder: Path) -> None:
         """Raise AssertionError where an acknowledged action is lost or changed."""
         store = Store(folder / "tracks")
-        written = [action for step in _actions(store) for action in step]
-        up_to_it = History.of(action for action in written if action.id <= self.last_id)
+        up_to_it = History.of(a for a in store.actions() if a.id <= self.last_id)
         assert up_to_it.state == self.state
         opened = Persistence.open(fake_document(folder))
         opened.restore()
@@ -79,25 +71,10 @@ class Known:
         self.last_id, self.state = opened.history.last_id, dict(opened.history.state)
 
 
-def _actions(store: Store) -> list[list[Action]]:
-    """Return all that is written, notes and undo too, in order."""
-    found: list[Action] = []
-
-    class Recorder(History):
-        def take(self, action: Action) -> None:
-            found.append(action)
-            super().take(action)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("handtrack.store.store.History", Recorder)
-        store.history()
-    return [found]
-
-
 class Session:
     """A program at work, which tells what it acknowledged."""
 
-    def __init__(self, folder: Path, tell: Callable[..., None], rng: random.Random) -> None:
+    def __init__(self, folder: Path, tell: Tell, rng: random.Random) -> None:
         self.folder, self.tell, self.rng = folder, tell, rng
         self.open()
 
@@ -171,58 +148,13 @@ class Session:
         other.close()
 
 
-def work(folder: Path, tell: int, rng: random.Random) -> None:
-    """Work until the end; sometimes the disk is full, sometimes a write is torn by the death of the program."""
-    really_write, left = os.write, [0]
-    way = rng.choice(("half a write", "full", "any time"))
-
-    def write(handle: int, data: bytes) -> int:
-        left[0] -= 1
-        if left[0] == 0 and way != "any time":
-            really_write(handle, bytes(data)[: rng.randrange(len(data))])
-            if way == "full":
-                left[0] = rng.randint(1, 20)
-                raise OSError(errno.ENOSPC, "No space left on device")
-            os.kill(os.getpid(), signal.SIGKILL)
-        return really_write(handle, data)
-
-    os.write = write
-
-    def told(*line: object) -> None:
-        really_write(tell, (json.dumps(line) + "\n").encode())
-
+def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
+    """Work until the end."""
     session = Session(folder, told, rng)
     told("opened")
-    left[0] = rng.randint(1, 60)
+    fate.arm()
     while True:
         session.deed()
-
-
-def killed(folder: Path, rng: random.Random) -> list[list[Any]]:
-    """Let a child work until it kills itself, or is killed; return what it told."""
-    hear, tell = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.close(hear)
-            signal.alarm(60)
-            work(folder, tell, rng)
-        except BaseException as error:
-            os.write(2, f"the child ended by {error!r}\n".encode())
-        finally:
-            os._exit(1)
-    os.close(tell)
-    if rng.random() < 0.8:  # else it may be opening the store still
-        select.select([hear], [], [], 30.0)
-    time.sleep(rng.uniform(0.0, 0.3))
-    os.kill(child, signal.SIGKILL)
-    heard = b""  # the pipe may be full: it holds what the child told last
-    while chunk := os.read(hear, 1 << 16):
-        heard += chunk
-    os.close(hear)
-    status = os.waitpid(child, 0)[1]
-    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL, "it ended by itself"
-    return [json.loads(line) for line in heard.splitlines(keepends=True) if line.endswith(b"\n")]
 
 
 @forked
@@ -233,7 +165,7 @@ def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
     rng, known, actions = random.Random(7), Known(), 0
     for _ in range(KILLS):
         before = known.last_id
-        for line in killed(tmp_path, random.Random(rng.random())):
+        for line in killed(tmp_path, random.Random(rng.random()), work, longest_s=0.3):
             known.hear(line)
         known.check(tmp_path)
         actions += known.last_id - before
