@@ -125,6 +125,10 @@ class Document:
             return {"parameters": dict(zip(names, seen, strict=True)), "carried": True}
         return self.run.forearm if kind == keys.FOREARM else self.state.get(key)
 
+    def decided(self, kind: str) -> list[str]:
+        """Return the keys of a kind that the state has a value of."""
+        return [key for key in self.state if keys.parts(key)[0] == kind]
+
     def apply(self, values: Mapping[str, Value]) -> None:
         """Let values hold from now on; None: as the session's files have it. Live or on opening the session again, whoever
         has the same state has the same document. Raises HandtrackError, and changes nothing, for what cannot be.
@@ -201,9 +205,9 @@ class Document:
             self.shown = renamed(self.shown, old, new, self.start)
         self.limits = {
             name: (float(pair[0]), float(pair[1]))
-            for key, pair in self.state.items()
-            for kind, name in (keys.parts(key),)
-            if kind == keys.LIMITS and name in new[6:]
+            for key in self.decided(keys.LIMITS)
+            for pair, name in ((self.state[key], keys.parts(key)[1]),)
+            if name in new[6:]
         }
         interval = self.own_interval.copy()
         for name, pair in self.limits.items():
@@ -231,10 +235,8 @@ class Document:
 
     def _derive_poses(self) -> None:
         self.by_hand, self._carried = {}, {}
-        for key in self.state:
-            kind, name = keys.parts(key)
-            if kind == keys.POSE:
-                self._derive_pose(int(name))
+        for key in self.decided(keys.POSE):
+            self._derive_pose(int(keys.parts(key)[1]))
 
     def _derive_pose(self, frame: int) -> None:
         given = self.state.get(keys.pose(frame))

@@ -176,8 +176,9 @@ def _given_error(document: Document, frame: int) -> float:
 
 def read_errors(document: Document) -> bool:
     """Find the errors of more tracked frames against the truth; return whether some are to be found yet."""
-    rows, most = document.rows, 100
-    return rows.read_errors(document.results, lambda frame: _tracked_error(document, frame), most)
+    return document.rows.read_errors(
+        document.results, lambda frame: _tracked_error(document, frame)
+    )
 
 
 def _tracked_error(document: Document, frame: int) -> float:

@@ -254,22 +254,22 @@ class OpenSession:
         known = self.document.run.notes
         try:
             action = (store.undo if back else store.redo)(self.jobs.busy)
-        finally:
-            self._show_pose()
+        except HandtrackError:
+            self._show_pose()  # of this version: the page's widgets wait for it
+            raise
         if action is None:
+            self._show_pose()
             end = "Nothing to undo" if back else "Nothing to redo"
             self._say("info", end, "The history of edits ends here.")
             return
         kinds = {keys.parts(change.key) for change in action.changes}
         frames = [int(name) for kind, name in kinds if kind == keys.POSE]
-        if frames:
-            self.document.show(min(frames))
+        self.document.show(min(frames, default=self.document.frame))
         if len(frames) < len(kinds):
             self._say("info", f"{'Undone' if back else 'Redone'}: {action.words}", "")
             self._show_session()
             self._publish(self._clouds.card())
             self._say_notes(known)
-            self.document.show(self.document.frame)
         self._show_all()
 
     def _say_notes(self, known: Sequence[str]) -> None:

@@ -44,7 +44,7 @@ class TrackedRows:
         """
         for frame in self._new(track):
             self._look(track, frame, parts)
-        self.read_errors(track, error, _AT_ONCE)
+        self.read_errors(track, error)
 
     def _new(self, track: CurrentTrack) -> Iterable[int]:
         """Return the frames that may have changed since the last look: all of another track, else those taken since."""
@@ -81,9 +81,9 @@ class TrackedRows:
             known = self._given[frame] = pose, error(pose)
         return known[1]
 
-    def read_errors(self, track: CurrentTrack, error: Error, most: int) -> bool:
-        """Find the error of frames that lack it, so many at most; return whether any is left."""
-        for frame in list(islice(self._unread, most)):
+    def read_errors(self, track: CurrentTrack, error: Error) -> bool:
+        """Find the error of more frames that lack it; return whether any is left."""
+        for frame in list(islice(self._unread, _AT_ONCE)):
             del self._unread[frame]
             if frame in track:
                 row = frame - self.frames.start

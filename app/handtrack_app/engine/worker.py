@@ -120,7 +120,7 @@ class Worker:
         self._mail.put(command)
 
     def stop(self, timeout: float = 5.0) -> None:
-        """End the thread; the journal already holds what was accepted."""
+        """End the thread; the store already has what was saved."""
         self._stopping.set()
         if self._session is not None:
             self._session.jobs.stop(timeout)

@@ -39,7 +39,7 @@ class EngineThread(Worker):
         )
 
     def stop(self, timeout: float = 5.0) -> None:
-        """End the threads, then the recorder; the journal already holds what was accepted."""
+        """End the threads, then the recorder; the store already has what was saved."""
         super().stop(timeout)
         if self._recorder is not None:
             self._recorder.close()

@@ -128,7 +128,7 @@ class Persistence:
             action = self.history.next(words, changes, kind, follows and bool(self.history.past))
             self.history.take(action)
             self._unwritten.append(action)
-        self._settle(wait=waits)
+        self._settle(waits)
         return True
 
     def undo(self, busy: bool = False) -> Action | None:
@@ -151,7 +151,7 @@ class Persistence:
         self._settle()
         return action
 
-    def _settle(self, wait: bool = False) -> None:
+    def _settle(self, waits: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
         document = self.document
         named = map(keys.setting, document.own_settings)
@@ -160,7 +160,7 @@ class Persistence:
             self.leave_to_the_file(said)
         if self._first_waits is None:
             self._first_waits = time.monotonic()
-        if not wait:
+        if not waits:
             self.flush()
 
     def leave_to_the_file(self, named: list[str]) -> None:
@@ -281,9 +281,7 @@ class Persistence:
         self._take_files()
         self._take_earlier_work()
         self._take_size_of_track()
-        settings = sum(
-            keys.parts(key)[0] in (keys.SETTING, keys.LIMITS) for key in document.state
-        ) + len(document.unsaved_clouds)
+        settings = [*document.decided(keys.SETTING), *document.decided(keys.LIMITS)]
         found = sum(document.is_found(frame) for frame in document.by_hand)
         parts = [
             f"{count} {one if count == 1 else many}"
@@ -291,7 +289,11 @@ class Persistence:
                 (len(document.results), "tracked frame", "tracked frames"),
                 (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
                 (found, "pose found", "poses found"),
-                (settings, "changed setting", "changed settings"),
+                (
+                    len(settings) + len(document.unsaved_clouds),
+                    "changed setting",
+                    "changed settings",
+                ),
             )
             if count
         ]

@@ -80,7 +80,7 @@ def save_settings(store: Persistence) -> str:
         return "session.toml has these settings already."
     kept = _edit_session(store, "tracking", changed)
     document.own_settings = now
-    store.leave_to_the_file([key for key in document.state if keys.parts(key)[0] == keys.SETTING])
+    store.leave_to_the_file(document.decided(keys.SETTING))
     store.flush()
     return kept
 

@@ -37,7 +37,7 @@ class TakesPanel:
         self.page.on(self.back, lambda _: self._restore())
 
     def _restore(self) -> None:
-        chosen = str(self.chosen.value)
+        chosen = str(self.page.said(self.chosen))
         if chosen.isdigit():
             self.page.send(RestoreTake(int(chosen)))
 
