@@ -128,14 +128,12 @@ def session_changes(session: Session, cameras: Sequence[str]) -> dict[str, str]:
     changes: dict[str, str] = {}
     for number, camera in enumerate(session.file.cameras):
         pattern = joint_pattern(camera.name)
-        if camera.name in cameras and camera.keypoints is None:
+        if camera.name not in cameras or camera.keypoints not in (None, pattern):
+            continue
+        if camera.keypoints is None:
             changes[f"camera.{number}.keypoints"] = pattern
-        if camera.name in cameras and camera.keypoints in (None, pattern):
-            changes |= (
-                {f"camera.{number}.keypoint_layout": LAYOUT}
-                if camera.keypoint_layout != LAYOUT
-                else {}
-            )
+        if camera.keypoint_layout != LAYOUT:
+            changes[f"camera.{number}.keypoint_layout"] = LAYOUT
     return changes
 
 
