@@ -96,6 +96,7 @@ class Workbench:
         self.page = Page(
             self.server, self.state, self.send, self.redraw, self.go_to, self.door.gate.said
         )
+        self.door.gate.own, self.door.gate.everyones = self.page.own_widgets, self.page.everyones
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.player = Player(self.state, self.go_to)
@@ -126,7 +127,8 @@ class Workbench:
         return self._ready.wait(timeout)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        self.stage.welcome(client)
+        if self.stage.field_camera() is not None:
+            self.redraw()  # its screen
         unread, self._unread = self._unread, []
         for notice in unread:
             self.page.notify(notice.level, notice.title, notice.text, client)

@@ -13,7 +13,7 @@ from handtrack_app.commands.terminal.progress import say
 from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process.engine_child import EngineChild
-from handtrack_app.process.memory import memory_limit
+from handtrack_app.process.memory import memory_limit, use_one_arena
 from handtrack_app.protocol.log_file import ENGINE_LOG
 
 
@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
     memory = memory_limit(args.memory)
+    use_one_arena()
     say("handtrack: starting the workbench …")
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
     try:

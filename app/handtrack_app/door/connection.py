@@ -59,6 +59,9 @@ class _GatedConnection(ServerConnection):
         client = self._gate.client_of(self)
         while True:
             message = self._flow.take()
+            if callable(message):
+                message()
+                continue
             if message is not None:
                 return message
             try:

@@ -44,6 +44,10 @@ class Allowance:
         return max(0.0, (amount - self.left) / self.rate)
 
 
+Message = bytes | Callable[[], None]
+"""for viser; or what is to be done instead"""
+
+
 class Flow:
     """The messages of one client on their way to viser."""
 
@@ -51,7 +55,7 @@ class Flow:
         self._passing = Allowance(RATE, BURST, clock)
         self._reading = Allowance(MOST_READ, MOST_READ_AT_ONCE, clock)
         self._bytes = Allowance(MOST_BYTES, MOST_BYTES_AT_ONCE, clock)
-        self._waiting: dict[Hashable, bytes] = {}
+        self._waiting: dict[Hashable, Message] = {}
 
     def heard(self) -> bool:
         """Count a message that came; return whether the client may go on sending."""
@@ -61,14 +65,14 @@ class Flow:
         """Count bytes that came; return whether the client may go on sending."""
         return self._bytes.take(size)
 
-    def put(self, kind: Hashable, message: bytes) -> bool:
+    def put(self, kind: Hashable, message: Message) -> bool:
         """Let a message wait in the place of the older one of its kind; return whether there was room."""
         if kind not in self._waiting and len(self._waiting) >= MOST_WAITING:
             return False
         self._waiting[kind] = message
         return True
 
-    def take(self) -> bytes | None:
+    def take(self) -> Message | None:
         """Return the message that may pass now, None where none may."""
         if not self._waiting or not self._passing.take():
             return None

@@ -11,12 +11,14 @@ import logging
 import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import msgspec
 import viser
 
 from handtrack_app.door import vocabulary as words
+from handtrack_app.door.flow import Message
 
 log = logging.getLogger(__name__)
 LARGEST_MESSAGE = 64 * 1024
@@ -50,6 +52,10 @@ class Gate:
     """whether a client may do more than look around"""
     looked_on: Callable[[int, str], None] = lambda _client, _name: None
     """is called where it did more"""
+    own: dict[str, Callable[[int, Value], None]] = field(default_factory=dict)
+    """widgets that each page has for itself: what is called with a client's value, which no other page gets"""
+    everyones: set[str] = field(default_factory=set)
+    """commands that a page may give that looks on"""
     _said: dict[str, Value] = field(default_factory=dict)
 
     def client_of(self, connection: object) -> int | None:
@@ -57,10 +63,10 @@ class Gate:
         live = {} if self.server is None else self.server._websock_server._live_connections
         return next((number for number, one in live.items() if one is connection), None)
 
-    def examine(self, raw: bytes | str, client: int | None = None) -> tuple[Hashable, bytes]:
+    def examine(self, raw: bytes | str, client: int | None = None) -> tuple[Hashable, Message]:
         """Return of what kind a message is, and what viser is handed; of one kind only the newest counts.
 
-        Raises NotForUs.
+        For a widget that each page has for itself: what is to be called instead. Raises NotForUs.
         """
         if isinstance(raw, str):
             raise NotForUs("text")
@@ -68,10 +74,13 @@ class Gate:
             message = words.DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise NotForUs(str(error)) from None
-        own = self._own_widgets(client)
-        kind, message = self._checked(message, own)
+        private = self._private_widgets(client)
+        kind, message = self._checked(message, private)
         name = getattr(message, "uuid", None) or getattr(message, "name", "")
-        if kind != "camera" and name not in own and not (client is None or self.may_edit(client)):
+        if isinstance(message, words.GuiUpdateMessage) and name in self.own and client is not None:
+            return kind, partial(self.own[name], client, message.updates.value)
+        looking = kind == "camera" or name in private or name in self.everyones
+        if not (looking or client is None or self.may_edit(client)):
             raise LooksOn(name)
         if isinstance(message, words.GuiUpdateMessage):
             self._keep(message)
@@ -101,18 +110,18 @@ class Gate:
             self._said = {uuid: kept for uuid, kept in self._said.items() if uuid in known}
         self._said[message.uuid] = message.updates.value
 
-    def _own_widgets(self, client: int | None) -> _Widgets:
+    def _private_widgets(self, client: int | None) -> _Widgets:
         """Return the widgets that one client alone has."""
         if self.server is None or client is None:
             return {}
         handle = self.server.get_clients().get(client)
         return {} if handle is None else handle.gui._gui_input_handle_from_uuid
 
-    def _checked(self, message: words.Message, own: _Widgets) -> tuple[Hashable, words.Message]:
+    def _checked(self, message: words.Message, private: _Widgets) -> tuple[Hashable, words.Message]:
         once = object()  # like no other: each of these counts
         match message:
             case words.GuiUpdateMessage():
-                return self._update(message, own)
+                return self._update(message, private)
             case words.ViewerCameraMessage():
                 for vector in (message.wxyz, message.up_direction):
                     if not any(vector):
@@ -144,10 +153,10 @@ class Gate:
         return once, message
 
     def _update(
-        self, message: words.GuiUpdateMessage, own: _Widgets
+        self, message: words.GuiUpdateMessage, private: _Widgets
     ) -> tuple[Hashable, words.Message]:
         known = {} if self.server is None else self.server.gui._gui_input_handle_from_uuid
-        handle = known.get(message.uuid) or own.get(message.uuid)
+        handle = known.get(message.uuid) or private.get(message.uuid)
         if handle is None or isinstance(handle, viser.GuiUploadButtonHandle):
             raise NotForUs("an unknown widget")
         props = handle._impl.props

@@ -1,7 +1,7 @@
 """One page edits at a time: the first that came. The others look on, and may take over.
 
-What a page looks at is its own: the tabs and the view of the scene. What all see together, the frame, the overlay and
-how things are drawn, is changed by the one that edits.
+What a page looks at is its own: the tabs, the view of the scene, the camera looked through and what is painted over its
+image. What all see together, the frame and how the hand is drawn, is changed by the one that edits.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass, field
 
 import viser
-from viser._messages import GuiUpdateMessage, SetOrientationMessage, SetPositionMessage
+from viser._messages import SetOrientationMessage, SetPositionMessage
 
 from handtrack_app.page.page import Page
 
@@ -47,7 +47,8 @@ class Editing:
         self.page.notify(
             "info",
             "Another page edits",
-            "You look on: the tabs and your view of the scene are your own. Take over editing to change anything else.",
+            "You look on: the tabs, your view of the scene and the camera you look through are your own. Take over editing to "
+            "change anything else.",
             client,
         )
 
@@ -84,12 +85,12 @@ class Editing:
             return
         widget = self.page.gui._gui_input_handle_from_uuid.get(name)
         node = self.page.server.scene._handle_from_node_name.get(name)
-        send = client._websock_connection.queue_message
+        page = self.page
         if widget is not None and not widget._impl.is_button:
-            send(GuiUpdateMessage(name, {"value": widget.value}))
+            page.show_own(client, widget, widget.value)
         if node is not None:
-            send(SetPositionMessage(name, tuple(node.position.tolist())))
-            send(SetOrientationMessage(name, tuple(node.wxyz.tolist())))
+            page.tell(client, SetPositionMessage(name, tuple(node.position.tolist())))
+            page.tell(client, SetOrientationMessage(name, tuple(node.wxyz.tolist())))
         now = time.monotonic()
         if now - self._told.get(client_id, -_AGAIN_S) >= _AGAIN_S:
             self._told[client_id] = now

@@ -53,7 +53,9 @@ class PageLayout:
         tabs = gui.add_tab_group()
         self.keys = Keys(gui)
         self._add_keys(page)
-        self.session = SessionPanel(page, tabs.add_tab("View"), stage.look, self.keys)
+        self.session = SessionPanel(
+            page, tabs.add_tab("View"), stage.look, stage.looking.set_paint, self.keys
+        )
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
         self.live = LivePanel(page, self.tracking.tab)
         self.takes = TakesPanel(page, self.tracking.tab)

@@ -9,15 +9,17 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import viser
+from viser._messages import GuiUpdateMessage
 
 from handtrack_app.page.state import UserState
 from handtrack_app.protocol.commands import Command, Redo, SetPose, Undo
 
 if TYPE_CHECKING:
-    from viser._messages import HotkeyKey, KeyModifier
+    from viser._messages import HotkeyKey, KeyModifier, Message
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +51,10 @@ class Page:
     """show a frame"""
     said: Callable[[Any], Any] = operator.attrgetter("value")
     """the value that a page last gave to a widget; its own may be the program's by now, written since"""
+    own_widgets: dict[str, Callable[[int, Any], None]] = field(default_factory=dict)
+    """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
+    everyones: set[str] = field(default_factory=set)
+    """ids of commands that also a page may give that looks on"""
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
@@ -88,6 +94,26 @@ class Page:
         for target in clients:
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
 
+    def tell(self, client: viser.ClientHandle, message: Message) -> None:
+        """Send one page what no other gets."""
+        client._websock_connection.queue_message(message)
+
+    def own(self, widget: Any, action: Callable[[viser.ClientHandle, Any], None]) -> None:
+        """Let each page have a value of its own for a widget, also one that looks on; `action` gets it."""
+
+        def call(client_id: int, value: Any) -> None:
+            client = self.server.get_clients().get(client_id)
+            if client is not None:
+                self.gui._thread_executor.submit(
+                    self._tried, client, partial(action, client, value)
+                )
+
+        self.own_widgets[widget._impl.uuid] = call
+
+    def show_own(self, client: viser.ClientHandle, widget: Any, value: object) -> None:
+        """Show a page the value that it has of a widget of its own."""
+        self.tell(client, GuiUpdateMessage(widget._impl.uuid, {"value": value}))
+
     def on(self, widget: Any, action: Action) -> None:
         """Call back when a user presses a button, or changes the value of another widget."""
         register = getattr(widget, "on_click", None) or widget.on_update
@@ -98,17 +124,17 @@ class Page:
 
         @functools.wraps(action)
         def callback(event: UserEvent) -> None:
-            if event.client_id is None:
-                return
-            try:
-                action(event)
-            except Exception as error:
-                log.exception("callback failed")
-                self.notify(
-                    "error", "That did not work", f"{type(error).__name__}: {error}", event.client
-                )
+            if event.client_id is not None:
+                self._tried(event.client, partial(action, event))
 
         return callback
+
+    def _tried(self, client: viser.ClientHandle | None, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except Exception as error:
+            log.exception("callback failed")
+            self.notify("error", "That did not work", f"{type(error).__name__}: {error}", client)
 
 
 def put(handle: object, **values: object) -> None:
@@ -136,13 +162,12 @@ class Keys:
     known: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
 
-    def add(
-        self, words: str, key: str, action: Action, modifier: KeyModifier | None = None
-    ) -> None:
-        """Let a key do something; `action` gets viser's event."""
+    def add(self, words: str, key: str, action: Action, modifier: KeyModifier | None = None) -> str:
+        """Let a key do something; `action` gets viser's event. Return the command's id."""
         command = self.gui.add_command(words, hotkey=cast("HotkeyKey", key), modifier=modifier)
         command.on_trigger(action)
         self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {key}".strip(), words))
+        return command._impl.uuid
 
     def table(self) -> str:
         """Return the list of keys for the page."""

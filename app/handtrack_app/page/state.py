@@ -20,11 +20,7 @@ class Display:
     tips: bool = False
     opacity: float = 1.0
     paint: str = "outline"
-    """`plain`, `outline`, `residual` or `field`"""
-    through: str | None = None
-    """the camera that the view looks through"""
-    screen: str | None = None
-    """the camera whose picture stands behind the hand"""
+    """over the cameras' small pictures: `plain`, `outline`, `residual` or `field`"""
     ghosts: bool = True
     """poses that the frame may have, besides the one shown"""
     cloud: bool = True
@@ -58,6 +54,16 @@ class Display:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What one page sees through, whatever others do."""
+
+    through: str | None = None
+    """a camera; None: it looks freely"""
+    paint: str = "outline"
+    """over the camera's image: `plain`, `outline` or `residual`"""
+
+
+@dataclass(frozen=True)
 class PoseEdit:
     """A frame's pose as the user just set it."""
 
@@ -87,6 +93,8 @@ class UserState:
     editor: int | None = None
     """the client whose changes count"""
     display: Display = field(default_factory=Display)
+    looks: dict[int, Look] = field(default_factory=dict)
+    """by client, of those that chose"""
     lock: threading.RLock = field(default_factory=threading.RLock)
 
     def value_of(self, name: str) -> float:
@@ -95,6 +103,10 @@ class UserState:
             return (
                 self.values[self.names.index(name)] if self.values and name in self.names else 0.0
             )
+
+    def look(self, client: int | None) -> Look:
+        """Return what a page sees through."""
+        return Look() if client is None else self.looks.get(client, Look())
 
     def edit(self, changes: dict[str, float]) -> PoseEdit | None:
         """Change joint parameters by name [m, rad]; return the new pose, None if nothing is valid or new."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,6 +16,7 @@ LEAST_GB = 1.0
 _SHARE = 0.75
 """of what there is: a quarter is for page, browser and system. Guards such as earlyoom and systemd-oomd end programs at the
 last tenth; a refusal that can be told in words is to come before"""
+_M_ARENA_MAX = -8  # of glibc's malloc.h
 _CONTROL_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
@@ -45,6 +47,16 @@ def limit_memory(most: int | None) -> None:
         )
 
 
+def use_one_arena() -> None:
+    """Let all threads of this process allocate from one heap, where the C library is glibc. Before the first thread.
+
+    Else each has its own, and what a page that went has left in it is seldom used again: 300 pages that came and went left
+    14 MB in this process, 5 MB with one (bench `soak`).
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+
+
 def machine_memory() -> int:
     """Return bytes of memory that this machine, or the container that it is, has."""
     try:
@@ -60,7 +72,8 @@ def _group_limits() -> Iterator[int]:
         for line in _OWN_GROUPS.read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers:
-                root, name = _CONTROL_GROUPS, "memory.max"
+                root, name = _M_ARENA_MAX = -8  # of glibc's malloc.h
+_CONTROL_GROUPS, "memory.max"
             elif "memory" in controllers.split(","):  # the first version
                 root, name = _CONTROL_GROUPS / "memory", "memory.limit_in_bytes"
             else:

@@ -172,10 +172,10 @@ class WantPictures:
     """Which pictures the page shows."""
 
     thumbnails: bool
-    screen: str | None
-    """the camera whose picture is on the large screen, if any"""
     paint: str
-    """`plain`, `outline`, `residual` or `field`"""
+    """over the small ones: `plain`, `outline`, `residual` or `field`"""
+    screens: tuple[tuple[str, str], ...] = ()
+    """cameras whose pictures stand behind the hand, each with what is painted over it"""
 
 
 @dataclass(frozen=True)

@@ -134,8 +134,8 @@ class PictureSnapshot:
     thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
     sheet: Bytes[H, W, D3] | None = None
     """the thumbnails side by side"""
-    screen: str | None = None
-    screen_image: Bytes[H, W, D3] | None = None
+    screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
+    """large, by camera and what is painted over it"""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def _marks_skin(bench: Workbench, view: PageUnderTest) -> None:
     page = view.page
     page.get_by_text("Skin colour", exact=True).first.click()
     view.press("Drag a box over the image")
-    eventually(lambda: bench.stage.cameras is not None and bench.stage.cameras.screen.visible, "")
+    eventually(lambda: bench.stage.looking.anyone, "")
     page.wait_for_timeout(600)
     x, y, width, height = BOX
     corners = ((x + 3, y + 3), (x + width - 3, y + height - 3))

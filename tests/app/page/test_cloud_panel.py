@@ -74,5 +74,5 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(page: Workbench)
         page.send(commands.ShowFrame(1))
         eventually(lambda: page.state.frame == 1, "another frame")
         assert shown() == {False}
-        page.stage.look(None, None)
+        client.set_value(page.layout.session.view, "Hand")
         eventually(lambda: shown() == {True}, "all of it again")

@@ -94,3 +94,34 @@ def test_c42_no_other_page_can_press_its_button(bench: Workbench) -> None:
             third.set_value(take_over_button(second), True)
             time.sleep(0.2)
             assert bench.state.editor == editor
+
+
+def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
+    view = bench.layout.session
+    with WireClient(bench.url) as editor, WireClient(bench.url) as other:
+        eventually(lambda: other.button("Take over editing"), "it looks on")
+        other.set_value(view.through, "side")
+        eventually(lambda: _shown(other, "/screen"), "the camera's picture")
+        assert not _shown(other, "/cameras"), "its frustum would be in the way"
+        assert _shown(editor, "/screen") is None and _shown(editor, "/cameras") is not False
+        editor.set_value(view.through, "front")
+        other.set_value(view.paint, "nothing")
+        eventually(lambda: _shown(editor, "/screen"), "its own picture")
+        wanted = bench.stage.looking.pictures(None)
+        assert wanted == (("front", "outline"), ("side", "plain"))
+        assert bench.state.display.paint == "outline", "of the small pictures: the editor's"
+        other.set_value(view.view, "Everything")
+        eventually(lambda: _shown(other, "/cameras"), "free again")
+        eventually(lambda: _shown(other, "/screen") is False, "without the picture")
+        assert value_of(other, view.through) == "free view" and _shown(editor, "/screen")
+    assert bench.door.gate.refused == 0
+
+
+def _shown(client: WireClient, node: str) -> bool | None:
+    """Return whether a node was last shown or hidden; None if neither was said."""
+    said = [
+        m["visible"]
+        for _, m in list(client.messages)
+        if m.get("type") == "SetSceneNodeVisibilityMessage" and m["name"] == node
+    ]
+    return said[-1] if said else None

@@ -162,16 +162,6 @@ def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
     eventually(lambda: "doubtful" in timeline.picture.content, "marked")
 
 
-def test_looking_through_a_camera_shows_its_picture(bench: Workbench) -> None:
-    bench.stage.look("side", None)
-    cameras = bench.stage.cameras
-    assert cameras is not None
-    eventually(lambda: bool(cameras.screen.visible), "the screen shows the camera's picture")
-    eventually(lambda: not cameras.frusta["side"].visible, "its frustum would be in the way")
-    bench.stage.look(None, None)
-    assert not cameras.screen.visible
-
-
 def slowest_usual(bench: Workbench) -> float:
     """Return the 95 % quantile of the latency [s], the best of three rounds: other programs only make it longer."""
     return min(float(np.quantile(latencies(bench, 30), 0.95)) for _ in range(3))

@@ -38,7 +38,7 @@ def test_c40_how_it_ended_is_said_in_words(
 def test_c40_edits_of_the_last_moment_are_said_again_but_not_what_was_undone() -> None:
     now = [0.0]
     wishes = StandingWishes(clock=lambda: now[0])
-    wish = commands.WantPictures(True, None, "plain")
+    wish = commands.WantPictures(True, "plain")
     first, second = commands.SetPose(3, (0.1,), 1), commands.SetPose(3, (0.2,), 2)
     for command in (wish, first, second, commands.ShowFrame(5)):
         wishes.note(command)

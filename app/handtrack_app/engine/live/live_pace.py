@@ -56,7 +56,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()
-    worker.send(commands.WantPictures(True, None, "outline"))  # as the page asks for
+    worker.send(commands.WantPictures(True, "outline"))  # as the page asks for
     worker.send(commands.TrackLive())
     idle.wait(600.0)  # the files' end ends tracking
     spent_s = time.process_time() - began_s

@@ -25,7 +25,7 @@ class Painter:
         """waiting: the commands that wait; painting gives way to them."""
         self._document, self._publish, self._waiting = document, publish, waiting
         self._maker = CameraPictures(document.run.session)
-        self._wanted = WantPictures(True, None, "plain")
+        self._wanted = WantPictures(True, "plain")
         self._painted = 0.0
         self.is_stale = False
         """there is something to paint"""
@@ -51,13 +51,17 @@ class Painter:
         session, frame = document.run.session, document.frame
         bones = document.model.bones(params_of(document.model, document.shown))
         flesh = document.model.flesh["fine"].posed(bones)
-        large, screen = None, wanted.screen if wanted.screen in session.rig.names else None
-        if screen is not None:
-            residual = wanted.paint == "residual"
-            seen = session.observation(frame, cloud=False).silhouettes if residual else ()
-            mask = next((s.mask for s in seen if s.camera.name == screen), None)
-            large = maker.screen(screen, frame, wanted.paint, flesh, mask)
-            self._publish(PictureSnapshot(frame, screen=screen, screen_image=large))
+        large = {}
+        for camera, paint in wanted.screens:
+            if camera not in session.rig.names:
+                continue
+            seen = (
+                session.observation(frame, cloud=False).silhouettes if paint == "residual" else ()
+            )
+            mask = next((s.mask for s in seen if s.camera.name == camera), None)
+            large[camera, paint] = maker.screen(camera, frame, paint, flesh, mask)
+        if large:
+            self._publish(PictureSnapshot(frame, screens=large))
         small = {}
         for name in session.rig.names if wanted.thumbnails else ():
             if len(self._waiting):
@@ -65,4 +69,4 @@ class Painter:
                 return
             small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
         if small:
-            self._publish(PictureSnapshot(frame, small, contact_sheet(small), screen, large))
+            self._publish(PictureSnapshot(frame, small, contact_sheet(small), large))

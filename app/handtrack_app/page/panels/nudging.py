@@ -92,8 +92,8 @@ class NudgePanel:
     page: Page
     pivot: Callable[[], Floats[D3] | None]
     """the hand's middle world [m]"""
-    axes: Callable[[], Floats[D3, D3] | None]
-    """the axes of the camera looked through, camera → world, if any"""
+    axes: Callable[[int | None], Floats[D3, D3] | None]
+    """the axes of the camera that a client looks through, camera → world, if any"""
     keys: Keys
 
     def build(self) -> None:
@@ -115,7 +115,7 @@ class NudgePanel:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
         state, pivot = self.page.state, self.pivot()
         nudge = NUDGES.get(name or "")
-        view = self.axes()
+        view = self.axes(None if client is None else client.client_id)
         if view is None and client is not None:
             view = vtf.SO3(np.asarray(client.camera.wxyz)).as_matrix()
         if nudge is None or view is None or pivot is None or len(state.values) < 6:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.page import Keys, Page, number, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
@@ -52,6 +52,8 @@ class SessionPanel:
     tab: viser.GuiTabHandle
     look: Callable[..., None]
     """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
+    paint_over: Callable[[int, str], None]
+    """what is painted over the camera's image that a client sees"""
     keys: Keys
     built: bool = False
     toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
@@ -110,16 +112,19 @@ class SessionPanel:
         )
         page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
         page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
-        page.on(self.through, self._look)
-        page.on(self.paint, lambda e: page.draw("paint", _PAINT_WORDS.get(e.target.value)))
-        page.on(self.view, self._free)
+        page.own(self.through, self._look)
+        page.own(self.paint, self._paint)
+        page.own(
+            self.view, lambda client, what: self._show_look(None, client, what == "Everything")
+        )
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
         look = self.page.from_user
         for i, name in enumerate(cameras[:9], start=1):
-            act = look(lambda event, name=name: self.look(name, event.client))
-            self.keys.add(f"Look through {name}", str(i), act)
-        self.keys.add("Look freely", "0", look(lambda event: self.look(None, event.client)))
+            act = look(lambda event, name=name: self._show_look(name, event.client))
+            self.page.everyones.add(self.keys.add(f"Look through {name}", str(i), act))
+        act = look(lambda event: self._show_look(None, event.client))
+        self.page.everyones.add(self.keys.add("Look freely", "0", act))
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
@@ -136,20 +141,29 @@ class SessionPanel:
         page.on(box, lambda event: page.draw(name, bool(event.target.value)))
         self.toggles[name] = box
 
-    def _look(self, event: UserEvent) -> None:
-        chosen = event.target.value
-        self.look(None if chosen == FREE else str(chosen), event.client)
+    def _look(self, client: viser.ClientHandle, chosen: str) -> None:
+        self.look(None if chosen == FREE else chosen, client)
+
+    def _show_look(
+        self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
+    ) -> None:
+        if client is not None:
+            self.page.show_own(client, self.through, camera or FREE)
+            self.look(camera, client, everything)
+
+    def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
+        """Paint over what a page looks through; the one that edits also sees it on the small pictures of all."""
+        paint, state = _PAINT_WORDS[chosen], self.page.state
+        self.paint_over(client.client_id, paint)
+        if state.editor == client.client_id:
+            state.display.paint = paint
+        self.page.redraw()
 
     def show_display(self) -> None:
         """Show the display options in force."""
         display = self.page.state.display
         if self.built:
-            put(self.through, value=display.through or FREE)
             put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
-
-    def _free(self, event: UserEvent) -> None:
-        self.through.value = FREE
-        self.look(None, event.client, event.target.value == "Everything")
 
 
 def _word_of(words: dict[str, str], value: str) -> str:

@@ -1,8 +1,8 @@
-"""Cameras: frusta with live images, the large screen behind the hand, looking through one, marking a box in its image."""
+"""Cameras: frusta with live images, looking through one, marking a box in its image."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import viser
@@ -15,26 +15,23 @@ from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
 # of a view through a camera: field of view, and half heights the image is moved up
 _WIDER, _RAISED = (1.4, 0.27)
-_SCREEN_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 
 
 @dataclass
 class CameraRigView:
-    """Handles of the cameras, and of the one large screen."""
+    """Handles of the cameras."""
 
     cards: dict[str, CameraCard]
     frusta: dict[str, viser.CameraFrustumHandle]
     labels: dict[str, viser.LabelHandle]
-    screen: viser.ImageHandle
-    screen_camera: str | None = None
-    screen_depth: dict[str, float] = field(default_factory=dict)
 
 
 def add_cameras(
     server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats[D3]
 ) -> CameraRigView:
-    """Add a frustum for each camera, and the screen, hidden. hand: where the hand is at first [m]."""
+    """Add a frustum for each camera. hand: where the hand is at first [m]."""
     frusta, labels = {}, {}
+    server.scene.add_frame(name, show_axes=False)
     for card in session.cameras:
         width, height = card.size
         fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
@@ -44,11 +41,7 @@ def add_cameras(
             wxyz=vtf.SO3.from_matrix(card.rotation).wxyz, position=card.centre, cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
-    screen = server.scene.add_image(
-        f"{name}_screen", np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
-        receive_shadow=False, visible=False,
-    )  # fmt: skip
-    view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels, screen)
+    view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels)
     size_cameras(view, hand)
     return view
 
@@ -65,11 +58,9 @@ def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
 
 
 def show_cameras(view: CameraRigView, display: Display) -> None:
-    """Apply the display options to the frusta; they are hidden while a camera is looked through: its neighbour's picture
-    could stand before the hand.
-    """
+    """Apply the display options to the frusta."""
     for name, frustum in view.frusta.items():
-        frustum.visible = display.cameras and display.through is None
+        frustum.visible = display.cameras
         view.labels[name].visible = frustum.visible
         if not display.images:
             frustum.image = None
@@ -80,38 +71,6 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -
     for name, image in images.items():
         if name in view.frusta:
             view.frusta[name].image = image
-
-
-def place_screen(
-    view: CameraRigView, camera: str | None, hand: Floats[D3], larger: float = 1.0
-) -> None:
-    """Stand the screen behind the hand at `hand` as the camera sees it; None hides it. larger: than a hand."""
-    view.screen_camera = camera
-    if camera is None or camera not in view.cards:
-        view.screen.visible = False
-        return
-    card = view.cards[camera]
-    away = float((hand - card.centre) @ card.rotation[:, 2])
-    depth = max(away, 0.1) + larger * _SCREEN_BEHIND
-    kept = view.screen_depth.get(camera)
-    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
-        depth = kept  # stands still while the hand stays in front of it
-    view.screen_depth[camera] = depth
-    (width, height), matrix = card.size, card.matrix
-    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    middle = np.array(
-        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
-    )
-    view.screen.render_width = depth * width / fx
-    view.screen.render_height = depth * height / fy
-    view.screen.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
-    view.screen.position = card.centre + card.rotation @ middle
-
-
-def update_screen(view: CameraRigView, image: Bytes[H, W, D3]) -> None:
-    """Show an image on the screen."""
-    view.screen.image = image
-    view.screen.visible = True
 
 
 def look_through(client: viser.ClientHandle, card: CameraCard) -> None:

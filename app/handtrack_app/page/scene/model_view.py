@@ -130,16 +130,9 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     view.truth_lines.visible = view.truth_points.visible = shown
 
 
-def show_hand(
-    view: HandView, display: Display, instead: bool = False, inside: bool = False
-) -> None:
-    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would. inside:
-    something that is to be seen is in it.
-    """
-    shown, opacity = (
-        display.flesh or (display.surface and not instead),
-        flesh_opacity(display, inside),
-    )
+def show_hand(view: HandView, display: Display, instead: bool, opacity: float | None) -> None:
+    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
+    shown = display.flesh or (display.surface and not instead)
     view.flesh.visible = shown and not view.parts
     view.flesh.opacity = opacity
     for part in view.parts:
@@ -148,9 +141,9 @@ def show_hand(
     view.bones.visible = view.joints.visible = display.skeleton
 
 
-def flesh_opacity(display: Display, inside: bool) -> float | None:
+def flesh_opacity(display: Display, inside: bool, over_image: bool) -> float | None:
     """Return how opaque flesh is: over a camera's image, and around what is inside it, it lets it be seen."""
-    most = _OVER_IMAGE if display.through is not None else 1.0
+    most = _OVER_IMAGE if over_image else 1.0
     if display.skeleton:
         most = min(most, _AROUND_BONES)
     if inside:

@@ -13,12 +13,9 @@ from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
     bare,
-    look_through,
     pixel_box,
-    place_screen,
     show_cameras,
     size_cameras,
-    update_screen,
     update_thumbnails,
 )
 from handtrack_app.page.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
@@ -29,6 +26,7 @@ from handtrack_app.page.scene.handles import (
     add_root_handle,
     add_tip_handles,
 )
+from handtrack_app.page.scene.looking import Looking
 from handtrack_app.page.scene.model_view import (
     HandView,
     add_hand,
@@ -81,6 +79,7 @@ class Stage:
         self._marking = False
         """a box is to be dragged over an image: nothing stands before it"""
         self.take_guess: Callable[[int], None] = lambda rank: None
+        self.looking = Looking(page)
         self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
         scene = page.server.scene
         scene.world_axes.visible = False
@@ -93,6 +92,7 @@ class Stage:
         self.session = session
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
+            self.looking.fit(self.cameras.cards)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
         if before is None or before.tip_names != session.tip_names:
             if self.tips is not None:
@@ -136,12 +136,10 @@ class Stage:
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             self._show_flesh()
             show_cameras(self.cameras, display)
-            if self.surroundings is not None:
-                self.surroundings.ground.visible = display.through is None
             self.root.control.visible = display.handle and self.pose is not None
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
-                place_screen(self.cameras, self.screen_camera(), middle_of(self.pose), self._larger)
+                self.looking.place(self.field_camera(), middle_of(self.pose), self._larger)
 
     @property
     def display(self) -> Display:
@@ -159,10 +157,11 @@ class Stage:
         ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
-        show_hand(self.hand, display, ready, inside)
+        opacity = flesh_opacity(display, inside, self.looking.anyone)
+        show_hand(self.hand, display, ready, opacity)
         if pose is not None and self._fits(pose):
             update_hand(self.hand, pose, display)
-        put(self.surface, visible=ready, opacity=flesh_opacity(display, inside))
+        put(self.surface, visible=ready, opacity=opacity)
 
     @property
     def _larger(self) -> float:
@@ -173,13 +172,10 @@ class Stage:
     def _model(self) -> str:
         return "" if self.session is None else self.session.model
 
-    def screen_camera(self) -> str | None:
-        """Return the camera whose picture stands behind the hand: the one looked through, or for fields the first."""
-        display = self.display
-        if display.through is not None:
-            return display.through
-        if display.field and self.session is not None and self.session.cameras:
-            return display.screen or self.session.cameras[0].name
+    def field_camera(self) -> str | None:
+        """Return the camera whose field stands behind the hand of who looks freely, if fields are shown: the first."""
+        if self.display.field and self.session is not None and self.session.cameras:
+            return self.session.cameras[0].name
         return None
 
     def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud]:
@@ -187,7 +183,7 @@ class Stage:
         display = self.page.state.display
         paint = "field" if display.field else display.paint
         return (
-            WantPictures(display.images, self.screen_camera(), paint),
+            WantPictures(display.images, paint, self.looking.pictures(self.field_camera())),
             WantSurface(display.surface and not self.page.state.playing),
             WantCloud(
                 display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
@@ -199,12 +195,10 @@ class Stage:
         """Return the middle of the hand shown [m]."""
         return None if self.pose is None else middle_of(self.pose)
 
-    def view_axes(self) -> Floats[D3, D3] | None:
-        """Return the axes, camera → world, of the camera looked through."""
-        through = self.page.state.display.through
-        if through is None or self.cameras is None or through not in self.cameras.cards:
-            return None
-        return self.cameras.cards[through].rotation
+    def view_axes(self, client: int | None) -> Floats[D3, D3] | None:
+        """Return the axes, camera → world, of the camera that a page looks through."""
+        card = self.looking.card(client)
+        return None if card is None else card.rotation
 
     # ---- snapshots
 
@@ -228,7 +222,7 @@ class Stage:
             self._set_first_view(self.session, pose)
             self.apply()
         else:
-            place_screen(self.cameras, self.screen_camera(), middle_of(pose), self._larger)
+            self.looking.place(self.field_camera(), middle_of(pose), self._larger)
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
@@ -251,8 +245,7 @@ class Stage:
         if self.cameras is None:
             return
         update_thumbnails(self.cameras, pictures.thumbnails)
-        if pictures.screen_image is not None and pictures.screen == self.cameras.screen_camera:
-            update_screen(self.cameras, pictures.screen_image)
+        self.looking.show(pictures.screens)
 
     def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
@@ -270,7 +263,7 @@ class Stage:
             if self.pose is not None:
                 show_ghosts(self.ghosts, self.display.ghosts, self.pose.frame)
                 self._show_flesh()
-        if guesses.is_new and self.display.through is None:
+        if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 
     def _turn_to(self, hand: Floats) -> None:
@@ -278,8 +271,9 @@ class Stage:
         if self.session is None or self.cameras is None:
             return
         size_cameras(self.cameras, hand)
-        for client in self.page.server.get_clients().values():
-            look_from(client, hand_view(self.session, hand))
+        for number, client in self.page.server.get_clients().items():
+            if self.looking.card(number) is None:
+                look_from(client, hand_view(self.session, hand))
 
     def show_cloud(self, cloud: CloudSnapshot) -> None:
         """Show a frame's cloud."""
@@ -316,30 +310,19 @@ class Stage:
         for client in server.get_clients().values():
             look_from(client, self.view)
 
-    def welcome(self, client: viser.ClientHandle) -> None:
-        """Give a new client the view that holds."""
-        through = self.page.state.display.through
-        if through is not None:
-            self.look(through, client)
-
     def look(
         self,
         camera: str | None,
-        client: viser.ClientHandle | None,
+        client: viser.ClientHandle,
         everything: bool = False,
         marking: bool = False,
     ) -> None:
-        """Look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
-        display, self._marking = self.page.state.display, marking
-        display.through = camera
-        clients = [client] if client is not None else list(self.page.server.get_clients().values())
-        for target in clients:
-            if camera is not None and self.cameras is not None and camera in self.cameras.cards:
-                look_through(target, self.cameras.cards[camera])
-            elif self.session is not None and self.pose is not None:
-                hand = middle_of(self.pose)
-                view = overview if everything else hand_view
-                look_from(target, view(self.session, hand))
+        """Let a page look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
+        self._marking = marking
+        self.looking.set_through(client, camera)
+        if self.looking.card(client.client_id) is None and self.session and self.pose is not None:
+            view = overview if everything else hand_view
+            look_from(client, view(self.session, middle_of(self.pose)))
         self.page.redraw()
 
     def mark_box(
@@ -358,7 +341,7 @@ class Stage:
         @client.scene.on_rect_select()
         def _(event: viser.SceneRectSelectEvent) -> None:
             client.scene.remove_rect_select_callback()
-            if not self._marking or self.page.state.display.through != camera:
+            if not self._marking or self.page.state.look(client.client_id).through != camera:
                 return
             self._marking = False
             self.page.redraw()

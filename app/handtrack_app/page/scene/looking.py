@@ -1,0 +1,138 @@
+"""What each page looks through: a camera whose picture stands behind the hand. Every page has its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+from viser._messages import SetSceneNodeVisibilityMessage
+
+from handtrack.arrays import D3, Bytes, Floats, H, W
+from handtrack_app.page.page import Page
+from handtrack_app.page.scene.camera_view import look_through
+from handtrack_app.page.state import Look
+from handtrack_app.protocol.snapshots import CameraCard
+
+_BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
+_IN_THE_WAY = ("/cameras", "/ground")
+"""of who looks through a camera: its neighbour's picture could stand before the hand"""
+Picture = tuple[str, str]
+"""a camera, and what is painted over its image"""
+
+
+@dataclass
+class Screen:
+    """The picture behind the hand in one page's own scene."""
+
+    image: viser.ImageHandle
+    picture: Picture | None = None
+    depth: dict[str, float] = field(default_factory=dict)
+    """by camera [m], where it stood last"""
+
+
+class Looking:
+    """The pages' looks and screens; asked by the threads of viser and by the view thread."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._cards: dict[str, CameraCard] = {}
+        self._screens: dict[int, Screen] = {}
+
+    def fit(self, cards: dict[str, CameraCard]) -> None:
+        """Take the cameras of a session."""
+        self._cards = cards
+
+    @property
+    def anyone(self) -> bool:
+        """Whether a page looks through a camera."""
+        state = self._page.state
+        return any(state.look(client).through for client in self._page.server.get_clients())
+
+    def card(self, client: int | None) -> CameraCard | None:
+        """Return the camera that a page looks through."""
+        return self._cards.get(self._page.state.look(client).through or "")
+
+    def set_through(self, client: viser.ClientHandle, camera: str | None) -> None:
+        """Let a page look through a camera; None: freely, from wherever it is."""
+        state, number = self._page.state, client.client_id
+        with state.lock:
+            state.looks[number] = replace(state.look(number), through=camera)
+        card = self.card(number)
+        for name in _IN_THE_WAY:
+            self._page.tell(client, SetSceneNodeVisibilityMessage(name, card is None))
+        if card is not None:
+            look_through(client, card)
+
+    def set_paint(self, client: int, paint: str) -> None:
+        """Paint something else over what a page sees through its camera."""
+        state = self._page.state
+        with state.lock:
+            state.looks[client] = replace(state.look(client), paint=paint)
+
+    def pictures(self, field_camera: str | None) -> tuple[Picture, ...]:
+        """Return the pictures that the pages show. field_camera: whose field is shown, if any."""
+        here = self._page.server.get_clients()
+        chosen = (_picture(self._page.state.look(one), field_camera) for one in here)
+        return tuple(dict.fromkeys(one for one in chosen if one is not None))
+
+    def place(self, field_camera: str | None, hand: Floats[D3], larger: float) -> None:
+        """Stand the screens behind the hand at `hand` [m]. larger: than a hand."""
+        here = self._page.server.get_clients()
+        self._screens = {one: screen for one, screen in self._screens.items() if one in here}
+        state = self._page.state
+        with state.lock:
+            state.looks = {one: look for one, look in state.looks.items() if one in here}
+        for number, client in here.items():
+            picture = _picture(state.look(number), field_camera)
+            screen = self._screens.get(number)
+            if screen is None and picture is not None:
+                screen = self._screens[number] = Screen(_add_screen(client))
+            if screen is None:
+                continue
+            if picture != screen.picture:
+                screen.image.visible = False  # until its picture comes
+            screen.picture = picture
+            card = None if picture is None else self._cards.get(picture[0])
+            if card is not None:
+                _place(screen, card, hand, larger)
+
+    def show(self, images: dict[Picture, Bytes[H, W, D3]]) -> None:
+        """Show the pictures that came."""
+        for screen in self._screens.values():
+            if screen.picture in images:
+                screen.image.image = images[screen.picture]
+                screen.image.visible = True
+
+
+def _picture(look: Look, field_camera: str | None) -> Picture | None:
+    paint = look.paint if field_camera is None else "field"
+    camera = look.through or field_camera
+    return None if camera is None else (camera, paint)
+
+
+def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
+    return client.scene.add_image(
+        "/screen", np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        receive_shadow=False, visible=False,
+    )  # fmt: skip
+
+
+def _place(screen: Screen, card: CameraCard, hand: Floats[D3], larger: float) -> None:
+    """Stand a screen behind the hand as the camera sees it."""
+    away = float((hand - card.centre) @ card.rotation[:, 2])
+    depth = max(away, 0.1) + larger * _BEHIND
+    kept = screen.depth.get(card.name)
+    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
+        depth = kept  # stands still while the hand stays in front of it
+    screen.depth[card.name] = depth
+    (width, height), matrix, image = card.size, card.matrix, screen.image
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    middle = np.array(
+        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
+    )
+    image.render_width = depth * width / fx
+    image.render_height = depth * height / fy
+    image.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+    image.position = card.centre + card.rotation @ middle
