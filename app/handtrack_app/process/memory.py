@@ -72,8 +72,7 @@ def _group_limits() -> Iterator[int]:
         for line in _OWN_GROUPS.read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers:
-                root, name = _M_ARENA_MAX = -8  # of glibc's malloc.h
-_CONTROL_GROUPS, "memory.max"
+                root, name = _CONTROL_GROUPS, "memory.max"
             elif "memory" in controllers.split(","):  # the first version
                 root, name = _CONTROL_GROUPS / "memory", "memory.limit_in_bytes"
             else:
