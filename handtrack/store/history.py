@@ -7,6 +7,8 @@ has the same state as the program that wrote them.
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -16,6 +18,7 @@ Value = Any
 State = Mapping[str, Value]
 
 DO, UNDO, REDO, NOTE = "do", "undo", "redo", "note"
+_OPEN = 4  # steps that are kept as they are: the latest, which a drag goes on with, and those of an undo
 KINDS = (DO, UNDO, REDO, NOTE)
 """a note changes the state, and is no step of the history: what was saved to a file, say"""
 
@@ -73,15 +76,56 @@ def merged(actions: Sequence[Action]) -> tuple[Change, ...]:
     return tuple(found.values())
 
 
+Step = list[Action]
+"""of a drag there may be several"""
+
+
+@dataclass
+class Steps:
+    """Steps one upon the other. Those further down are packed: of a day's work there are thousands, of 7 kB each."""
+
+    _packed: list[bytes] = field(default_factory=list)
+    _open: list[Step] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._packed) + len(self._open)
+
+    @property
+    def top(self) -> Step:
+        """The latest step. Raises IndexError where there is none."""
+        if not self._open:
+            self._open.append(
+                [Action.of(one) for one in json.loads(zlib.decompress(self._packed.pop()))]
+            )
+        return self._open[-1]
+
+    def push(self, step: Step) -> None:
+        """Lay a step upon the others."""
+        self._open.append(step)
+        if len(self._open) > _OPEN:
+            content = json.dumps([action.content for action in self._open.pop(0)])
+            self._packed.append(zlib.compress(content.encode()))
+
+    def pop(self) -> Step:
+        """Take the latest step off. Raises IndexError where there is none."""
+        step = self.top
+        self._open.pop()
+        return step
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._packed.clear()
+        self._open.clear()
+
+
 @dataclass
 class History:
     """Actions so far, as state and as steps that undo and redo go along."""
 
     state: dict[str, Value] = field(default_factory=dict)
-    past: list[list[Action]] = field(default_factory=list)
-    """steps, the oldest first; those of a drag are one"""
-    future: list[list[Action]] = field(default_factory=list)
-    """steps that were undone, the latest last"""
+    past: Steps = field(default_factory=Steps)
+    future: Steps = field(default_factory=Steps)
+    """steps that were undone"""
     last_id: int = 0
 
     @classmethod
@@ -102,19 +146,19 @@ class History:
         """Return the action that takes the latest step back; None at the end of the history."""
         if not self.past:
             return None
-        back = [Change(c.key, c.after, c.before) for c in merged(self.past[-1])]
-        return self.next(self.past[-1][-1].words, back, UNDO)
+        back = [Change(c.key, c.after, c.before) for c in merged(self.past.top)]
+        return self.next(self.past.top[-1].words, back, UNDO)
 
     def redoing(self) -> Action | None:
         """Return the action that makes the step undone last again; None where there is none."""
         if not self.future:
             return None
-        return self.next(self.future[-1][-1].words, merged(self.future[-1]), REDO)
+        return self.next(self.future.top[-1].words, merged(self.future.top), REDO)
 
     def amend(self, changes: Sequence[Change]) -> Action:
         """Let the latest action have done this instead: a drag goes on. Return it as it is now."""
-        latest = self.past[-1][-1]
-        self.past[-1][-1] = amended = replace(latest, changes=tuple(changes))
+        latest = self.past.top[-1]
+        self.past.top[-1] = amended = replace(latest, changes=tuple(changes))
         self._count(amended)
         return amended
 
@@ -125,13 +169,13 @@ class History:
         if action.kind == DO:
             self.future.clear()
             if action.joins and self.past:
-                self.past[-1].append(action)
+                self.past.top.append(action)
             else:
-                self.past.append([action])
+                self.past.push([action])
         elif action.kind == UNDO and self.past:
-            self.future.append(self.past.pop())
+            self.future.push(self.past.pop())
         elif action.kind == REDO and self.future:
-            self.past.append(self.future.pop())
+            self.past.push(self.future.pop())
 
     def _count(self, action: Action) -> None:
         for change in action.changes:

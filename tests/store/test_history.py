@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 from handtrack.store.history import NOTE, Action, Change, History, merged
@@ -73,13 +74,27 @@ def test_a_note_is_no_step() -> None:
     do(history, "a", None, NOTE)
     assert history.state == {}
     travel(history, history.undoing())
-    assert (history.past, history.state) == ([], {})
+    assert (len(history.past), history.state) == (0, {})
 
 
 def test_history_has_no_end() -> None:
     history = History()
     for value in range(1, 2001):
         do(history, "a", value)
-    for _ in range(2000):
+    for value in range(2000, 0, -1):
+        assert history.state == {"a": value}
         travel(history, history.undoing())
     assert history.state == {} and len(history.future) == 2000
+    for value in range(1, 2001):
+        travel(history, history.redoing())
+        assert history.state == {"a": value}
+
+
+def test_c60_a_long_history_is_small() -> None:
+    pose, history = [0.1 * i for i in range(26)], History()
+    tracemalloc.start()
+    for shift in range(1000):
+        do(history, "pose/3", [value + shift for value in pose])
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert grown < 1.2e6, "about 1 kB a pose, written out 3"

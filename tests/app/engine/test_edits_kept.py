@@ -25,8 +25,8 @@ def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
 
 def written(folder: Path) -> list[int]:
     """Return the frames whose poses are on disk, in their order."""
-    steps = Store(folder / "tracks").history().past
-    changed = [keys.parts(c.key) for step in steps for action in step for c in action.changes]
+    actions = Store(folder / "tracks").actions()
+    changed = [keys.parts(c.key) for action in actions for c in action.changes]
     return [int(name) for kind, name in changed if kind == keys.POSE]
 
 

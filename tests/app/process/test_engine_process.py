@@ -121,7 +121,9 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     assert page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9, 10), said)
     poses = [s for s in page.seen[said:] if isinstance(s, snapshots.PoseSnapshot)]
     assert all(pose.version == 2 for pose in poses), "the page takes them for news"
-    page.wait(snapshots.PictureSnapshot, lambda p: p.frame == 10 and ("front", "plain") in p.screens, said)
+    page.wait(
+        snapshots.PictureSnapshot, lambda p: p.frame == 10 and ("front", "plain") in p.screens, said
+    )
     states = {s.state for s in page.seen[said:] if isinstance(s, snapshots.ProgressSnapshot)}
     assert "tracking" not in states, "it does not track on by itself"
     engine.send(commands.Track(7, FRAMES, 7))
