@@ -104,7 +104,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "same pose twice": (
         lambda f: edit(f / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]"),
         "warning",
-        "cameras 'cam0' and 'cam1' are only 0 mm apart",
+        "cameras 'cam0' and 'cam1' have one pose. Was it copied?",
     ),
     "matrix of another size": (
         lambda f: edit(f / "calibration.toml", "0.0, 31.5]", "0.0, 310.0]"),

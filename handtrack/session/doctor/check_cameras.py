@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from handtrack.session.session import Session
 
 _SAME_PLACE_M = 0.005
+_ROUNDING = 1e-6  # a pose written with six digits and more
 _FAR_APART_M = 20.0
+_UNBALANCED = 0.03  # of a corner's distance from the middle
 _USUAL_FIELD = (0.2, 5.0)  # image width / focal length: 11° to 136°
 
 
@@ -23,7 +25,7 @@ def check_cameras(session: Session) -> Iterator[Finding]:
     """Yield findings about the cameras' mutual distances and each one's lens."""
     yield from _check_distances(session)
     for camera in session.rig:
-        yield from _check_lens(camera)
+        yield from check_lens(camera)
 
 
 def _check_distances(session: Session) -> Iterator[Finding]:
@@ -42,17 +44,27 @@ def _check_distances(session: Session) -> Iterator[Finding]:
             f"{span}, with world_unit_m = {unit:g}. Is calibration.toml in millimetres? Then "
             "world_unit_m = 0.001."
         )
-    elif apart.min() < _SAME_PLACE_M:
-        a, b = pairs[int(np.argmin(apart))]
+    elif copied := [(a.name, b.name) for a, b in pairs if _have_one_pose(a, b)]:
         yield warning(
-            f"cameras '{a.name}' and '{b.name}' are only {apart.min() * 1000:.2g} mm apart, with "
-            f"world_unit_m = {unit:g}. Was one camera's pose copied, or is the unit wrong?"
+            f"cameras {' and '.join(map(repr, copied[0]))} have one pose. Was it copied? (The colour and the infrared "
+            "camera of one housing differ by a little.)"
         )
+    elif apart.max() < _SAME_PLACE_M:
+        yield warning(f"{span}, with world_unit_m = {unit:g}. Is the unit wrong?")
     else:
         yield ok(f"{span}.")
 
 
-def _check_lens(camera: Camera) -> Iterator[Finding]:
+def _have_one_pose(a: Camera, b: Camera) -> bool:
+    """Return whether two poses are the same but for rounding; two cameras of one housing differ by 0.01 mm or more."""
+    return bool(
+        np.abs(a.centre - b.centre).max() < _ROUNDING
+        and np.abs(a.rotation - b.rotation).max() < _ROUNDING
+    )
+
+
+def check_lens(camera: Camera) -> Iterator[Finding]:
+    """Yield findings about one camera's matrix and lens."""
     width, height = camera.size
     field = width / camera.matrix[0, 0]
     if not _USUAL_FIELD[0] < field < _USUAL_FIELD[1]:
@@ -67,6 +79,7 @@ def _check_lens(camera: Camera) -> Iterator[Finding]:
             f"middle of {width} x {height}. Is the image cropped or scaled, or are cx and cy "
             "exchanged?"
         )
+    yield from _check_series(camera)
     corners = np.array(
         [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=float
     )
@@ -75,4 +88,22 @@ def _check_lens(camera: Camera) -> Iterator[Finding]:
             f"camera '{camera.name}': the distortion folds back before the image's corners; what "
             "lies there is not used. Too many coefficients for the calibration's images? "
             "Calibrate with fewer."
+        )
+
+
+def _check_series(camera: Camera) -> Iterator[Finding]:
+    """Yield that a lens's series 1 + k1 r² + k2 r⁴ (+ k3 r⁶) looks cut off: its last term bends most, with nothing against it.
+
+    Where k3 was fitted, k2 and k3 are large and of opposite signs; a file without room for k3 keeps k2 as it was.
+    """
+    k = np.zeros(5)
+    given = np.asarray(camera.distortions, dtype=float)[:5]
+    k[: len(given)] = given
+    corner = np.array(camera.size) / 2 / np.diag(camera.matrix)[:2]
+    r2 = float(corner @ corner)
+    if k[4] == 0 and abs(k[1]) * r2 * r2 > max(abs(k[0]) * r2, _UNBALANCED):
+        yield warning(
+            f"camera '{camera.name}': of the lens's coefficients the second, k2 = {k[1]:.3g}, bends the corners most, by "
+            f"{abs(k[1]) * r2 * r2:.0%}, and no k3 is against it. Did k3 get lost on the way here (some formats have room for four)? "
+            "Compare with the calibration's own file."
         )

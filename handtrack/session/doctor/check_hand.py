@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from handtrack.session.session import Session
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
-_PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
+PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
 _FEWEST_FOR_SIDE = 16  # keypoints: fewer fit either hand
 # two meshes' hands with 2 mm of noise fit their own side to 3–8 mm, the other to 6–32
 _OTHER_OFF_M, _OTHER_SHARE = 0.004, 0.65
@@ -51,8 +51,8 @@ def check_init(session: Session) -> Iterator[Finding]:
         yield from _check_pixels(session, pose)
         return
     if pose.xyz is not None:
-        yield from _check_palm("init.json", pose.xyz)
-        yield from _check_side("init.json", pose.xyz, session)
+        yield from check_palm("init.json", pose.xyz)
+        yield from check_side_of("init.json", pose.xyz, session)
     points = _joints(session, pose) if pose.xyz is None else pose.xyz
     points = points[np.isfinite(points).all(axis=1)]
     misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
@@ -148,8 +148,8 @@ def check_truth(session: Session) -> Iterator[Finding]:
     if points is None:
         yield ok(f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames.")
         return
-    yield from _check_palm("truth.npz", points[0])
-    yield from _check_side("truth.npz", points[0], session)
+    yield from check_palm("truth.npz", points[0])
+    yield from check_side_of("truth.npz", points[0], session)
     rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
     wrong = [
         f"frame {frame}: {text}"
@@ -182,17 +182,18 @@ def _check_truth_times(session: Session) -> Iterator[Finding]:
         )
 
 
-def _check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
+def check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
+    """Yield that joints (21, 3) [m] have a palm that no hand has."""
     palm = float(np.linalg.norm(xyz[_MIDDLE_MCP] - xyz[_WRIST]))
-    if np.isfinite(palm) and not _PALM_M[0] <= palm <= _PALM_M[1]:
+    if np.isfinite(palm) and not PALM_M[0] <= palm <= PALM_M[1]:
         yield warning(
             f"{what}: from the wrist to the middle finger's knuckle it is {palm * 1000:.0f} mm; "
-            f"expected {_PALM_M[0] * 1000:.0f} to {_PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
+            f"expected {PALM_M[0] * 1000:.0f} to {PALM_M[1] * 1000:.0f} mm. Is world_unit_m "
             "right, and are the points in order?"
         )
 
 
-def _check_side(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
+def check_side_of(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
     """Yield that joints (21, 3) are those of the other hand: fingers bend to one side only, and the thumb is on one."""
     given = session.file.hand.side
     if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _FRAMES = 12
 _FEWEST = 3  # comparisons
-_MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
+MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
 _BORDER_PX = 3  # an outline that near to the image's border is cut off, not touched
 _SPECK_PX = 5
 _LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
@@ -88,11 +88,11 @@ def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
 
 def _what_would_fit(seen: Sequence[_Seen]) -> str:
     """Return mistakes that are often made and with which all silhouettes would fit together, as questions; empty for none."""
-    return " ".join(filter(None, [_if_inverse(seen), _if_exchanged(seen)]))
+    return " ".join(filter(None, [_ifinverse(seen), _if_exchanged(seen)]))
 
 
-def _if_inverse(seen: Sequence[_Seen]) -> str:
-    if _fit([replace(one, camera=_inverse(one.camera)) for one in seen]):
+def _ifinverse(seen: Sequence[_Seen]) -> str:
+    if _fit([replace(one, camera=inverse(one.camera)) for one in seen]):
         return (
             "They would fit if rotation and translation in calibration.toml led from the camera to the world: are they the "
             "inverse of what is expected (p_camera = R p_world + t)?"
@@ -101,7 +101,7 @@ def _if_inverse(seen: Sequence[_Seen]) -> str:
 
 
 def _if_exchanged(seen: Sequence[_Seen]) -> str:
-    for i, j in combinations(range(len(seen)), 2) if len(seen) <= _MOST_EXCHANGED else ():
+    for i, j in combinations(range(len(seen)), 2) if len(seen) <= MOST_EXCHANGED else ():
         a, b = seen[i].camera, seen[j].camera
         if a.size != b.size:
             continue
@@ -113,7 +113,8 @@ def _if_exchanged(seen: Sequence[_Seen]) -> str:
     return ""
 
 
-def _inverse(camera: Camera) -> Camera:
+def inverse(camera: Camera) -> Camera:
+    """Return a camera whose pose was given the other way round."""
     turn = camera.rotation.T
     return replace(camera, rotation=turn, translation=-turn @ camera.translation)
 

@@ -44,8 +44,13 @@ class _MaskLook(NamedTuple):
 
 def check_view(view: View, session: Session) -> Iterator[Finding]:
     """Yield findings about one camera: files present, missing, unreadable; rates; masks; depth."""
+    if view.keypoint_files is not None:
+        yield ok(f"camera '{view.name}': joints in {len(view.keypoint_files.files)} files.")
     if not view.sources:
-        yield note(f"camera '{view.name}': no images, masks or depth; it is only drawn.")
+        if view.keypoint_files is None:
+            yield note(
+                f"camera '{view.name}': no images, masks, depth or joints; it is only drawn."
+            )
         return
     for kind, source in _sources(view):
         yield from _check_source(view, kind, recording_of(source))
@@ -55,7 +60,7 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
         yield from _check_depth(view)
     if view.has_masks:
         yield from _check_masks(view)
-    elif view.depth is None:
+    elif view.depth is None and view.keypoint_files is None:
         yield note(f"camera '{view.name}': images without masks; no silhouettes are observed.")
 
 

@@ -9,6 +9,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_cameras import check_cameras
 from handtrack.session.doctor.check_clouds import check_clouds
 from handtrack.session.doctor.check_hand import check_init, check_model, check_side, check_truth
+from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.doctor.check_views import (
@@ -48,6 +49,7 @@ def examine(session: Session) -> list[Finding]:
         check_synchrony,
         check_cameras,
         check_outlines,
+        check_joints,
         check_clouds,
         check_model,
         check_init,

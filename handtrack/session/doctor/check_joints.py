@@ -1,0 +1,256 @@
+"""The doctor's look at whether joints seen in several images can be one hand's by the calibration, and a hand's in size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import D2, D3, Floats, J, N, T
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.triangulation import missed_px, triangulated
+from handtrack.model.articulated import keypoint_names
+from handtrack.session.doctor.check_hand import PALM_M, check_palm, check_side_of
+from handtrack.session.doctor.check_outlines import MOST_EXCHANGED, inverse
+from handtrack.session.doctor.finding import Finding, ok, warning
+from handtrack.session.seen.views import View
+
+if TYPE_CHECKING:
+    from handtrack.session.session import Session
+
+_STRETCH = (
+    200  # frames with joints, looked at one after the other: which are late shows in motion only
+)
+_FEWEST = 20  # points of a hand that two cameras see, over all frames
+_MOST_OFF = 0.06
+"""of the hand's extent in an image; a detector's points lie up to 10 mm apart on a hand of 180 mm, seen from two sides"""
+_BETTER = 0.5  # times the miss, with what would fit
+_BETTER_LATE = 0.75  # times the miss, with frames as they may belong together
+_MOST_LATE = 3  # frames
+_UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches"}
+
+
+class _Seen(NamedTuple):
+    """A camera, and where it saw joints (T, J, 2) in its image as taken [px]; NaN where unknown."""
+
+    camera: Camera
+    pixels: Floats[T, J, D2]
+
+
+@dataclass(frozen=True)
+class _Match:
+    """How joints fit together."""
+
+    points: Floats[N, D3]
+    """of all frames and joints, world [m]"""
+    off: float
+    """how far they are missed, as a share of the hand's extent in the images; median over points of the worst camera"""
+    px: float
+    """the same in pixels"""
+
+
+def check_joints(session: Session) -> Iterator[Finding]:
+    """Yield findings about joints that two or more cameras saw: do they meet, is it a hand's size, are frames late?"""
+    names, seen = _seen_joints(session)
+    if len(seen) < 2 or (found := _match(seen)) is None:
+        return
+    if found.off > _MOST_OFF:
+        yield warning(
+            f"joints seen by cameras {_listed(seen)} do not meet in space by this calibration: they miss each other by {_words(found)}. "
+            + (_what_would_fit(seen, found) or _NOTHING_FITS)
+        )
+        return
+    late = _late(seen, found)
+    yield (
+        warning(late)
+        if late
+        else ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")
+    )
+    yield from _check_size(session, names, found, len(seen[0].pixels))
+
+
+_NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size, or do frames of equal number show different moments?"
+
+
+def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
+    """Return joints' names, and where cameras saw them in the first frames in which two did."""
+    views = [view for view in session.views if view.keypoint_files is not None]
+    names: tuple[str, ...] = ()
+    read: dict[str, dict[int, Floats]] = {view.name: {} for view in views}
+    found = 0
+    for frame in range(session.frame_count):
+        rows = {view.name: row for view in views if (row := _row(view, frame)) is not None}
+        for name, (own, pixels) in rows.items():
+            names = names or own
+            if own == names:
+                read[name][frame] = pixels
+        found += len(rows) > 1
+        if found >= _STRETCH:
+            break
+    frames = sorted(set().union(*read.values())) if read else []
+    if not frames:
+        return (), []
+    first, stop = frames[0], frames[-1] + 1
+    seen = []
+    for view in views:
+        pixels = np.full((stop - first, len(names), 2), np.nan)
+        for frame, row in read[view.name].items():
+            pixels[frame - first] = row
+        if np.isfinite(pixels).any():
+            seen.append(_Seen(view.camera, pixels))
+    return names, seen
+
+
+def _row(view: View, frame: int) -> tuple[tuple[str, ...], Floats[J, D2]] | None:
+    sets = view.keypoints(frame, 1.0)
+    if not sets:
+        return None
+    pixels = sets[0].pixels.copy()
+    for more in sets[1:]:
+        pixels = np.where(np.isfinite(pixels), pixels, more.pixels)
+    return sets[0].names, view.camera.distort_points(pixels)
+
+
+def _match(seen: Sequence[_Seen]) -> _Match | None:
+    """Return how joints fit together; None where too few are seen by two cameras."""
+    cameras = [one.camera for one in seen]
+    straight = np.stack([one.camera.undistort_points(one.pixels).reshape(-1, 2) for one in seen])
+    points = triangulated(cameras, straight)
+    missed = missed_px(cameras, straight, points)
+    both = np.isfinite(straight).all(axis=2).sum(axis=0) > 1
+    if both.sum() < _FEWEST:
+        return None
+    missed[:, both & ~np.isfinite(points).all(axis=1)] = np.inf  # parallel
+    extent = np.array([_extent(one.pixels) for one in seen])
+    worst = np.nanmax(
+        np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9) / extent[:, None], axis=0
+    )
+    px = np.nanmax(np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9), axis=0)
+    return _Match(points, float(np.median(worst)), float(np.median(px)))
+
+
+def _extent(pixels: Floats[T, J, D2]) -> float:
+    """Return how large the hand is in a camera's images [px], the median over frames."""
+    some = pixels[np.isfinite(pixels).any(axis=(1, 2))]
+    return float(np.median((np.nanmax(some, axis=1) - np.nanmin(some, axis=1)).max(axis=1))) + 1e-9
+
+
+def _what_would_fit(seen: Sequence[_Seen], found: _Match) -> str:
+    """Return the mistake, of those often made, with which joints would meet best, as a question; empty for none."""
+    tried = [(words, match) for words, match in _mistakes(seen) if match is not None]
+    good = [
+        (match.off, words)
+        for words, match in tried
+        if match.off < min(_MOST_OFF, _BETTER * found.off)
+    ]
+    return min(good)[1] if good else ""
+
+
+def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
+    yield (
+        "They would meet if rotation and translation in the calibration led from the camera to the world: are they the inverse of "
+        "what is expected (p_camera = R p_world + t)?",
+        _match([one._replace(camera=inverse(one.camera)) for one in seen]),
+    )
+    for i, j in combinations(range(len(seen)), 2) if len(seen) <= MOST_EXCHANGED else ():
+        a, b = seen[i].camera, seen[j].camera
+        exchanged = list(seen)
+        exchanged[i] = seen[i]._replace(camera=b)
+        exchanged[j] = seen[j]._replace(camera=a)
+        yield (
+            f"They would meet if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in the calibration?",
+            _match(exchanged),
+        )
+    for i, one in enumerate(seen):
+        mirrored = list(seen)
+        width = one.camera.size[0]
+        mirrored[i] = one._replace(pixels=one.pixels * (-1, 1) + (width - 1, 0))
+        yield (
+            f"They would meet if the images of camera '{one.camera.name}' were mirrored: does its program flip them, as for a "
+            "selfie?",
+            _match(mirrored),
+        )
+    yield from ((words, match) for _, words, match in _shifts(seen))
+    for i, one in enumerate(seen):
+        for factor in (2 / 3, 0.5, 0.75, 4 / 3, 1.5, 2.0):
+            scaled = list(seen)
+            matrix = one.camera.matrix * np.array([[factor], [factor], [1.0]])
+            scaled[i] = one._replace(camera=replace(one.camera, matrix=matrix))
+            yield (
+                f"They would meet if the matrix of camera '{one.camera.name}' were {factor:.3g} times what it is: does it belong to "
+                "images of another size? (`image_size` in session.toml scales it.)",
+                _match(scaled),
+            )
+
+
+def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[int, str, _Match | None]]:
+    """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
+    for i, one in enumerate(seen):
+        for shift in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
+            moved = np.full_like(one.pixels, np.nan)
+            if shift > 0:
+                moved[:-shift] = one.pixels[shift:]
+            else:
+                moved[-shift:] = one.pixels[:shift]
+            shifted = list(seen)
+            shifted[i] = one._replace(pixels=moved)
+            frames = (
+                f"{abs(shift)} frame{'s' * (abs(shift) > 1)} {'late' if shift > 0 else 'early'}"
+            )
+            yield (
+                shift,
+                f"They would meet if camera '{one.camera.name}' came {frames}: `lag_s` in session.toml tells so.",
+                _match(shifted),
+            )
+        if len(seen) == 2:
+            return  # the second late is the first early
+
+
+def _late(seen: Sequence[_Seen], found: _Match) -> str:
+    """Return that frames fit clearly better as another number; empty where they do not."""
+    good = [(m.off, words, m) for _, words, m in _shifts(seen) if m is not None]
+    if not good:
+        return ""
+    off, words, match = min(good, key=lambda one: one[0])
+    if off > _BETTER_LATE * found.off:
+        return ""
+    return f"joints meet in space to {_words(found)}. {words.replace('They would meet', f'They would meet to {_words(match)}')}"
+
+
+def _check_size(
+    session: Session, names: tuple[str, ...], found: _Match, frames: int
+) -> Iterator[Finding]:
+    """Yield that the hand is none in size or is the other one."""
+    hand = keypoint_names()
+    if not set(hand) <= set(names):
+        return
+    xyz = found.points.reshape(frames, len(names), 3)[:, [names.index(name) for name in hand]]
+    palms = np.linalg.norm(xyz[:, 9] - xyz[:, 0], axis=1)
+    if not np.isfinite(palms).any():
+        return
+    palm, unit = float(np.nanmedian(palms)), session.file.session.world_unit_m
+    if not PALM_M[0] <= palm <= PALM_M[1]:
+        fitting = [
+            f"With world_unit_m = {other:g} ({word}) it were {1e3 * palm * other / unit:.0f} mm."
+            for other, word in _UNITS.items()
+            if PALM_M[0] <= palm * other / unit <= PALM_M[1]
+        ]
+        yield from (
+            warning(f"{finding.text} {' '.join(fitting)}".strip())
+            for finding in check_palm("joints in space", xyz[int(np.nanargmin(abs(palms - palm)))])
+        )
+        return
+    whole = np.isfinite(xyz).all(axis=2).sum(axis=1)
+    yield from check_side_of("joints in space", xyz[int(np.argmax(whole))], session)
+
+
+def _words(match: _Match) -> str:
+    px = "more than the image" if match.px > 1e5 else f"{match.px:.1f} px"
+    return f"{px} (median)"
+
+
+def _listed(seen: Sequence[_Seen]) -> str:
+    return ", ".join(f"'{one.camera.name}'" for one in seen)
