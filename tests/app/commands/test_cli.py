@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
@@ -320,7 +321,12 @@ def test_new_without_masks_and_with_another_rate(handtrack: CommandLine, tmp_pat
     assert ended.code == 0
     file = Session.open(tmp_path / "a/b").file
     assert file.cameras[0].masks is None
-    assert (file.session.name, file.session.fps, file.session.world_unit_m) == ("mine", 50.0, 0.001)
+    assert (file.session.name, file.session.fps, file.session.world_unit_m) == ("mine", 50.0, 1.0)
+    given, written = (
+        Session.open(source).rig["cam0"],
+        read_rig(tmp_path / "a/b/calibration.toml")["cam0"],
+    )
+    assert np.allclose(written.translation, 0.001 * given.translation, rtol=0, atol=1e-12)
 
 
 def test_simulate_is_the_same_for_the_same_seed(handtrack: CommandLine, tmp_path: Path) -> None:

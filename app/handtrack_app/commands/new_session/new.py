@@ -1,0 +1,161 @@
+"""`handtrack new`: a session folder from what people have."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.masks.segmentation import METHODS, MaskMethod
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_table import read_table
+from handtrack.geometry.camera import CameraRig
+from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.session import Session
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    write_session_file,
+)
+from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
+from handtrack_app.commands.new_session.sources import (
+    Given,
+    Recorded,
+    check_sizes,
+    copied,
+    recorded_cameras,
+    settings_of,
+)
+from handtrack_app.commands.terminal.output import check_new, new_folder
+from handtrack_app.commands.terminal.progress import say
+
+_RATE_TOLERANCE = 0.01
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the folder; whatever is wrong is found before anything is written."""
+    unit_m = (
+        None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
+    )
+    recorded = recorded_cameras(args.video, args.images, args.depth, [])
+    _check_depth(recorded, args.depth_scale)
+    check_new(args.out)
+    sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
+    rig, notes = given_rig(args.calibration, sizes, list(recorded), unit_m, args.yes)
+    _check_cameras(recorded, rig, args)
+    fps, own = _frame_rates(args.fps, recorded)
+    scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
+    masks = mask_method(args.masks)
+    files: dict[str, Path] = {}
+
+    def setting(given: Given | None, place: str) -> str | None:
+        if given is None:
+            return None
+        text, names = settings_of(given, place)
+        files.update(names)
+        return text
+
+    cameras = tuple(
+        CameraSettings(
+            name,
+            setting(cam.images, _place(i, name)),
+            masks if cam.images else None,
+            scaled.get(name),
+            depth=setting(cam.depth, f"depth/{_place(i, name)}"),
+            depth_scale_m=args.depth_scale if cam.depth else None,
+            fps=own.get(name),
+        )
+        for i, (name, cam) in enumerate(recorded.items())
+    )
+    deep = tuple(camera.name for camera in cameras if camera.depth)
+    recording = RecordingSettings(args.name or args.out.resolve().name, fps)
+    hand = HandSettings(side=args.side, scale="fit")
+    clouds = CloudSettings(depth=deep) if deep else None
+    for text in notes:
+        say(text)
+    with new_folder(args.out) as folder:
+        write_rig(folder / CALIBRATION_FILE, rig)
+        for text in dict.fromkeys(
+            g.text for cam in recorded.values() for g in (cam.images, cam.depth) if g
+        ):
+            say(f"copying {text} …")
+        copied(files, folder)
+        write_session_file(folder / SESSION_FILE, SessionFile(recording, hand, cameras, clouds))
+        count = Session.open(folder).frame_count
+    print(
+        f"session of {len(cameras)} cameras and {count} frames in {args.out}. Look at it with: handtrack doctor "
+        f"{args.out}; then pose the hand in its first frame with: handtrack open {args.out}"
+    )
+    return 0
+
+
+def mask_method(name: str) -> MaskMethod | None:
+    """Return a mask method with its usual settings; None for `none`."""
+    return None if name == "none" else read_table(METHODS[name], {}, f"--masks {name}")
+
+
+def _check_cameras(
+    recorded: Mapping[str, Recorded], rig: CameraRig, args: argparse.Namespace
+) -> None:
+    """Raise HandtrackError for a camera that the calibration lacks, or whose images are not of its size."""
+    for name, cam in recorded.items():
+        if name not in rig:
+            given = cam.images or cam.depth
+            where = f"--keypoints {name}={cam.keypoints}" if given is None else given.where
+            raise HandtrackError(
+                f"{where}: {' and '.join(map(str, args.calibration))} has no camera '{name}'; cameras there: "
+                f"{', '.join(rig.names)}."
+            )
+        check_sizes(cam, rig[name], args.scaled)
+
+
+def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
+    deep = [cam.depth for cam in recorded.values() if cam.depth is not None]
+    if deep and scale is None:
+        raise HandtrackError(
+            f"{deep[0].where}: how many metres is one unit of these files? Say it with --depth-scale: 0.001 for millimetres "
+            "(Kinect, many RealSense), 0.0001 for a RealSense D405."
+        )
+    if scale is not None and not 0 < scale < float("inf"):
+        raise HandtrackError(
+            f"--depth-scale {scale:g}: expected metres in one unit of the files, above 0."
+        )
+    if scale is not None and not deep:
+        raise HandtrackError("--depth-scale is about depth files, but no --depth is given.")
+
+
+def _frame_rates(
+    asked: float | None, recorded: Mapping[str, Recorded]
+) -> tuple[float, dict[str, float]]:
+    """Return the session's frames a second, and those of cameras that differ."""
+    if asked is not None:
+        if not 0 < asked < float("inf"):
+            raise HandtrackError(f"--fps {asked:g}: expected frames a second, above 0.")
+        return asked, {}
+    rates = {name: cam.images.fps for name, cam in recorded.items() if cam.images is not None}
+    known = [rate for rate in rates.values() if rate > 0]
+    if not known:
+        raise HandtrackError(
+            "nothing recorded says how many frames a second there are; give it with --fps."
+        )
+    fps = known[0]
+    own = {
+        name: rate
+        for name, rate in rates.items()
+        if rate > 0 and abs(rate / fps - 1) > _RATE_TOLERANCE
+    }
+    for name, rate in own.items():
+        say(
+            f"note: the video of camera '{name}' says {rate:g} frames a second, the first {fps:g}: its frames will be taken "
+            "by time. If all have one rate, begin anew with --fps."
+        )
+    return fps, own
+
+
+def _place(index: int, camera: str) -> str:
+    plain = camera.isascii() and camera.replace("_", "").replace("-", "").isalnum()
+    return camera if plain else f"video{index}"

@@ -1,0 +1,183 @@
+"""What `handtrack new` is given of each camera: a video or image files, depth files, joints; looked at before anything is written."""
+
+from __future__ import annotations
+
+import glob
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
+from handtrack.capture.images.video import VideoFile
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera, scaled_by
+
+_IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
+
+
+@dataclass(frozen=True)
+class Given:
+    """One option of one camera: a file, or the files of a pattern."""
+
+    option: str
+    camera: str
+    text: str
+    files: tuple[Path, ...]
+    size: tuple[int, int] | None
+    """width, height [px] of its images."""
+    fps: float = 0.0
+    """what a video says; 0 where nothing does."""
+
+    @property
+    def where(self) -> str:
+        return f"{self.option} {self.camera}={self.text}"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """All that is given of one camera."""
+
+    camera: str
+    images: Given | None = None
+    depth: Given | None = None
+    keypoints: str | None = None
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width, height [px] of what was taken."""
+        return next((given.size for given in (self.images, self.depth) if given is not None), None)
+
+
+def recorded_cameras(
+    videos: Sequence[str], images: Sequence[str], depth: Sequence[str], keypoints: Sequence[str]
+) -> dict[str, Recorded]:
+    """Return what is given by camera, in the order of the options. Raises HandtrackError.
+
+    Each is a list of `CAMERA=FILE` or `CAMERA=PATTERN`.
+    """
+    cameras: dict[str, Recorded] = {}
+    for given in [*_each(_VIDEO, videos), *_each(_IMAGES, images)]:
+        if given.camera in cameras:
+            raise HandtrackError(f"{given.where}: a second video of the camera '{given.camera}'.")
+        _check_new(given, [r.images for r in cameras.values()])
+        cameras[given.camera] = Recorded(given.camera, _opened(given))
+    for given in _each(_DEPTH, depth):
+        seen = cameras.get(given.camera, Recorded(given.camera))
+        if seen.depth is not None:
+            raise HandtrackError(
+                f"{given.where}: depth of the camera '{given.camera}' is given twice."
+            )
+        cameras[given.camera] = replace(seen, depth=_opened(given))
+    for pair in keypoints:
+        camera, file = camera_and_file("--keypoints", pair, "joints.json")
+        seen = cameras.get(camera, Recorded(camera))
+        if seen.keypoints is not None:
+            raise HandtrackError(
+                f"--keypoints {pair}: joints of the camera '{camera}' are given twice."
+            )
+        cameras[camera] = replace(seen, keypoints=file)
+    if not cameras:
+        raise HandtrackError(
+            "nothing was recorded: give each camera's images with --video CAMERA=FILE or --images CAMERA='folder/*.png', its "
+            "--depth or its --keypoints."
+        )
+    return cameras
+
+
+def camera_and_file(option: str, pair: str, example: str) -> tuple[str, str]:
+    """Return both sides of `CAMERA=FILE`. Raises HandtrackError."""
+    camera, equals, file = pair.partition("=")
+    if not (equals and camera and file):
+        raise HandtrackError(
+            f"{option} {pair}: expected CAMERA=FILE, as in {option} cam0={example}, with the camera's name in the calibration."
+        )
+    return camera, file
+
+
+def _each(option: str, pairs: Sequence[str]) -> list[Given]:
+    example = "left.mp4" if option == _VIDEO else "'left/*.png'"
+    found = []
+    for pair in pairs:
+        camera, text = camera_and_file(option, pair, example)
+        found.append(Given(option, camera, text, (), None))
+    return found
+
+
+def _check_new(given: Given, others: Sequence[Given | None]) -> None:
+    for other in others:
+        if other is not None and Path(other.text).resolve() == Path(given.text).resolve():
+            raise HandtrackError(
+                f"{given.where}: that is the video of the camera '{other.camera}' already; expected another one."
+            )
+
+
+def _opened(given: Given) -> Given:
+    """Return an option with its files and the size of its images; the files are closed again."""
+    if given.option == _VIDEO:
+        video = VideoFile(Path(given.text), None, given.where)
+        video.close()
+        return replace(given, files=(Path(given.text),), size=video.size, fps=video.nominal_fps)
+    files = image_files(given.text, given.where)
+    kind = DEPTH if given.option == _DEPTH else COLOUR
+    return replace(given, files=files, size=ImageFiles(list(files), kind, None, given.where).size)
+
+
+def image_files(text: str, where: str) -> tuple[Path, ...]:
+    """Return the image files of a pattern, or of a folder. Raises HandtrackError where there are none."""
+    pattern = os.path.join(glob.escape(text), "*") if os.path.isdir(text) else text
+    paths = [Path(name) for name in sorted(glob.glob(pattern))]
+    files = tuple(p for p in paths if p.is_file() and p.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        there = f"{len(paths)} other files match" if paths else "nothing matches"
+        raise HandtrackError(
+            f"{where}: {there}; expected numbered images ({', '.join(IMAGE_SUFFIXES)}), such as 'left/*.png'. Quote the pattern."
+        )
+    if len({path.parent for path in files}) > 1 or len({path.suffix for path in files}) > 1:
+        raise HandtrackError(
+            f"{where}: files of several folders or kinds; expected those of one, such as 'left/*.png'."
+        )
+    return files
+
+
+def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
+    """Raise HandtrackError where images are not of the calibration's size. scaled: whether they may be it, scaled."""
+    for given in (recorded.images, recorded.depth):
+        if given is None or given.size in (None, camera.size):
+            continue
+        if scaled and scaled_by(camera.size, given.size) is not None:
+            continue
+        if given.option == _VIDEO:
+            VideoFile(given.files[0], camera.size, given.where)  # says what is wrong with it
+        kind = DEPTH if given.option == _DEPTH else COLOUR
+        source = ImageFiles(list(given.files), kind, camera.size, given.where)
+        source.size  # noqa: B018  says what is wrong with it
+
+
+def settings_of(given: Given, folder: str) -> tuple[str, Mapping[str, Path]]:
+    """Return what session.toml says of files that are copied, and the files by their new names.
+
+    folder: below the session's, for several.
+    """
+    if given.option == _VIDEO:
+        (path,) = given.files
+        name = f"{folder}{path.suffix.lower()}"
+        return name, {name: path}
+    suffix = given.files[0].suffix
+    names = {f"{folder}/{path.name}": path for path in given.files}
+    return f"{folder}/*{suffix}", names
+
+
+def linked_setting(given: Given) -> str:
+    """Return what session.toml says of files that stay where they are: an absolute path or pattern."""
+    if given.option == _VIDEO:
+        return str(given.files[0].resolve())
+    return str(given.files[0].parent.resolve() / f"*{given.files[0].suffix}")
+
+
+def copied(files: Mapping[str, Path], folder: Path) -> None:
+    """Copy files into a session."""
+    for name, path in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, folder / name)

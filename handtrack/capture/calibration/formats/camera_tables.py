@@ -1,0 +1,278 @@
+"""Cameras as tables of K, distortion, R and t under the names that people give them: a file a camera, one table a camera, stacked
+arrays, or keys with the camera's name in them; and OpenCV's stereo pairs (K1, D1, K2, D2, R, T).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats
+from handtrack.capture.calibration.formats.given_rig import (
+    GivenCamera,
+    GivenRig,
+    check_model,
+    matrix_of,
+    numbers,
+    rotation_of,
+    whole_size,
+)
+from handtrack.errors import HandtrackError
+
+_NAMES = {
+    "matrix": "k matrix cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicsmatrix mtx kmatrix kmat cammatrix m",
+    "distortions": "d dist distortions distortion distcoeffs distcoeff distcoef distcoefs distortioncoefficients "
+    "distortioncoeffs distortionscoefficients distortioncoef kc",
+    "rotation": "r rotation rot rotationmatrix rvec rvecs rotationvector rmat rodrigues rotmatrix rotmat",
+    "translation": "t translation trans tvec tvecs translationvector transvector",
+    "pose": "rt extrinsics extrinsic extrinsicmatrix extrinsicsmatrix worldtocamera worldtocam w2c tcameraworld tcamworld tcw",
+    "size": "size imagesize imsize resolution imageresolution imgsize sizepx imageshapewh",
+    "width": "width imagewidth w",
+    "height": "height imageheight h",
+    "model": "model cameramodel distortionmodel lensmodel projectionmodel",
+    "fisheye": "fisheye isfisheye",
+    "name": "name cameraname camname",
+    "unit": "unit units worldunits worldunit lengthunit translationunit",
+}  # fmt: skip
+_MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
+_GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
+_STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
+_LIMIT = 64  # cameras
+UNITS_M = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3,
+    "millimetre": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "in": 0.0254,
+    "inch": 0.0254, "inches": 0.0254,
+}  # fmt: skip
+
+
+def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> GivenRig | None:
+    """Return the cameras of nested tables; None where there are none.
+
+    alone: the name of a camera that has the whole file. Raises HandtrackError naming the camera and the key.
+    """
+    if isinstance(tree, Mapping):
+        inner = [key for key in tree if _plain(key) in ("cameras", "calibration", "cams", "rig")]
+        if len(inner) == 1 and isinstance(tree[inner[0]], Mapping | list):
+            found = read_tables(tree[inner[0]], where, alone)
+            return found and _in_unit(found, tree, where)
+        pair = _stereo(tree, where)
+        if pair is not None:
+            return _in_unit(pair, tree, where)
+    tables = _tables(tree, alone)
+    if not tables or len(tables) > _LIMIT:
+        return None
+    posed = len(tables) > 1
+    cameras = tuple(
+        camera_of(t, name, f"{where}, camera {name or i + 1}", posed)
+        for i, (name, t) in enumerate(tables)
+    )
+    rig = GivenRig("one table a camera", cameras)
+    return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
+
+
+def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
+    said = _known(tree).get("unit")
+    if said is None:
+        return rig
+    unit = UNITS_M.get(str(said).lower()) if not isinstance(said, int | float) else float(said)
+    if unit is None or not unit > 0:
+        raise HandtrackError(f"{where}: unit = {said!r}; expected one of {', '.join(UNITS_M)}.")
+    return GivenRig(rig.family, rig.cameras, unit)
+
+
+def _tables(
+    tree: Mapping[str, Any] | list[Any], alone: str
+) -> list[tuple[str | None, Mapping[str, Any]]]:
+    """Return a table for each camera, with its name as far as there is one."""
+    if isinstance(tree, list):
+        return [(_name(t, None), t) for t in tree if isinstance(t, Mapping) and _is_camera(t)]
+    if _is_camera(tree):
+        stacked = _unstacked(tree)
+        return stacked or [(_name(tree, alone), tree)]
+    tables = [
+        (_name(t, str(key)), t)
+        for key, t in tree.items()
+        if isinstance(t, Mapping) and _is_camera(t)
+    ]
+    return tables or _grouped(tree)
+
+
+def _is_camera(table: Mapping[str, Any]) -> bool:
+    known = _known(table)
+    return "matrix" in known or {"fx", "fy"} <= {_plain(key) for key in table}
+
+
+def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
+    known = _known(table).get("name")
+    if isinstance(known, str) and known:
+        return known
+    plain = {_plain(key): value for key, value in table.items()}
+    number = plain.get("camid", plain.get("port"))  # Caliscope, and Pyxy3D before
+    if isinstance(number, int) and otherwise == str(number):
+        return f"cam_{number}"
+    return otherwise
+
+
+def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
+    """Return tables from arrays that have one row a camera; none where the file is of one camera."""
+    matrix = np.asarray(_value(tree, "matrix"), dtype=object)
+    if isinstance(_value(tree, "matrix"), Mapping) or matrix.ndim != 3 or len(matrix) > _LIMIT:
+        return []
+    count = len(matrix)
+    names = next(
+        (v for key, v in tree.items() if _plain(key) in ("names", "cameranames", "cameras")), None
+    )
+    if names is not None and len(names) != count:
+        names = None
+
+    def row(field: str, value: Any, i: int) -> Any:
+        values = np.asarray(value, dtype=object)
+        if (
+            field in ("matrix", "distortions", "rotation", "translation", "pose")
+            or values.ndim == 2
+        ):
+            return value[i] if len(value) == count else value
+        return value
+
+    known = {field: v for field, v in _known(tree).items() if field not in ("name", "unit")}
+    return [
+        (None if names is None else str(names[i]), {f: row(f, v, i) for f, v in known.items()})
+        for i in range(count)
+    ]
+
+
+def _grouped(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
+    """Return tables from keys such as K_cam0, cam0_K, K0 or cam0/K."""
+    groups: dict[str, dict[str, Any]] = {}
+    for key, value in tree.items():
+        for first, last in _splits(str(key)):
+            for field, name in ((first, last), (last, first)):
+                if _plain(field) in _MEANS and name:
+                    groups.setdefault(name, {}).setdefault(field, value)
+    return [(name, t) for name, t in groups.items() if _is_camera(t) and len(t) > 1]
+
+
+def _splits(key: str) -> list[tuple[str, str]]:
+    ends = [(key[: m.start()], key[m.end() :]) for m in re.finditer(r"[_./\- ]", key[:80])]
+    numbered = re.fullmatch(r"(\D*[A-Za-z])(\d+)", key[:80])
+    return [*ends, *([(numbered[1], numbered[2])] if numbered else [])]
+
+
+def _stereo(tree: Mapping[str, Any], where: str) -> GivenRig | None:
+    """Return the pair of a stereo calibration: two lenses, and the second camera's pose from the first."""
+    pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
+    for key, value in tree.items():
+        match = _STEREO.match(str(key))
+        if match and _plain(match[1]) in _MEANS:
+            which = "1" if match[2].lower() in ("1", "left", "l") else "2"
+            if _MEANS[_plain(match[1])] in ("matrix", "distortions", "size"):
+                pair[which].setdefault(match[1], value)
+    known = _known(
+        {k: v for k, v in tree.items() if not _STEREO.match(str(k)) or _plain(k) in ("r", "t")}
+    )
+    if (
+        not all(_is_camera(t) for t in pair.values())
+        or not {"rotation", "translation"} <= known.keys()
+    ):
+        return None
+    shared = {k: known[k] for k in ("size", "width", "height", "model", "fisheye") if k in known}
+    first = camera_of({**shared, **pair["1"]}, None, f"{where}, first camera", False)
+    second = {**shared, **pair["2"], "R": known["rotation"], "T": known["translation"]}
+    return GivenRig(
+        "stereo pair as OpenCV calibrates it",
+        (first, camera_of(second, None, f"{where}, second camera", True)),
+    )
+
+
+def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: bool) -> GivenCamera:
+    """Return the camera of a table. posed: whether it must say where it stands. Raises HandtrackError."""
+    known = _known(table)
+    for field in ("model", "fisheye"):
+        if field in known:
+            said = known[field]
+            check_model("fisheye" if field == "fisheye" and said not in (False, 0, "false", None) else
+                        ("" if field == "fisheye" else said), where)  # fmt: skip
+    if "distortions" in known:
+        distortions = numbers(known["distortions"] or [] if isinstance(known["distortions"], list) else
+                              known["distortions"], f"{where}, distortion").ravel()  # fmt: skip
+    else:
+        raise HandtrackError(
+            f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
+            "where the images have none."
+        )
+    rotation, translation = _pose(table, known, where, posed)
+    return GivenCamera(
+        name, _size(known, where), _matrix(table, known, where), distortions, rotation, translation
+    )
+
+
+def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
+    if "matrix" not in known:
+        plain = {_plain(key): value for key, value in table.items()}
+        values = numbers(
+            [plain.get(key) for key in ("fx", "fy", "cx", "cy")], f"{where}, fx fy cx cy"
+        )
+        return matrix_of(*values.tolist())
+    value = numbers(known["matrix"], f"{where}, matrix")
+    if value.size == 4 and value.ndim == 1:
+        return matrix_of(*value.tolist())
+    if value.size != 9:
+        raise HandtrackError(f"{where}: its matrix has {value.size} numbers; expected 3 x 3.")
+    return value.reshape(3, 3)
+
+
+def _size(known: Mapping[str, Any], where: str) -> tuple[int, int] | None:
+    if "size" in known:
+        return whole_size(known["size"], f"{where}, size")
+    if {"width", "height"} <= known.keys():
+        return whole_size([known["width"], known["height"]], f"{where}, width and height")
+    return None
+
+
+def _pose(
+    table: Mapping[str, Any], known: Mapping[str, Any], where: str, posed: bool
+) -> tuple[Floats[D3, D3], Floats[D3]]:
+    inverse = next((v for key, v in table.items() if _plain(key) in _GIVEN_BY_CENTRE), None)
+    whole = known.get("pose", inverse)
+    if "rotation" in known and "translation" in known:
+        translation = numbers(known["translation"], f"{where}, translation")
+        if translation.size != 3:
+            raise HandtrackError(
+                f"{where}: its translation has {translation.size} numbers; expected 3."
+            )
+        return rotation_of(known["rotation"], f"{where}, rotation"), translation.ravel()
+    if whole is not None:
+        pose = numbers(whole, f"{where}, pose")
+        if pose.size not in (12, 16):
+            raise HandtrackError(
+                f"{where}: its pose has {pose.size} numbers; expected 3 x 4 or 4 x 4."
+            )
+        turned, moved = pose.reshape(-1, 4)[:3, :3], pose.reshape(-1, 4)[:3, 3]
+        return (turned, moved) if known.get("pose") is not None else (turned.T, -turned.T @ moved)
+    if posed:
+        raise HandtrackError(
+            f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
+            "camera: p_camera = R p_world + t."
+        )
+    return np.eye(3), np.zeros(3)
+
+
+def _known(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a table says by our names; of two keys that mean the same the first counts."""
+    known: dict[str, Any] = {}
+    for key, value in table.items():
+        field = _MEANS.get(_plain(key))
+        if field is not None:
+            known.setdefault(field, value)
+    return known
+
+
+def _value(table: Mapping[str, Any], field: str) -> Any:
+    return _known(table).get(field)
+
+
+def _plain(key: Any) -> str:
+    return "".join(sign for sign in str(key).lower() if sign.isalnum())

@@ -1,0 +1,156 @@
+"""Cameras as somebody's file gives them: in its own unit of length, perhaps without names or image sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, Axes, Floats, K
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+
+_ROUGH = 1e-3  # how far a matrix of four written digits may be from a rotation
+_DIGITS = 13  # decimals that are the same whatever the form: 1e-13 rad are 3e-10 px at a focal length of 3000
+_MOST_NUMBERS = 64  # in one value of a camera
+PLAIN_MODELS = {
+    "", "none", "pinhole", "perspective", "standard", "opencv", "radtan", "radialtangential", "plumbbob", "brown", "brownconrady",
+    "pinholeradtan", "rationalpolynomial", "rational", "regular", "linear", "fullopencv", "simplepinhole", "false",
+}  # fmt: skip
+"""names of lenses that OpenCV's polynomial describes without loss, small and without punctuation"""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenCamera:
+    """One camera of a file; `p_camera = R p_world + t`."""
+
+    name: str | None
+    size: tuple[int, int] | None
+    """width, height [px]; None where the file does not say."""
+    matrix: Floats[D3, D3]
+    """[px], pixel centres at whole numbers from 0."""
+    distortions: Floats[K]
+    rotation: Floats[D3, D3]
+    translation: Floats[D3]
+    """in the file's unit."""
+
+
+@dataclass(frozen=True)
+class GivenRig:
+    """The cameras of a calibration, before their unit, names and sizes are settled."""
+
+    family: str
+    """which form it was, in words."""
+    cameras: tuple[GivenCamera, ...]
+    unit_m: float | None = None
+    """metres in one unit, where the form fixes it."""
+    any_unit: bool = False
+    """whether the form's unit means nothing: then lengths tell nothing either."""
+
+    def rig(self, unit_m: float) -> CameraRig:
+        """Return the cameras in metres. All must have names and sizes. Raises HandtrackError.
+
+        Last digits, in which the same rig differs from form to form, are cut.
+        """
+        return CameraRig(tuple(_camera(given, unit_m) for given in self.cameras))
+
+
+def _camera(given: GivenCamera, unit_m: float) -> Camera:
+    assert given.name is not None
+    assert given.size is not None
+    turned = np.round(rotation_vector(nearest_rotation(given.rotation, given.name)), _DIGITS)
+    return Camera(
+        name=given.name,
+        size=given.size,
+        matrix=np.round(given.matrix, _DIGITS - 3),
+        distortions=np.round(five_or_more(given.distortions), _DIGITS) + 0.0,
+        rotation=rotation_matrix(turned + 0.0),
+        translation=np.round(given.translation * unit_m, _DIGITS) + 0.0,
+    )
+
+
+def five_or_more(distortions: Floats[K]) -> Floats[K]:
+    """Return coefficients filled up with zeros to the next number that OpenCV has, at least 5, and no longer than it must be."""
+    filled = np.trim_zeros(np.asarray(distortions, float), "b")
+    count = next((n for n in (5, 8, 12, 14) if n >= len(filled)), len(filled))
+    return np.concatenate([filled, np.zeros(count - len(filled))])
+
+
+def nearest_rotation(matrix: Floats[D3, D3], where: str) -> Floats[D3, D3]:
+    """Return the rotation nearest to a matrix of few digits. Raises HandtrackError for one that is none."""
+    u, singular, vt = np.linalg.svd(matrix)
+    if np.abs(singular - 1).max() > _ROUGH or np.linalg.det(matrix) < 0:
+        raise HandtrackError(
+            f"{where}: its rotation is no rotation matrix: {np.round(matrix, 4).tolist()} (determinant "
+            f"{np.linalg.det(matrix):.3g}, expected 1). Is it scaled, mirrored or cut off?"
+        )
+    return u @ vt
+
+
+def with_names(rig: GivenRig, names: Iterable[str]) -> GivenRig:
+    """Return the rig with its cameras named, in their order."""
+    pairs = zip(rig.cameras, names, strict=True)
+    return replace(rig, cameras=tuple(replace(camera, name=name) for camera, name in pairs))
+
+
+def check_model(name: Any, where: str) -> None:
+    """Raise HandtrackError for a lens that OpenCV's polynomial does not describe."""
+    words = str(name)
+    plain = "".join(sign for sign in words.lower() if sign.isalnum())
+    if plain not in PLAIN_MODELS:
+        raise HandtrackError(
+            f"{where}: the lens model '{words[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), so it is "
+            "refused. Calibrate with the standard model (pinhole with radial and tangential distortion, in OpenCV 8 "
+            "coefficients for wide lenses), or undistort the images and give their new matrix without distortion."
+        )
+
+
+def numbers(value: Any, where: str) -> Array[*Axes]:
+    """Return a value as finite floats: lists, arrays, or OpenCV's matrices (rows, cols, data). Raises HandtrackError."""
+    if isinstance(value, Mapping) and "data" in value:
+        shape = [value.get("rows"), value.get("cols")]
+        value = value["data"]
+    else:
+        shape = []
+    try:
+        array = np.array(value, dtype=float)
+        if shape == [3, 3] or shape == [4, 4] or shape == [3, 4]:
+            array = array.reshape([int(n or 0) for n in shape])
+    except (TypeError, ValueError, OverflowError):
+        raise HandtrackError(f"{where}: {str(value)[:60]}; expected numbers.") from None
+    if array.size > _MOST_NUMBERS:
+        raise HandtrackError(f"{where}: {array.size} numbers; expected those of one camera.")
+    if not np.isfinite(array).all():
+        raise HandtrackError(f"{where}: {array.tolist()}; expected finite numbers.")
+    return array
+
+
+def whole_size(value: Any, where: str) -> tuple[int, int]:
+    """Return width and height [px]. Raises HandtrackError."""
+    size = numbers(value, where).ravel()
+    if len(size) != 2 or (size != np.round(size)).any() or (size < 1).any():
+        raise HandtrackError(
+            f"{where}: {size.tolist()}; expected width and height in whole pixels."
+        )
+    return int(size[0]), int(size[1])
+
+
+def matrix_of(fx: float, fy: float, cx: float, cy: float) -> Floats[D3, D3]:
+    """Return [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def rotation_of(value: Any, where: str) -> Floats[D3, D3]:
+    """Return a rotation given as matrix or rotation vector [rad]. Raises HandtrackError."""
+    array = numbers(value, where)
+    if array.size == 3:
+        return rotation_matrix(array.ravel())
+    if array.size == 9:
+        return array.reshape(3, 3)
+    raise HandtrackError(
+        f"{where}: {array.size} numbers; expected a rotation matrix of 3 x 3 or a rotation vector of 3 (Rodrigues), world "
+        "to camera."
+    )

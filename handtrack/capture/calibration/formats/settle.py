@@ -1,0 +1,109 @@
+"""What a calibration leaves open, settled by the recording that it is for: names, image sizes, the unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from handtrack.capture.calibration.formats.given_rig import GivenRig, with_names
+from handtrack.capture.calibration.formats.likely_unit import UNITS_M, likely_units, rig_in_words
+from handtrack.errors import HandtrackError
+
+
+class Unit(NamedTuple):
+    """Metres in one unit of a calibration, and how that is known."""
+
+    unit_m: float | None
+    """the best guess; None where there is none"""
+    sure: bool
+    why: str
+    """a sentence for the user"""
+
+
+def named(rig: GivenRig, wished: Sequence[str], where: str) -> tuple[GivenRig, str]:
+    """Return the rig with its cameras named as the recording calls them, and what was assumed, in a sentence or none.
+
+    A name that differs in spelling alone (`cam_0`, `Camera 0`, `0` for `cam0`) is taken. Cameras without names get those of
+    the recording in order: by the numbers in them, where all have some. Raises HandtrackError where there are fewer cameras.
+    """
+    if all(camera.name is not None for camera in rig.cameras):
+        return _respelled(rig, wished)
+    if len(wished) > len(rig.cameras):
+        raise HandtrackError(
+            f"{where} has {len(rig.cameras)} cameras without names, but {len(wished)} are recorded: {', '.join(wished)}."
+        )
+    ordered = sorted(wished, key=_number) if all(_number(n) >= 0 for n in wished) else list(wished)
+    default = [f"cam{i}" for i in range(len(rig.cameras))]
+    if set(wished) <= set(default):
+        return with_names(rig, default), ""
+    if len(wished) < len(rig.cameras):
+        raise HandtrackError(
+            f"{where} has {len(rig.cameras)} cameras without names; recorded are {', '.join(wished)}. Name them "
+            f"{', '.join(default)}, in the calibration's order."
+        )
+    return (
+        with_names(rig, ordered),
+        f"the calibration names no cameras: {', '.join(ordered)} are taken to be its cameras in this order.",
+    )
+
+
+def _respelled(rig: GivenRig, wished: Sequence[str]) -> tuple[GivenRig, str]:
+    names = [str(camera.name) for camera in rig.cameras]
+    found, said = dict[str, str](), list[str]()
+    for name in wished:
+        like = [n for n in names if _bare(n) == _bare(name)]
+        if name not in names and len(like) == 1 and like[0] not in (*wished, *found):
+            found[like[0]] = name
+            said.append(f"'{name}' is the calibration's '{like[0]}'")
+    changed = with_names(rig, [found.get(name, name) for name in names])
+    return changed, f"{', '.join(said)}." if said else ""
+
+
+def _bare(name: str) -> str:
+    """Return a name without what people write before and between: `Camera_00` and `cam0` are both `0`."""
+    plain = "".join(sign for sign in name.lower() if sign.isalnum())
+    digits = re.fullmatch(r"(?:camera|cam|port|view|c)?0*(\d+)", plain)
+    return digits[1] if digits else plain
+
+
+def _number(name: str) -> int:
+    digits = re.search(r"(\d{1,9})\D*$", name)
+    return int(digits[1]) if digits else -1
+
+
+def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> GivenRig:
+    """Return the rig with sizes [px] of the recording's images where the calibration says none; of cameras that have
+    neither, those of the others. Raises HandtrackError where nobody says one.
+    """
+    known = [camera.size for camera in rig.cameras if camera.size] + list(sizes.values())
+    if not known:
+        raise HandtrackError(
+            f"{where}: no image size, and no images that have one; add `size` = [w, h] to each camera."
+        )
+    cameras = tuple(
+        replace(c, size=c.size or sizes.get(str(c.name), known[0])) for c in rig.cameras
+    )
+    return replace(rig, cameras=cameras)
+
+
+def unit_of(rig: GivenRig) -> Unit:
+    """Return the unit of a calibration whose cameras have names and sizes."""
+    if rig.unit_m is not None:
+        return Unit(rig.unit_m, True, f"{rig.family}: its unit is {_words(rig.unit_m)}.")
+    if len(rig.cameras) == 1:  # its own frame may be the world; no length shows
+        return Unit(1.0, True, "")
+    in_units = rig.rig(1.0)
+    likely = likely_units(in_units)
+    seen = f"in its unit, the cameras are {rig_in_words(in_units)}"
+    if rig.any_unit:
+        guess = likely[0] if len(likely) == 1 else None
+        return Unit(guess, False, f"a {rig.family} has no unit of length; {seen}.")
+    if len(likely) == 1:
+        return Unit(likely[0], True, f"{seen}: for hands that is {_words(likely[0])}.")
+    return Unit(None, False, f"{seen}, which for hands is neither metres nor millimetres.")
+
+
+def _words(unit_m: float) -> str:
+    return UNITS_M.get(unit_m, f"{unit_m:g} m")

@@ -1,0 +1,93 @@
+"""`handtrack new` with calibrations of others: taken in as our own, or refused in one sentence before anything is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import CameraRig
+from handtrack.session.session import Session
+from handtrack_app.commands.terminal import questions
+from tests.app.command_line import CommandLine, refused
+from tests.app.commands.test_new import video
+from tests.capture.calibration_forms.hostile import HOSTILE
+from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Return options for two videos of three frames."""
+    folder = tmp_path_factory.mktemp("videos")
+    files = {name: video(folder / f"{name}.avi", 25, 3, (640, 480)) for name in ("cam0", "cam1")}
+    return [word for name, path in files.items() for word in ("--video", f"{name}={path}")]
+
+
+@pytest.mark.parametrize("form", [*WRITERS])
+def test_a_session_has_the_same_calibration_whatever_it_was_made_from(
+    form: str, handtrack: CommandLine, videos: list[str], tmp_path: Path
+) -> None:
+    made = []
+    for name, given in (("a", "anipose"), ("b", form)):
+        paths = WRITERS[given](tmp_path, rig_of_two())
+        words = [
+            w for p in (paths if isinstance(paths, list) else [paths]) for w in ("--calibration", p)
+        ]
+        ended = handtrack("new", "--out", tmp_path / name, *videos, *words, "--yes")
+        assert ended.code == 0, ended.err
+        made.append((tmp_path / name / "calibration.toml").read_bytes())
+        assert (tmp_path / name / "session.toml").read_text().count("world_unit_m = 1.0") == 1
+    assert made[0] == made[1]
+
+
+def test_what_is_assumed_is_said(handtrack: CommandLine, videos: list[str], tmp_path: Path) -> None:
+    path = WRITERS["freemocap"](tmp_path, rig_of_two())
+    ended = handtrack("new", "--out", tmp_path / "out", *videos, "--calibration", path)
+    assert (
+        "unit: in its unit, the cameras are 283 apart, and look at a place 541 to 551 away: for hands that is millimetres."
+        in ended.err
+    )
+    path = WRITERS["opencv yaml"](tmp_path, rig_of_two())
+    left = [word.replace("cam0=", "left=").replace("cam1=", "right=") for word in videos]
+    ended = handtrack("new", "--out", tmp_path / "named", *left, "--calibration", path)
+    assert (
+        "the calibration names no cameras: left, right are taken to be its cameras in this order."
+        in ended.err
+    )
+    second = Session.open(tmp_path / "named").rig["right"]
+    assert np.allclose(second.translation, rig_of_two()["cam1"].translation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
+    kind: str, handtrack: CommandLine, videos: list[str], tmp_path: Path
+) -> None:
+    write, expected = HOSTILE[kind]
+    folder = tmp_path / "given"
+    folder.mkdir()
+    path = write(folder)
+    (tmp_path / "out").mkdir()
+    words = ["new", "--out", tmp_path / "out", *videos, "--calibration", path]
+    refused(handtrack, tmp_path / "out", words, expected)
+
+
+def test_the_unit_is_asked_at_a_terminal(
+    handtrack: CommandLine, videos: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from handtrack_app.commands.new_session import given_calibration
+
+    asked: list[tuple[str, str]] = []
+
+    def answer(text: str, proposal: str = "") -> str:
+        asked.append((text, proposal))
+        return "0.5"
+
+    monkeypatch.setattr(given_calibration, "can_ask", lambda: True)
+    monkeypatch.setattr(given_calibration, "question", answer)
+    path = WRITERS["colmap text"](tmp_path, rig_of_two())
+    assert handtrack("new", "--out", tmp_path / "out", *videos, "--calibration", path).code == 0
+    assert asked == [("How many metres is one unit of it?", "1")]
+    rig: CameraRig = Session.open(tmp_path / "out").rig
+    assert np.allclose(rig["cam1"].translation, 0.5 * rig_of_two()["cam1"].translation)
+    assert not questions.can_ask()

@@ -1,0 +1,141 @@
+"""Calibrations that cannot be taken as they are: made to do harm, cut off, of other lenses, or that leave something open."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tests.capture.calibration_forms.writers import colmap_text, kalibr, plain_json, rig_of_two
+
+_MAT = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+
+
+def _text(text: str, name: str = "c.txt") -> Callable[[Path], Path]:
+    return _bytes(text.encode(), name)
+
+
+def _bytes(data: bytes, name: str = "c.bin") -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_bytes(data)
+        return folder / name
+
+    return write
+
+
+def _pipe(folder: Path) -> Path:
+    os.mkfifo(folder / "c.yml")
+    return folder / "c.yml"
+
+
+def _huge(folder: Path) -> Path:
+    with (folder / "c.yml").open("wb") as file:
+        file.truncate(1 << 34)
+    return folder / "c.yml"
+
+
+def _pickle(folder: Path) -> Path:
+    np.savez(folder / "c.npz", K=np.array([{"a": 1}], dtype=object))
+    return folder / "c.npz"
+
+
+def _bomb(folder: Path) -> Path:
+    with zipfile.ZipFile(folder / "c.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("K.npy", bytes(400 << 20))
+    return folder / "c.npz"
+
+
+def _element(kind: int, data: bytes) -> bytes:
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def _nested_cells(folder: Path) -> Path:
+    head = (
+        _element(6, struct.pack("<II", 1, 0))
+        + _element(5, struct.pack("<ii", 1, 1))
+        + _element(1, b"")
+    )
+    sizes = [0]
+    for _ in range(30_000):
+        sizes.append(sizes[-1] + len(head) + 8)
+    body = b"".join(struct.pack("<II", 14, size - 8) + head for size in reversed(sizes[1:]))
+    return _bytes(_MAT + body)(folder)
+
+
+def _changed(change: Callable[[dict], None]) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = plain_json(folder, rig_of_two())
+        tables = json.loads(path.read_text())
+        change(tables)
+        path.write_text(json.dumps(tables))
+        return path
+
+    return write
+
+
+def _kalibr_fisheye(folder: Path) -> Path:
+    from dataclasses import replace
+
+    from handtrack.geometry.camera import CameraRig
+
+    path = kalibr(
+        folder, CameraRig(tuple(replace(c, distortions=c.distortions[:4]) for c in rig_of_two()))
+    )
+    path.write_text(path.read_text().replace("radtan", "equidistant"))
+    return path
+
+
+def _colmap_fisheye(folder: Path) -> Path:
+    model = colmap_text(folder, rig_of_two())
+    (model / "cameras.txt").write_text(
+        (model / "cameras.txt").read_text().replace("FULL_OPENCV", "OPENCV_FISHEYE")
+    )
+    return model
+
+
+def _far(unit: float) -> Callable[[dict], None]:
+    def change(tables: dict) -> None:
+        for table in tables.values():
+            table["t"] = [value * unit for value in table["t"]]
+
+    return change
+
+
+HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
+    "a pipe": (_pipe, ["is a pipe or a device"]),
+    "16 GB": (_huge, ["is not read"]),
+    "bytes": (_bytes(bytes(range(256)) * 40), ["no calibration that is known here", "Accepted: ", '"K": 3x3']),
+    "prose": (_text("Dear camera,\nplease be calibrated."), ["no calibration that is known here", "Accepted: "]),
+    "nothing": (_text(""), ["no calibration that is known here"]),
+    "a folder": (lambda folder: folder, ["without a COLMAP model"]),
+    "YAML with aliases": (_text("%YAML:1.0\na: &a [1, 2]\nb: [*a, *a]\n"), ["not readable YAML: line 2", "'&'"]),
+    "YAML nested": (_text("a: " + "[" * 100_000 + "]" * 100_000), ["nested more than"]),
+    "YAML unclosed": (_text("cam0:\n  intrinsics: [1, 2\n" * 3), ["line 2", "bracket is not closed"]),
+    "JSON nested": (_text('{"a":' * 100_000), ["cannot be read as JSON"]),
+    "JSON cut off": (_text('{"cam0": {"K": [[1,'), ["not valid JSON"]),
+    "XML with entities": (_text('<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'), ["DOCTYPE"]),
+    "XML cut off": (_text("<opencv_storage><K1>"), ["not valid XML"]),
+    "another XML": (_text("<svg></svg>"), ["no calibration that is known here"]),
+    "a pickle": (_pickle, ["not a readable .npz of plain arrays"]),
+    "a bomb": (_bomb, ["made to fill the memory"]),
+    "cells in cells": (_nested_cells, ["not a readable .mat file", "nested more than"]),
+    "a .mat cut off": (_bytes(_MAT + struct.pack("<II", 14, 4000)), ["not a readable .mat file"]),
+    "a .mat of HDF5": (_bytes(b"MATLAB 7.3 MAT-file" + bytes(600)), ["version 7.3", "'-v7'"]),
+    "COLMAP cut off": (_bytes(struct.pack("<Q", 2), "cameras.bin"), ["images.bin: no such file"]),
+    "Kalibr's fisheye": (_kalibr_fisheye, ["lens model 'equidistant' cannot be written without loss", "undistort"]),
+    "COLMAP's fisheye": (_colmap_fisheye, ["OPENCV_FISHEYE (COLMAP)", "cannot be written without loss"]),
+    "COLMAP's unit": (lambda f: colmap_text(f, rig_of_two()), ["no unit of length", "--world-unit-m (1 would be usual"]),
+    "a fisheye flag": (_changed(lambda t: t["cam0"].update(fisheye=True)), ["'fisheye' cannot be written without loss"]),
+    "no distortion": (_changed(lambda t: t["cam0"].pop("dist")), ["camera cam0: no distortion coefficients"]),
+    "no pose": (_changed(lambda t: t["cam1"].pop("R")), ["camera cam1: no pose", "p_camera = R p_world + t"]),
+    "NaN": (_changed(lambda t: t["cam1"].update(t=["nan", 0, 0])), ["camera cam1, translation", "finite"]),
+    "skew": (_changed(lambda t: t["cam1"]["K"][0].__setitem__(1, 0.7)), ["camera 'cam1'", "skew of 0.7"]),
+    "a mirrored rotation": (_changed(lambda t: t["cam1"].update(R=(-np.eye(3)).tolist())), ["cam1", "no rotation matrix"]),
+    "squares of 25 mm": (_changed(_far(1 / 0.025)), ["neither metres nor millimetres", "--world-unit-m"]),
+    "centimetres": (_changed(_far(100)), ["neither metres nor millimetres", "cameras are 28.3 apart"]),
+}  # fmt: skip

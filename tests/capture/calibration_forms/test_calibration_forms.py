@@ -1,0 +1,147 @@
+"""The same rig in the forms that other programs write: the same cameras, to the last byte of what is kept of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.capture.calibration.formats.read_calibration import read_calibration
+from handtrack.capture.calibration.formats.settle import named, sized, unit_of
+from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import CameraRig
+from tests.capture.calibration_forms.writers import WRITERS, kalibr, plain_json, rig_of_two
+
+SIZES = {"cam0": (640, 480), "cam1": (640, 480)}
+
+
+def taken_in(
+    paths: Path | list[Path], folder: Path, unit_m: float | None = None
+) -> tuple[CameraRig, bytes]:
+    """Return what `handtrack new` keeps of a calibration: the cameras that a session reads, and their file."""
+    given, _ = named(
+        read_calibration(paths if isinstance(paths, list) else [paths]), list(SIZES), "it"
+    )
+    given = sized(given, SIZES, "it")
+    unit = unit_of(given)
+    assert unit.sure == (unit_m is None), unit
+    write_rig(folder / "kept.toml", given.rig(unit_m or unit.unit_m))
+    return read_rig(folder / "kept.toml"), (folder / "kept.toml").read_bytes()
+
+
+def largest_difference_px(rig: CameraRig, other: CameraRig) -> float:
+    points = np.random.default_rng(0).uniform([-0.15, -0.1, 0.3], [0.15, 0.1, 0.7], (1000, 3))
+    apart = [np.abs(rig[c].project(points) - other[c].project(points)) for c in rig.names]
+    assert np.isfinite(apart).all()
+    return float(np.max(apart))
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_every_form_gives_the_same_cameras(form: str, tmp_path: Path) -> None:
+    rig = rig_of_two()
+    _, expected = taken_in(WRITERS["anipose"](tmp_path, rig), tmp_path)
+    found, kept = taken_in(
+        WRITERS[form](tmp_path, rig), tmp_path, 1.0 if "colmap" in form else None
+    )
+    assert found.names == ("cam0", "cam1")
+    assert [c.size for c in found] == list(SIZES.values())
+    assert largest_difference_px(rig, found) < 1e-9
+    assert kept == expected
+
+
+def test_kalibr_gives_the_same_cameras(tmp_path: Path) -> None:
+    plain = [replace(c, distortions=c.distortions * [1, 1, 1, 1, 0]) for c in rig_of_two()]
+    rig = CameraRig(tuple(plain))
+    found, kept = taken_in(kalibr(tmp_path, rig), tmp_path)
+    assert largest_difference_px(rig, found) < 1e-9
+    assert kept == taken_in(WRITERS["anipose"](tmp_path, rig), tmp_path)[1]
+
+
+def test_matlab_of_2022_gives_the_second_pose_in_columns(tmp_path: Path) -> None:
+    rig = rig_of_two()
+    path = WRITERS["matlab json"](tmp_path, rig)
+    table = json.loads(path.read_text())
+    del table["RotationOfCamera2"], table["TranslationOfCamera2"]
+    _, second = rig
+    table["PoseCamera2"] = {
+        "R": second.rotation.tolist(),
+        "Translation": (1000 * second.translation).tolist(),
+    }
+    for i in (1, 2):
+        lens = table[f"CameraParameters{i}"]
+        lens["K"] = np.transpose(lens.pop("IntrinsicMatrix")).tolist()
+    path.write_text(json.dumps(table))
+    assert largest_difference_px(rig, taken_in(path, tmp_path)[0]) < 1e-9
+
+
+@pytest.mark.parametrize("turn", [
+    {"camera_matrix": "K", "dist_coeffs": "dist", "rvec": "R", "tvec": "t", "resolution": "size"},
+    {"mtx": "K", "D": "dist", "rotation_matrix": "R", "translation_vector": "t", "image_size": "size"},
+    {"intrinsics": "K", "distortion": "dist", "rotation": "R", "translation": "t", "imageSize": "size"},
+])  # fmt: skip
+@pytest.mark.parametrize("shape", ["table", "list", "below cameras", "keys with names"])
+def test_usual_names_and_shapes_are_known(turn: dict[str, str], shape: str, tmp_path: Path) -> None:
+    rig = rig_of_two()
+    tables = json.loads(plain_json(tmp_path, rig).read_text())
+    tables = {name: {key: t[old] for key, old in turn.items()} for name, t in tables.items()}
+    forms = {
+        "table": tables,
+        "list": [{"name": name, **t} for name, t in tables.items()],
+        "below cameras": {"cameras": tables, "unit": "m"},
+        "keys with names": {
+            f"{key}_{name}": v for name, t in tables.items() for key, v in t.items()
+        },
+    }
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(forms[shape]))
+    assert largest_difference_px(rig, taken_in(path, tmp_path)[0]) < 1e-9
+
+
+def test_intrinsics_and_extrinsics_of_opencv_s_sample_are_one_rig(tmp_path: Path) -> None:
+    import cv2
+
+    rig = rig_of_two()
+    first, second = rig
+    inner, outer = tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml"
+    file = cv2.FileStorage(str(inner), cv2.FILE_STORAGE_WRITE)
+    for i, c in enumerate((first, second), 1):
+        file.write(f"M{i}", c.matrix)
+        file.write(f"D{i}", c.distortions)
+    file.release()
+    file = cv2.FileStorage(str(outer), cv2.FILE_STORAGE_WRITE)
+    for name, value in {
+        "R": second.rotation,
+        "T": second.translation,
+        "R1": np.eye(3),
+        "R2": np.eye(3),
+        "Q": np.eye(4),
+    }.items():
+        file.write(name, value)
+    file.release()
+    assert largest_difference_px(rig, taken_in([inner, outer], tmp_path)[0]) < 1e-9
+
+
+def test_rotations_of_six_digits_are_taken_and_others_not(tmp_path: Path) -> None:
+    path = plain_json(tmp_path, rig_of_two())
+    tables = json.loads(path.read_text())
+    tables["cam1"]["R"] = np.round(tables["cam1"]["R"], 5).tolist()
+    path.write_text(json.dumps(tables))
+    assert largest_difference_px(rig_of_two(), taken_in(path, tmp_path)[0]) < 0.05
+    tables["cam1"]["R"] = np.round(tables["cam1"]["R"], 1).tolist()
+    path.write_text(json.dumps(tables))
+    with pytest.raises(HandtrackError, match="no rotation matrix"):
+        taken_in(path, tmp_path)
+
+
+def test_a_real_file_of_qualisys_is_read(data_dir: Path) -> None:
+    body = sized(read_calibration([data_dir / "pose2sim_body_4cam" / "Calib.qca.txt"]), {}, "it")
+    rig = body.rig(body.unit_m or 0)
+    assert rig.names == ("cam_01", "cam_02", "cam_03", "cam_04")
+    assert [c.size for c in rig] == [(1088, 1920)] * 4 or rig["cam_01"].size == (1088, 1920)
+    person = np.array([0.0, 0.0, 1.0])  # on the treadmill, z up
+    assert all(c.to_camera(person)[2] > 2 for c in rig)
+    assert all((np.abs(c.project(person) - np.array(c.size) / 2) < 500).all() for c in rig)
