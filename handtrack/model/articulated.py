@@ -35,6 +35,8 @@ class HandScale:
     """by group of bones: `thumb` … `little`, `forearm`; of a body `trunk`, `thighs` …; 1 where absent"""
     proportions: dict[str, float] = field(default_factory=dict)
     """of a body, by name: where hips, clavicles and skull sit, in standard deviations of adults; 0 where absent"""
+    offsets_mm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """by joint: where a detector sees it, from the joint, in its bone's frame [mm of the mean adult's right hand]; 0 where absent"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""
@@ -74,6 +76,8 @@ class ArticulatedModel:
     """by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
+    offset: Floats[J, D3] | None = None
+    """where a detector sees each named joint, from it, in its bone's frame [m]; None: at the joint"""
     superquadrics: Superquadrics | None = None
     """the parts of a body; hands have none"""
 
@@ -145,6 +149,11 @@ class ArticulatedModel:
     def joint_positions(self, bones: BonePoses) -> Floats[J, D3]:
         """Return the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
+
+    @property
+    def seen_point(self) -> Floats[J, D3]:
+        """Return what a detector means by each named joint, in its bone's frame [m]."""
+        return self.joint_point if self.offset is None else self.joint_point + self.offset
 
     @property
     def has_keypoints21(self) -> bool:

@@ -30,6 +30,7 @@ from handtrack.model.transform import Follows, build_transform
 MODELS = ("hand26", "glove9", "ball6", "body34")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
+_FARTHEST_OFFSET_MM = 100.0  # half a hand: beyond, a file is not meant
 
 
 def load_model(
@@ -75,12 +76,13 @@ def read_scale(path: Path) -> HandScale:
 def scale_from(data: Any, path: Path) -> HandScale:
     """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
-        odd = sorted(set(data) - {"overall", "parts", "proportions"})
+        odd = sorted(set(data) - {"overall", "parts", "proportions", "offsets_mm"})
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
         proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
-        size = HandScale(float(data["overall"]), parts, proportions)
+        offsets = {str(k): _vector(v) for k, v in data.get("offsets_mm", {}).items()}
+        size = HandScale(float(data["overall"]), parts, proportions, offsets)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
@@ -91,15 +93,23 @@ def scale_from(data: Any, path: Path) -> HandScale:
     return size
 
 
+def _vector(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    if not all(abs(value) < _FARTHEST_OFFSET_MM for value in (x, y, z)):
+        raise ValueError(f"an offset of {x:g}, {y:g}, {z:g} mm is no point of a hand")
+    return x, y, z
+
+
 def write_scale(path: Path, scale: HandScale) -> None:
     """Save a person's hand or body, to be named by `scale` in session.toml."""
     replace_text(path, json.dumps(scale_table(scale), indent=1) + "\n")
 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:
-    """Return what is saved of a person's size; a hand has no proportions."""
+    """Return what is saved of a person's size; a hand has no proportions, and offsets only where a detector saw it."""
     table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
-    return table | ({"proportions": scale.proportions} if scale.proportions else {})
+    table |= {"proportions": scale.proportions} if scale.proportions else {}
+    return table | ({"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {})
 
 
 @lru_cache(maxsize=8)
@@ -219,6 +229,13 @@ def _build(
             for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)
         ]
     )
+    seen = {name: _mirror(place, side) * _MM for name, place in size.offsets_mm.items()}
+    offset = np.stack(
+        [
+            seen.get(name, np.zeros(3)) * factor[names[b]]
+            for b, (name, _) in zip(joint_bone, joints, strict=True)
+        ]
+    )
     return ArticulatedModel(
         name=table["name"],
         side=side,
@@ -232,6 +249,7 @@ def _build(
         joint_names=tuple(name for name, _ in joints),
         joint_bone=joint_bone,
         joint_point=joint_point,
+        offset=offset if seen else None,
         kind=table.get("kind", "hand"),
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
         proportion_names=tuple(moves),

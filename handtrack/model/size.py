@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D7, B, Floats, N
+from handtrack.arrays import D3, D7, B, Floats, J, N
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
 
@@ -15,6 +15,9 @@ _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
 _ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
+# a detector's points lie 10 to 15 mm from the joints at the thumb's base and the knuckles, less elsewhere (measured with
+# MediaPipe's on two real hands): 10 mm root mean square, in three directions
+_OFFSET_SIGMA_M = 0.010 / np.sqrt(3.0)
 _SEGMENT_SIGMA = 0.06  # a segment's share of stature: about ±4 % (de Leva 1996), and markers differ
 
 _PARTS = {
@@ -25,7 +28,8 @@ _PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class SizeParameters:
-    """Deviations (N,) of a person from the mean adult: overall, of each part, of each internal proportion.
+    """Deviations (N,) of a person from the mean adult: overall, of each part, of each internal proportion; then of the places
+    where a detector sees joints.
 
     The first two are logarithms of factors over sigma: a bone grows about its proximal end by its part's factor, with
     all that is fixed to it, and so moves what hangs on it. Mathematics: docs/derivations/size.md.
@@ -33,25 +37,35 @@ class SizeParameters:
 
     model: ArticulatedModel
     """of any size; others are described by how much they have grown from it"""
+    seen: tuple[str, ...] = ()
+    """joints whose offsets are among the deviations"""
 
     @property
     def names(self) -> tuple[str, ...]:
         """(N,)"""
-        return ("overall", *self._sigmas, *self.model.proportion_names)
+        offsets = (f"{joint} {axis}" for joint in self.seen for axis in "xyz")
+        return ("overall", *self._sigmas, *self.model.proportion_names, *offsets)
 
     def deviations(self, scale: HandScale) -> Floats[N]:
         """Return how unusual a person is among adults; the inverse of `scale`."""
         logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
-        return np.array(logs + [scale.proportions.get(n, 0.0) for n in self.model.proportion_names])
+        logs += [scale.proportions.get(n, 0.0) for n in self.model.proportion_names]
+        offsets = [scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint in self.seen]
+        return np.concatenate([logs, np.ravel(offsets) * 1e-3 / _OFFSET_SIGMA_M])
 
     def scale(self, deviations: Floats[N]) -> HandScale:
         """Return the person that is so many standard deviations from the mean adult."""
+        deviations, offsets = np.split(deviations, [len(deviations) - 3 * len(self.seen)])
         split = 1 + len(self._sigmas)
         sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
         factors = np.exp(deviations[:split] * sigmas).tolist()
         moved = dict(zip(self.model.proportion_names, deviations[split:].tolist(), strict=True))
-        return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved)
+        places = (offsets * _OFFSET_SIGMA_M * 1e3).reshape(-1, 3).tolist()
+        seen = self.model.scale.offsets_mm | {
+            joint: (x, y, z) for joint, (x, y, z) in zip(self.seen, places, strict=True)
+        }
+        return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved, seen)
 
     def grown(self, deviations: Floats[N]) -> ArticulatedModel:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
@@ -60,10 +74,26 @@ class SizeParameters:
         offset = skeleton.offset
         if self.model.proportion_moves is not None:
             moves = self.model.proportion_moves
-            offset = offset + np.tensordot(more[-len(moves) :], moves, axes=1)
+            offset = offset + np.tensordot(more[self._proportions], moves, axes=1)
         offset = offset * growth[skeleton.parent][:, None]
         larger = replace(skeleton, offset=offset, length=skeleton.length * growth, growth=growth)
-        return replace(self.model, skeleton=larger, scale=self.scale(deviations))
+        seen = self.model.offset
+        if self.seen:
+            seen = (0.0 if seen is None else seen) + self.offset_moves @ more
+        return replace(self.model, skeleton=larger, scale=self.scale(deviations), offset=seen)
+
+    @cached_property
+    def offset_moves(self) -> Floats[J, D3, N]:
+        """By how much each of the deviations moves the points that a detector sees, in their bones' frames, before these grow [m]."""
+        model = self.model
+        moves = np.zeros((len(model.joint_names), 3, len(self.names)))
+        mirror = np.array([-1.0 if model.side == "left" else 1.0, 1.0, 1.0])
+        for k, name in enumerate(self.seen):
+            joint = model.joint_names.index(name)
+            factor = model.scale.factor(model.groups[model.joint_bone[joint]])
+            first = len(self.names) - 3 * (len(self.seen) - k)
+            moves[joint, :, first : first + 3] = np.diag(_OFFSET_SIGMA_M * factor * mirror)
+        return moves
 
     def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
         """Return what each of the deviations adds to a bone's (v, ω, σ), world axes, about bones.reference.
@@ -79,12 +109,17 @@ class SizeParameters:
             moved[bone] = moved[above] + along[:, None] * rates[above]
             if moves is not None:
                 turned = bones.rotation[above] @ moves[:, bone].T
-                moved[bone, :, -len(moves) :] += growth[above] * turned
+                moved[bone, :, self._proportions] += growth[above] * turned
         twists = np.zeros((len(moved), 7, rates.shape[1]))
         arm = bones.position - bones.reference
         twists[:, :3] = moved - arm[:, :, None] * rates[:, None, :]
         twists[:, 6] = rates
         return twists
+
+    @property
+    def _proportions(self) -> slice:
+        first = 1 + len(self._sigmas)
+        return slice(first, first + len(self.model.proportion_names))
 
     @property
     def _is_hand(self) -> bool:

@@ -172,7 +172,7 @@ def _overlaps(term: CollisionTerm) -> Overlaps:
 def _observations(
     model: ArticulatedModel, observed: Sequence[Keypoints | ImageKeypoints]
 ) -> dict[str, Any]:
-    rows: list[tuple[int, int, Floats, float]] = []
+    rows: list[tuple[tuple[int, bool], int, Floats, float]] = []
     cameras = [seen.camera for seen in observed if isinstance(seen, ImageKeypoints)]
     for seen in observed:
         in_space = isinstance(seen, Keypoints)
@@ -187,15 +187,18 @@ def _observations(
             if np.isfinite(place).all():
                 target = np.zeros(3)
                 target[: len(place)] = place
-                rows.append((model.joint_names.index(name), index, target, 1.0 / sigma**2))
+                meant = (model.joint_names.index(name), in_space)
+                rows.append((meant, index, target, 1.0 / sigma**2))
     rows.sort(key=lambda row: (row[0], row[1]))
-    joints = sorted({row[0] for row in rows})
-    starts = np.searchsorted([row[0] for row in rows], joints)
+    meant = sorted({row[0] for row in rows})
+    starts = np.cumsum([0, *(sum(row[0] == m for row in rows) for m in meant)])
+    joints = [joint for joint, _ in meant]
+    points = [(model.joint_point if given else model.seen_point)[joint] for joint, given in meant]
     count = len(cameras)
     return {
         "point_bone": np.asarray(model.joint_bone[joints], dtype=np.int64),
-        "point": np.ascontiguousarray(model.joint_point[joints], dtype=float).reshape(-1, 3),
-        "seen_start": np.concatenate([starts, [len(rows)]]).astype(np.int64),
+        "point": np.array(points, dtype=float).reshape(-1, 3),
+        "seen_start": starts.astype(np.int64),
         "camera": np.array([row[1] for row in rows], dtype=np.int64),
         "target": np.array([row[2] for row in rows], dtype=float).reshape(-1, 3),
         "information": np.array([row[3] for row in rows], dtype=float),

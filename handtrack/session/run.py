@@ -25,11 +25,13 @@ from handtrack.session.seen.look_ahead import LookAhead
 from handtrack.session.seen.seen_keypoints import of_model
 from handtrack.session.session import Session
 from handtrack.session.sizing import (
+    MOST_BY_JOINTS,
     MOST_FRAMES,
     TRACKED_SHARE,
     Tell,
+    posed_by_joints,
     size_of_frames,
-    stretch_after,
+    tracked_for_size,
 )
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.hand_distance import hand_distance
@@ -85,49 +87,49 @@ class TrackingRun:
 
     @property
     def size_is_open(self) -> bool:
-        """Whether session and settings ask for the hand's size to be fitted."""
-        return self.session.hand_scale == "fit" and self.settings.model.fit_size != "false"
+        """Whether session and settings ask for the hand's size to be fitted, or where a detector sees its joints."""
+        if self.settings.model.fit_size == "false":
+            return False
+        return self.session.hand_scale == "fit" or (self.sees_joints and not self.scale.offsets_mm)
+
+    @property
+    def sees_joints(self) -> bool:
+        """Whether a detector's joints of a whole hand are looked at."""
+        if self.settings.keypoints.weight == 0 or not self.model.has_keypoints21:
+            return False
+        return any(view.keypoint_files is not None for view in self.session.views)
 
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
         frames: range | None = None,
-        most: int = MOST_FRAMES,
+        most: int | None = None,
         tell: Tell | None = None,
         tracked: Iterable[FrameResult] | None = None,
     ) -> TrackingRun:
         """Return the run for the hand size that explains some frames best; the same run where none can tell it.
 
-        Takes frames that are tracked, or tracks `frames` (a stretch after the first pose unless given) with the size at
-        hand; then fits size and poses of at most `most` of them, evenly spread, together. tell: is called with the share
+        Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints of two cameras say; or
+        tracks `frames` (a stretch after the first pose unless given) with the size at hand. Then fits size and poses of at
+        most `most` of them, evenly spread, together; where a detector sees the joints is found with them. tell: is called with the share
         that is done, 0 to 1, and what is done in words.
         """
         say = tell or (lambda share, words: None)
-        share = 0.0
+        share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
-            share = TRACKED_SHARE
-            tracked = self._tracked_for_size(frames, should_stop, say)
+            tracked = posed_by_joints(self, frames or self.session.frame_range, should_stop)
+            if not tracked:
+                share = TRACKED_SHARE
+                tracked = tracked_for_size(self, frames, should_stop, say)
         scale = size_of_frames(
-            self, tracked, most, should_stop, lambda done, words: say(share + (1 - share) * done, words)
+            self, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words)
         )  # fmt: skip
         return self if scale is None else self.with_scale(scale)
-
-    def _tracked_for_size(
-        self, frames: range | None, should_stop: Callable[[], bool] | None, tell: Tell
-    ) -> list[FrameResult]:
-        start, params = self.initial()
-        frames = frames or stretch_after(start, self.session.frame_count)
-        results: dict[int, FrameResult] = {}
-        for result in self.track(frames, start, params, should_stop):
-            results[result.frame] = result
-            done, count = len(results), len(frames)
-            tell(TRACKED_SHARE * done / count, f"{done} of {count} frames tracked")
-        return list(results.values())
 
     def seen_at(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
-        return _seen(self.session, self.settings, result.frame, self._near(bones))
+        return self._named(_seen(self.session, self.settings, result.frame, self._near(bones)))
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""

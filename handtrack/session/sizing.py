@@ -1,4 +1,4 @@
-"""A person's hand size from tracked frames: which of them can tell it, and what it is."""
+"""A person's hand size from tracked frames: which of them can tell it, and what it is, a detector's offsets with it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import HandScale
-from handtrack.observation.observation import Observation
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
+from handtrack.session.first_pose.image_first_pose import pose_in_space
+from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.size.size import refine_scale
 
 if TYPE_CHECKING:
@@ -19,16 +23,57 @@ Tell = Callable[[float, str], None]
 """is given the share that is done, 0 to 1, and what is done in words"""
 MOST_FRAMES = 8
 """that are used: neighbours show the same"""
+MOST_BY_JOINTS = 16
+"""that are used where joints are their first poses: spread over all of a recording, they show different postures"""
 TRACKED_SHARE = 0.6
 """of the time that a fit takes, where its frames are to be tracked first"""
 _STRETCH = 40  # frames tracked to fit the hand's size
 _ANGLE = np.deg2rad(20.0)  # between two lines of sight
+_FEWEST_BY_JOINTS = 4  # frames; fewer do not tell an offset from a posture
 
 
 def stretch_after(start: int, count: int) -> range:
     """Return the frames to be tracked for a fit: some after the first pose, or the last ones of all."""
     after = range(start, min(start + _STRETCH, count))
     return after if len(after) > 1 else range(max(count - _STRETCH, 0), count)
+
+
+def tracked_for_size(
+    run: TrackingRun, frames: range | None, should_stop: Callable[[], bool] | None, tell: Tell
+) -> list[FrameResult]:
+    """Return frames tracked from the first pose, a stretch after it unless given."""
+    start, params = run.initial()
+    frames = frames or stretch_after(start, run.session.frame_count)
+    results: dict[int, FrameResult] = {}
+    for result in run.track(frames, start, params, should_stop):
+        results[result.frame] = result
+        done, count = len(results), len(frames)
+        tell(TRACKED_SHARE * done / count, f"{done} of {count} frames tracked")
+    return list(results.values())
+
+
+def posed_by_joints(
+    run: TrackingRun, frames: range, should_stop: Callable[[], bool] | None
+) -> list[FrameResult]:
+    """Return frames spread evenly over `frames` at the poses that joints of two cameras say; none where too few have any.
+
+    They are not tracked yet: what else was seen of them is for the fit to meet.
+    """
+    posed: list[FrameResult] = []
+    if not run.sees_joints or len(run.session.views) < 2:
+        return posed
+    (hand, *_) = run.whole_hands()
+    chosen = np.unique(np.linspace(frames.start, frames.stop - 1, 2 * MOST_BY_JOINTS).round())
+    for frame in chosen.astype(int).tolist():
+        if should_stop is not None and should_stop():
+            return []
+        seen = run.seen(frame)
+        joints = _joints(seen)
+        found = pose_in_space(run.settings, hand, frame, joints) if joints else None
+        if found is not None:
+            params = carried_over(hand, found.params, run.model)
+            posed.append(posed_result(run.model, seen, params, Status.TRACKED, None))
+    return posed if len(posed) >= _FEWEST_BY_JOINTS else []
 
 
 def size_of_frames(
@@ -40,13 +85,15 @@ def size_of_frames(
 ) -> HandScale | None:
     """Return the size that explains at most so many of the frames best, evenly spread; None where none can tell it.
 
-    Seen from around, every finger has a size of its own; clouds are one-sided and tell the whole hand's only.
+    Seen from around, every finger has a size of its own; clouds are one-sided and tell the whole hand's only. Where a
+    detector's joints are seen from around, where it sees them is found with the size; or alone, if that is given.
     """
     tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
     seen = [(result, run.seen_at(result)) for result in _spread(tracked, most)]
     around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
     used = around or [pair for pair in seen if pair[1].cloud is not None]
-    if not used:
+    joints = _joints_around(used) if run.sees_joints else ()
+    if not used or not (run.session.hand_scale == "fit" or joints):
         return None
     return refine_scale(
         lambda size: run.with_scale(size).model,
@@ -57,6 +104,8 @@ def size_of_frames(
         should_stop,
         parts=bool(around),
         tell=tell,
+        seen=joints,
+        sizes=run.session.hand_scale == "fit",
     )
 
 
@@ -67,13 +116,29 @@ def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
 
 
+def _joints_around(used: Sequence[tuple[FrameResult, Observation]]) -> tuple[str, ...]:
+    """Return the joints that a detector saw in frames enough, from directions that differ enough."""
+    sets = [_joints(known) for result, known in used if _apart(_joints(known), result)]
+    if len(sets) < _FEWEST_BY_JOINTS:
+        return ()
+    return tuple(dict.fromkeys(name for points in sets for p in points for name in p.names))
+
+
 def _seen_around(seen: Observation, result: FrameResult) -> bool:
-    """Return whether silhouettes show the hand from directions that differ enough to tell its size.
+    """Return whether silhouettes, or joints, show the hand from directions that differ enough to tell its size.
 
     From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
     """
+    return _apart([*seen.silhouettes, *_joints(seen)], result)
+
+
+def _joints(seen: Observation) -> list[ImageKeypoints]:
+    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
+
+
+def _apart(views: Sequence[Silhouette | ImageKeypoints], result: FrameResult) -> bool:
     middle = result.joint_positions.mean(axis=0)
-    sights = [middle - silhouette.camera.centre for silhouette in seen.silhouettes]
+    sights: list[Floats[D3]] = [middle - view.camera.centre for view in views]
     sights = [sight / np.linalg.norm(sight) for sight in sights]
     least = min((float(a @ b) for a in sights for b in sights), default=1.0)
     return least < np.cos(_ANGLE)

@@ -171,6 +171,28 @@ def spread_mm(model, **by_joint):
     return np.array(total)[:, None, None] ** 2 * 1e-6 * np.eye(3) / 3.0
 
 
+def test_a_finger_that_a_mask_lacks_is_where_a_detector_sees_it(seen):
+    """Joints in the same image say so; not in another one, nor joints that lie elsewhere."""
+    bones = MODEL.bones(POSE)
+    tip, camera = MODEL.joint_names.index("index_tip"), seen.silhouettes[0].camera
+    points = MODEL.joint_positions(bones)
+    row, column = camera.project(points[tip]).round().astype(int)[::-1]
+    mask = seen.silhouettes[0].mask.copy()
+    mask[max(row - 20, 0) : row + 21, max(column - 20, 0) : column + 21] = 0.0
+    lacking = replace(seen, silhouettes=(replace(seen.silhouettes[0], mask=mask),))
+    status, note = assessed(lacking)
+    assert status == Status.DOUBTFUL
+    assert "outside the silhouette" in note
+
+    def with_joints(camera, moved=0.0):
+        pixels = camera.project(points) + moved
+        return replace(lacking, keypoints=(ImageKeypoints(camera, MODEL.joint_names, pixels, 2.0),))
+
+    assert assessed(with_joints(camera)) == (Status.TRACKED, "")
+    assert assessed(with_joints(CAMERAS[1].without_distortion()))[0] == Status.DOUBTFUL
+    assert assessed(with_joints(camera, 20.0))[0] == Status.DOUBTFUL
+
+
 def test_what_is_open_is_named():
     open_fingers = spread_mm(MODEL, ring_mcp=5.0, little_mcp=5.0, ring=40.0, little=40.0)
     ring_and_little = "what was seen leaves the ring and little finger open: ± 40 mm"

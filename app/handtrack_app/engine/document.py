@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import scale_table
+from handtrack.model.model_file import scale_from, scale_table
 from handtrack.model.pose_library import pose_names
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -178,8 +179,8 @@ class Document:
     def _size_of(self, value: Value) -> tuple[HandScale, bool]:
         if value is None:
             return self._own_size
-        moved = dict(value.get("proportions", {}))
-        scale = HandScale(float(value["overall"]), dict(value["parts"]), moved)
+        size = {key: part for key, part in value.items() if key != "pending"}
+        scale = scale_from(size, Path("the saved size"))
         return scale, bool(value.get("pending", False))
 
     def _clouds_of(self, value: Value) -> CloudSettings | None:

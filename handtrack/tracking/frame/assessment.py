@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, Ints, J, N
+from handtrack.arrays import D3, Array, C, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints
@@ -33,6 +33,7 @@ _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
 )
 _DOUBTFUL = 2.0  # times the usual energy: say so
+_FEWEST_JOINTS = 2  # of a part that say where it is: its direction, too
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
 
@@ -56,19 +57,38 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
 
     A part that is hidden in a view is still inside the outline of what hides it; so wherever it really is, each mask
     covers all of it. The overlap of the whole outlines hardly changes when a finger or a body's arm is lost.
-    Of three and more views two must say so: a mask may lack a finger.
+    Of three and more views two must say so: a mask may lack a finger; so it does where a detector sees in the same image
+    the part's joints where the model has them.
     """
     worst, reason = DOUBTFUL_PART, None
     names, parts = _parts(terms.model)
     overlaps = parts_overlap(terms.prepared, terms.model.flesh["fine"], parts, bones)
-    for bone, found in zip(names, overlaps, strict=True):
+    detected = _detected(terms, names, bones)
+    for bone, found, by_joints in zip(names, overlaps, detected, strict=True):
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
+        inside[by_joints] = 1.0
         view = int(np.argsort(inside)[1 if len(inside) > 2 else 0])
         if inside[view] < worst:
             worst = inside[view]
             camera = terms.prepared[view].camera
             reason = Reason("part outside", bone.replace("_", " "), camera.name, float(1 - worst))
     return reason
+
+
+def _detected(terms: FrameTerms, names: Sequence[str], bones: BonePoses) -> Array[N, C]:
+    """Return in which silhouettes' images each bone, and the one it hangs on, are where a detector sees all of their joints."""
+    model, skeleton = terms.model, terms.model.skeleton
+    near = np.zeros((len(model.joint_names), len(terms.prepared)), int)  # 1 near, -1 elsewhere
+    for term in terms.keypoints:
+        if isinstance(term.observed, ImageKeypoints):
+            joint, off = term.misses(bones)
+            views = [p.camera.name == term.observed.camera.name for p in terms.prepared]
+            near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
+    detected = np.zeros((len(names), len(terms.prepared)), bool)
+    for row, bone in enumerate(map(skeleton.bone, names)):
+        part = near[np.isin(model.joint_bone, [bone, skeleton.parent[bone]])]
+        detected[row] = ((part > 0).sum(axis=0) >= _FEWEST_JOINTS) & (part >= 0).all(axis=0)
+    return detected
 
 
 @lru_cache(maxsize=8)
@@ -93,9 +113,8 @@ def assess(
         return _by_keypoints(terms, bones)
     if not terms.views:
         return Status.DOUBTFUL, Reason("given keypoints")
-    status, reason = max(
-        (_by_outline(terms, bones), _by_cloud(terms, bones)), key=lambda found: found[0]
-    )
+    found = [_by_outline(terms, bones), _by_cloud(terms, bones)]
+    status, reason = max(found, key=lambda one: one[0])
     ratio = energy_ratio(energy, terms.views, previous)
     if status == Status.TRACKED and ratio > _DOUBTFUL:
         return Status.DOUBTFUL, Reason("energy", number=ratio)
@@ -150,9 +169,7 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason |
     """Judge by the share of points that lie where they are seen; robust terms let go of the others."""
     near, known = 0, 0
     for term in terms.keypoints:
-        rows = term.rows(bones)
-        width = 2 if isinstance(term.observed, ImageKeypoints) else 3
-        off = np.linalg.norm(rows.residual.reshape(-1, width), axis=1)
+        _, off = term.misses(bones)
         near, known = near + int((off < NEAR_SIGMAS).sum()), known + len(off)
     share = near / max(known, 1)
     reason = Reason("keypoints", number=share, other=known)

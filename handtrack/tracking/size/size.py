@@ -33,12 +33,15 @@ def refine_scale(
     should_stop: Callable[[], bool] | None = None,
     parts: bool = True,
     tell: Callable[[float, str], None] | None = None,
+    seen: tuple[str, ...] = (),
+    sizes: bool = True,
 ) -> HandScale:
     """Return the hand that explains the frames best, from `scale` on, with the poses moving along.
 
     poses: solver parameters of each observation, already tracked. Adults' spread is the prior. parts: fingers and
     forearm have sizes of their own; otherwise they keep those they have, and all grow together. tell: is called with
-    the share that is done, 0 to 1, and what is done in words, after each frame that was fitted to a size.
+    the share that is done, 0 to 1, and what is done in words, after each frame that was fitted to a size. seen: joints of
+    which it is found too where a detector sees them; sizes: if not, this alone is found.
     """
     usual = _USUAL_SIZES * len(poses)
     solver = replace(settings.solver, iterations=_POSE_ITERATIONS)
@@ -53,12 +56,14 @@ def refine_scale(
 
         model = build(scale)
         problems = [
-            _problem(model, settings, band, seen, pose)
-            for seen, pose in zip(observations, current, strict=True)
+            _problem(model, settings, band, observed, pose)
+            for observed, pose in zip(observations, current, strict=True)
         ]
         names = SizeParameters(model).names
-        free = np.array([parts or name == "overall" for name in names])
-        scale, current = fit_size(problems, current, free, solver, should_stop, _LEAST_GAIN, fitted)
+        free = [sizes and (parts or name == "overall") for name in names] + [True] * (3 * len(seen))
+        scale, current = fit_size(
+            problems, current, np.array(free), solver, should_stop, _LEAST_GAIN, fitted, seen
+        )
     return scale
 
 

@@ -15,7 +15,8 @@ from handtrack.model.size import SizeParameters
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.term import GrowingTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.term import GrowingTerm, ObservationTerm
 
 _FARTHEST = 4.0  # standard deviations from the mean adult
 _POSES = SolverSettings(iterations=15, damping=1e-3)
@@ -38,15 +39,16 @@ def fit_size(
     should_stop: Callable[[], bool] | None = None,
     least_gain: float = 0.0,
     tell: Callable[[int], None] | None = None,
+    seen: tuple[str, ...] = (),
 ) -> tuple[HandScale, list[Floats[P]]]:
     """Return the person who explains all frames best, and the poses of each frame.
 
     problems: of each frame, all of one model; its size and `poses` are where the search starts. free: which of the
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
     least_gain: [log-likelihood] a step that brings less is the last. tell: is called after each frame that was fitted to
-    a size, with their number so far.
+    a size, with their number so far. seen: joints whose offsets, where a detector sees them, are found too.
     """
-    size = SizeParameters(problems[0].model)
+    size = SizeParameters(problems[0].model, seen)
     start = size.deviations(size.model.scale)
     every = np.ones(len(start), bool) if free is None else free
     problem = SizedProblem(problems, poses, size, every, solver, should_stop, tell)
@@ -139,7 +141,7 @@ class SizedProblem:
         change = (deviations - around.deviations)[self.free]
         cost, poses = 0.5 * float(deviations @ deviations), []
         for problem, pose, follow in zip(self.problems, around.poses, around.follow, strict=True):
-            sized = Problem(model, problem.observation_terms, problem.parameter_terms)
+            sized = Problem(model, terms_of(problem, model), problem.parameter_terms)
             found = solve(sized, pose + follow @ change, self.solver, self.should_stop)
             cost += found.cost
             poses.append(found.params)
@@ -166,11 +168,18 @@ def linearize_sized(
     bones, twists, joint = model.linearize(pose)
     count, growth = twists.shape[2], size.twists(bones)[:, :, free]
     jacobian = np.concatenate([np.pad(twists, ((0, 0), (0, 1), (0, 0))), growth], axis=2)
+    moves = np.concatenate(
+        [np.zeros((len(model.joint_names), 3, count)), size.offset_moves[:, :, free]], axis=2
+    )
     seen = BoneSystem.zero(len(bones.position), 7)
-    for term in problem.observation_terms:
+    points: list[JointSystem] = []
+    for term in terms_of(problem, model):
+        if size.seen and isinstance(term, KeypointTerm):
+            points.append(term.linearize_sized(bones, jacobian, moves))
+            continue
         assert isinstance(term, GrowingTerm), term.name
         seen = seen + term.linearize_growth(bones)
-    system = seen.pull_back(jacobian)
+    system = sum(points, seen.pull_back(jacobian))
     gradient, hessian, cost = system.gradient, system.hessian, system.cost
     for prior in problem.parameter_terms:
         known = prior.linearize(joint)
@@ -181,6 +190,14 @@ def linearize_sized(
     matrix[:count, : len(pose)] = model.transform.matrix
     matrix[count:, len(pose) :] = np.eye(growth.shape[2])
     return JointSystem(cost, gradient, hessian).pull_back(matrix)
+
+
+def terms_of(problem: Problem, model: ArticulatedModel) -> list[ObservationTerm]:
+    """Return a problem's terms of what was seen, where the joints that a detector means are this model's."""
+    return [
+        replace(term, model=model) if isinstance(term, KeypointTerm) else term
+        for term in problem.observation_terms
+    ]
 
 
 def _off_limits(model: ArticulatedModel, pose: Floats, gradient: Floats) -> Array:

@@ -1,0 +1,70 @@
+"""A session whose cameras have a detector's joints: where it sees them is found before tracking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.capture.images.openpose import write_hand
+from handtrack.files.toml_edit import edit_toml
+from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.model_file import load_model, write_scale
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.simulation.motion import motion
+from handtrack.simulation.simulate import Simulation, simulate
+
+OFFSETS = {
+    "thumb_mcp": (4.0, 8.0, -4.0), "index_mcp": (0.0, -9.0, 6.0), "little_pip": (0.0, 8.0, 0.0)
+}  # fmt: skip
+WHAT = Simulation(cameras=2, frames=16, size=(320, 240), images=False, seed=3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A simulated hand of a given size, and what a detector with offsets sees of it in two cameras."""
+    made = simulate(tmp_path_factory.mktemp("joints") / "session", WHAT)
+    rig, rng = Session.open(made).rig, np.random.default_rng(1)
+    hand = load_model(scale=HandScale(1.0, {}, {}, OFFSETS))
+    rows = [hand.joint_names.index(name) for name in keypoint_names()]
+    poses = motion(hand, WHAT.motion, WHAT.frames, np.random.default_rng(WHAT.seed))
+    changes = {}
+    for number, camera in enumerate(rig.cameras):
+        changes[f"camera.{number}.keypoints"] = f"keypoints/{camera.name}/*.json"
+        changes[f"camera.{number}.keypoint_layout"] = "mediapipe21"
+        (made / "keypoints" / camera.name).mkdir(parents=True)
+        for frame, pose in enumerate(poses):
+            bones = hand.bones(hand.transform.solver_params(pose))
+            points = bones.to_world(hand.joint_bone, hand.seen_point)[rows]
+            pixels = camera.project(points) + rng.normal(scale=0.5, size=(21, 2))
+            path = made / "keypoints" / camera.name / f"{frame:06d}.json"
+            write_hand(path, np.column_stack([pixels, np.ones(21)]), "right", "test")
+    edit_toml(made / "session.toml", changes, "a session's settings")
+    return made
+
+
+def missed_mm(scale, joint):
+    return float(np.linalg.norm(np.subtract(scale.offsets_mm[joint], OFFSETS[joint])))
+
+
+@pytest.mark.parametrize("use", [{}, {"silhouettes.weight": 0}], ids=["masks too", "joints alone"])
+def test_offsets_are_found_though_the_size_is_given(folder, use):
+    run = TrackingRun.open(Session.open(folder), {"keypoints.sigma_px": 1.0, **use})
+    assert (run.scale.overall, set(run.scale.parts.values()) | {1.0}) == (1.0, {1.0})
+    for joint, true in OFFSETS.items():
+        assert missed_mm(run.scale, joint) < 0.6 * np.linalg.norm(true), joint
+    assert set(run.scale.offsets_mm) == set(keypoint_names())
+
+
+def test_nothing_is_fitted_where_that_is_not_wished(folder):
+    session = Session.open(folder)
+    assert TrackingRun.open(session, {"model.fit_size": "false"}).scale == HandScale()
+    assert TrackingRun.open(session, {"keypoints.weight": 0}).scale == HandScale()
+
+
+def test_a_saved_hand_brings_its_offsets(folder):
+    saved = HandScale(1.0, {}, {}, OFFSETS)
+    write_scale(folder / "hand.json", saved)
+    edit_toml(folder / "session.toml", {"hand.scale": "hand.json"}, "a session's settings")
+    run = TrackingRun.open(Session.open(folder))
+    assert (run.scale, run.size_is_open) == (saved, False)

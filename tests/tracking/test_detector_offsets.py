@@ -1,0 +1,107 @@
+"""A detector's points lie beside our joints: constant offsets, found together with the size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.model_file import load_model, scale_from, scale_table
+from handtrack.model.size import SizeParameters
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.solver.levenberg_marquardt import solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.size.sized_problem import fit_size, linearize_sized
+from tests.derivatives import check_gradient
+
+NAMES = keypoint_names()
+OFFSETS = {
+    "thumb_cmc": (6.0, 9.0, -4.0),
+    "index_mcp": (-2.0, -9.0, 6.0),
+    "ring_pip": (0.0, 5.0, 0.0),
+}
+CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
+
+
+def frames(rng, side="right", count=6, noise_px=0.5):
+    """Problems of the mean hand around what a detector with offsets sees of a larger one; the poses they are from."""
+    filmed = load_model("hand26", side, HandScale(1.06, {}, {}, OFFSETS))
+    model, sigma = load_model("hand26", side), np.full(26, 0.7)
+    sigma[:6] = np.inf
+    problems, poses = [], []
+    for _ in range(count):
+        joint = filmed.rest + rng.normal(scale=0.4, size=26)
+        joint[:3] = rng.normal(scale=0.02, size=3)
+        pose = filmed.clipped(filmed.transform.solver_params(joint))
+        points = filmed.bones(pose).to_world(filmed.joint_bone, filmed.seen_point)
+        rows = [filmed.joint_names.index(name) for name in NAMES]
+        terms = [
+            KeypointTerm(model, ImageKeypoints(c, NAMES, pixels + rng.normal(scale=noise_px, size=(21, 2)), 1.0))
+            for c in CAMERAS
+            for pixels in [c.project(points[rows])]
+        ]  # fmt: skip
+        problems.append(Problem(model, terms, [GaussianPrior(model.rest, sigma)]))
+        poses.append(pose)
+    return problems, poses
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_derivatives_by_pose_size_and_offsets(rng, side):
+    problems, poses = frames(rng, side, 1)
+    size = SizeParameters(problems[0].model, NAMES)
+    every = np.ones(len(size.names), bool)
+    deviations = rng.normal(scale=0.5, size=len(size.names))
+
+    def cost(both):
+        model = size.grown(both[26:])
+        terms = [KeypointTerm(model, t.observed) for t in problems[0].observation_terms]
+        return Problem(model, terms, problems[0].parameter_terms).cost(both[:26])
+
+    system = linearize_sized(problems[0], size.grown(deviations), size, every, poses[0])
+    both = np.concatenate([poses[0], deviations])
+    assert system.cost == pytest.approx(cost(both))
+    names = (*problems[0].model.transform.names, *size.names)
+    check_gradient(cost, system.gradient, both, names)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_offsets_of_a_person_are_those_of_the_model(rng, side):
+    size = SizeParameters(load_model("hand26", side, HandScale(1.1, {"thumb": 0.9})), NAMES)
+    scale = size.scale(rng.normal(size=len(size.names)))
+    grown, built = size.grown(size.deviations(scale)), load_model("hand26", side, scale)
+    params = built.rest_params()
+    here, there = grown.bones(params), built.bones(params)
+    ours = here.to_world(grown.joint_bone, grown.seen_point)
+    theirs = there.to_world(built.joint_bone, built.seen_point)
+    np.testing.assert_allclose(ours, theirs, atol=1e-12)
+    assert np.abs(ours - grown.joint_positions(here)).max() > 1e-3
+    assert scale_from(scale_table(scale), Path("hand.json")) == scale
+
+
+def test_offsets_and_size_are_found(rng):
+    problems, poses = frames(rng)
+    scale, _ = fit_size(problems, poses, seen=NAMES)
+    plain, _ = fit_size(problems, poses)
+    for joint, true in OFFSETS.items():
+        assert np.linalg.norm(np.subtract(scale.offsets_mm[joint], true)) < 0.6 * np.linalg.norm(
+            true
+        ), joint
+    assert scale.overall == pytest.approx(1.06, abs=0.03)
+    assert missed(problems, poses, scale) < 0.25 * missed(problems, poses, plain)
+    assert plain.offsets_mm == {}
+
+
+def missed(problems, poses, scale):
+    """Return the mean square of what a person's points miss the pixels by, at the best poses."""
+    size = SizeParameters(problems[0].model, NAMES)
+    model, total = size.grown(size.deviations(scale)), 0.0
+    for problem, pose in zip(problems, poses, strict=True):
+        terms = [KeypointTerm(model, t.observed) for t in problem.observation_terms]
+        params = solve(Problem(model, terms, problem.parameter_terms), pose).params
+        total += sum(t.cost(model.bones(params)) for t in terms)
+    return total
