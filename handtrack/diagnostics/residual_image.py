@@ -82,7 +82,7 @@ def residual_picture(
     image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, mask: Array[H, W]
 ) -> Bytes[H, W, D3]:
     """Return the picture RGB with the disagreement of hard outline and mask painted over it."""
-    residual = mask - model_mask(camera, flesh).astype(float)
+    residual = np.where(mask < 0, 0.0, mask - model_mask(camera, flesh).astype(float))
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
     return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
+
+UNKNOWN = np.float32(-1.0)
+"""in a silhouette's mask: hand or background, nobody knows; the lowest of its values, and the only one below 0"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,9 +21,17 @@ class Silhouette:
     camera: Camera
     """without distortion; its size is the mask's."""
     mask: Array[H, W]
-    """float32 in [0, 1]: how much of each undistorted pixel the hand covers."""
+    """float32 in [0, 1]: how much of each undistorted pixel the hand covers; UNKNOWN where nobody can tell, which counts as
+    little as what was not observed."""
     valid: Ints[H, D2]
     """int32: per row the half-open column span that was really observed; equal ends where none."""
+
+    @property
+    def known(self) -> Array[H, W]:
+        """Whether each pixel was observed, and is known to be hand or background."""
+        column = np.arange(self.mask.shape[1])
+        seen = (column >= self.valid[:, :1]) & (column < self.valid[:, 1:])
+        return seen & (self.mask >= 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D2, Array, Axes, Bytes, H, Ints, W, check_shape
 from handtrack.geometry.camera import Camera
-from handtrack.observation.observation import ImageView, Silhouette
+from handtrack.observation.observation import UNKNOWN, ImageView, Silhouette
 
 Roi = tuple[int, int, int, int]
 """x, y, width, height [px] in the real, distorted image."""
@@ -26,12 +26,15 @@ class _Maps(NamedTuple):
     valid: Ints
 
 
-def undistort_silhouette(camera: Camera, mask: Bytes[H, W], roi: Roi | None = None) -> Silhouette:
+def undistort_silhouette(
+    camera: Camera, mask: Bytes[H, W], roi: Roi | None = None, unknown: int | None = None
+) -> Silhouette:
     """Return the silhouette of a mask uint8, 0 background to 255 hand, of the real image.
 
     Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
     largest run of pixels that come from inside the image and the region of interest. Without
-    distortion the mask passes unchanged.
+    distortion the mask passes unchanged. unknown: the mask's value where nobody can tell; nor can
+    anybody of an undistorted pixel to which one of them adds.
     """
     width, height = camera.size
     check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
@@ -41,6 +44,13 @@ def undistort_silhouette(camera: Camera, mask: Bytes[H, W], roi: Roi | None = No
         coverage = cv2.remap(
             coverage, maps.x, maps.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
+    if unknown is not None:
+        unsure = (mask == unknown).astype(np.float32)
+        if maps.x is not None and maps.y is not None:
+            unsure = cv2.remap(
+                unsure, maps.x, maps.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+        coverage[unsure > 0] = UNKNOWN
     coverage.flags.writeable = False
     return Silhouette(maps.camera, coverage, maps.valid)
 

@@ -1,6 +1,7 @@
-"""How far a track of desk_two_view is from marks set by eye: pixels per landmark, overlap of the hand.
+"""How far a track of desk_two_view is from marks set and outlines drawn by eye: pixels per landmark, overlap of the hand.
 
-Run: python -m tests.benchmarks.desk_two_view POSES.npz (the session is found through HANDTRACK_DATA).
+Run: python -m tests.benchmarks.desk_two_view POSES.npz [SESSION], or with `-` in place of the poses for the masks alone.
+Without SESSION, whose masks are compared, it is the one found through HANDTRACK_DATA.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from handtrack.model.articulated import HandScale
@@ -20,12 +22,50 @@ from handtrack.simulation.render import pixel_rays, render_mask
 from handtrack.tracking.frame.result import TrackResult
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")
+OUTLINES = Path(__file__).with_name("desk_two_view_outlines.json")
+_SUBPIXEL_BITS = 4
 
 
 def read_marks() -> dict[int, dict[str, dict]]:
     """Return marks by frame and camera: landmark → (x, y, confidence), and `wrist_cut` → two points."""
     frames = json.loads(MARKS.read_text())["frames"]
     return {int(frame): views for frame, views in frames.items()}
+
+
+def read_outlines() -> dict[int, dict[str, np.ndarray]]:
+    """Return polygons (N, 2) [px] by frame and camera; the first and last point are the wrist cut."""
+    frames = json.loads(OUTLINES.read_text())["frames"]
+    return {
+        int(frame): {camera: np.array(points) for camera, points in views.items()}
+        for frame, views in frames.items()
+    }
+
+
+def drawn(polygon: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return the pixels (H, W) bool within a polygon; size: width, height."""
+    image = np.zeros(size[::-1], np.uint8)
+    points = np.rint(polygon * 2**_SUBPIXEL_BITS).astype(np.int32)
+    cv2.fillPoly(image, [points], 1, shift=_SUBPIXEL_BITS)
+    return image > 0
+
+
+def drawn_overlap(seen: np.ndarray, polygon: np.ndarray) -> float:
+    """Return the IoU of pixels (H, W) bool with the hand drawn by eye, both cut at the wrist."""
+    height, width = seen.shape
+    ends, middle = polygon[[0, -1]].tolist(), polygon.mean(axis=0)
+    truth = hand_side(drawn(polygon, (width, height)), ends, middle)
+    found = hand_side(seen, ends, middle)
+    return float((truth & found).sum() / (truth | found).sum())
+
+
+def compare_masks(session: Session) -> dict[tuple[int, str], float]:
+    """Return the IoU of the session's masks with the outlines drawn by eye, by frame and camera."""
+    return {
+        (frame, name): drawn_overlap(mask > 0, polygon)
+        for frame, views in read_outlines().items()
+        for name, polygon in views.items()
+        if (mask := session.mask(name, frame)) is not None
+    }
 
 
 def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
@@ -49,6 +89,14 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
     rows = {int(frame): i for i, frame in enumerate(track.frame)}
     rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
+    outlined = {}
+    for frame, views in read_outlines().items():
+        if frame in rows:
+            bones = model.bones(model.transform.solver_params(track.parameters[rows[frame]]))
+            flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
+            for name, polygon in views.items():
+                seen = render_mask(session.rig[name], flesh, rays[name]) > 0
+                outlined[frame, name] = drawn_overlap(seen, polygon)
     errors, overlaps, per_frame = [], [], {}
     names = [str(name) for name in track.joint_names]
     for frame, views in read_marks().items():
@@ -83,15 +131,32 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
         "iou_mean": float(np.mean(overlaps)),
         "iou_median": float(np.median(overlaps)),
         "iou_least": float(np.min(overlaps)),
+        "drawn_iou_mean": float(np.mean(list(outlined.values()) or [np.nan])),
+        "drawn_iou_least": float(np.min(list(outlined.values()) or [np.nan])),
+        "drawn": outlined,
         "frames": per_frame,
     }
 
 
+def print_drawn(what: str, shares: dict[tuple[int, str], float]) -> None:
+    """Print overlaps with the outlines drawn by eye, a line a camera."""
+    for name in sorted({name for _, name in shares}):
+        row = {frame: share for (frame, camera), share in shares.items() if camera == name}
+        print(f"{what} {name}, IoU with the drawn hand: ", end="")
+        print("  ".join(f"{frame}: {share:.3f}" for frame, share in sorted(row.items())))
+    if shares:
+        values = list(shares.values())
+        print(f"{what}: mean {np.mean(values):.3f}, least {np.min(values):.3f}")
+
+
 def main() -> None:
     data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    figures = compare(
-        read_npz(Path(sys.argv[1])), Session.open(data / "sessions" / "desk_two_view")
-    )
+    poses, *other = sys.argv[1:]
+    session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
+    print_drawn("masks", compare_masks(session))
+    if poses == "-":
+        return
+    figures = compare(read_npz(Path(poses)), session)
     for frame, (marks, shares) in figures.pop("frames").items():  # type: ignore[union-attr]
         values = np.array(list(marks.values()))
         worst = sorted(marks, key=lambda k: -marks[k])[:3]
@@ -100,6 +165,7 @@ def main() -> None:
             f"IoU {' '.join(f'{s:.2f}' for s in shares)}  worst: "
             + ", ".join(f"{k} {marks[k]:.0f}" for k in worst)
         )
+    print_drawn("model", figures.pop("drawn"))  # type: ignore[arg-type]
     print(figures)
 
 

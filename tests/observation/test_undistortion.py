@@ -8,6 +8,7 @@ import pytest
 from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
+from handtrack.observation.observation import UNKNOWN
 from handtrack.observation.undistortion import longest_runs, undistort_image, undistort_silhouette
 
 BARREL = np.array([-0.25, 0.05, 0.001, -0.001, 0.0])
@@ -27,6 +28,21 @@ def test_without_distortion_the_mask_passes_unchanged(rng: np.random.Generator) 
     np.testing.assert_array_equal(silhouette.mask, (mask > 0).astype(np.float32))
     np.testing.assert_array_equal(silhouette.valid, np.tile([0, 160], (120, 1)))
     assert silhouette.valid.dtype == np.int32
+
+
+@pytest.mark.parametrize("distortions", [None, BARREL], ids=["flat", "barrel"])
+def test_what_nobody_knows_stays_unknown(distortions: Array | None) -> None:
+    """And so does each undistorted pixel to which one such adds; the others are as without it."""
+    columns, rows = np.meshgrid(np.arange(160), np.arange(120))
+    mask = np.where(columns < 80, 255, 0).astype(np.uint8)
+    known = undistort_silhouette(make(distortions), mask)
+    ring = np.abs(np.hypot(columns - 80, rows - 60) - 30) < 3
+    seen = undistort_silhouette(make(distortions), np.where(ring, 128, mask), None, 128)
+    unknown = seen.mask < 0
+    assert (seen.mask[unknown] == UNKNOWN).all()
+    assert ring.sum() <= unknown.sum() < 1.6 * ring.sum()
+    np.testing.assert_array_equal(seen.mask[~unknown], known.mask[~unknown])
+    np.testing.assert_array_equal(seen.known, ~unknown & known.known)
 
 
 def test_a_region_of_interest_limits_what_is_valid() -> None:

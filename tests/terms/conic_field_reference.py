@@ -75,7 +75,9 @@ def dense_field(
 def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled, observed):
     width = silhouette.camera.size[0]
     rows, columns = np.nonzero(
-        (np.arange(width) >= silhouette.valid[:, :1]) & (np.arange(width) < silhouette.valid[:, 1:])
+        (np.arange(width) >= silhouette.valid[:, :1])
+        & (np.arange(width) < silhouette.valid[:, 1:])
+        & (observed <= 0)
     )
     lowest = np.zeros(len(rows))  # eq. 18: 0 where no field is negative
     jacobian = np.zeros((len(rows), 6 * len(bones.position)))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Silhouette
+from handtrack.observation.observation import UNKNOWN, Silhouette
 from tests.derivatives import twisted
 
 BONES = 5
@@ -41,8 +41,11 @@ def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
     return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, distance]))
 
 
-def silhouette_of(rng, camera, full=False):
-    """Return a mask, smooth blobs of 0 … 1, with random spans (some rows not seen at all) unless `full`."""
+def silhouette_of(rng, camera, full=False, unknown=False):
+    """Return a mask, smooth blobs of 0 … 1, with random spans (some rows not seen at all) unless `full`.
+
+    unknown: nobody knows of two more blobs, across the others' outlines, and of single pixels.
+    """
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     mask = np.zeros((height, width))
@@ -61,13 +64,19 @@ def silhouette_of(rng, camera, full=False):
     valid = np.stack([np.minimum(begin, end), end], axis=1)
     if full:
         valid[:] = 0, width
+    if unknown:
+        for _ in range(2):
+            cu, cv = rng.uniform(0.3, 0.7, 2) * (width, height)
+            mask[np.hypot(u - cu, v - cv) < rng.uniform(4, 14)] = UNKNOWN
+        mask[rng.random(mask.shape) < 0.05] = UNKNOWN
     return Silhouette(camera, mask.astype(np.float32), valid.astype(np.int32))
 
 
-def silhouettes_of(rng, count=3, full=False, **camera):
+def silhouettes_of(rng, count=3, full=False, unknown=False, **camera):
     """Return silhouettes of several cameras."""
     return [
-        silhouette_of(rng, camera_of(rng, name=f"cam{i}", **camera), full) for i in range(count)
+        silhouette_of(rng, camera_of(rng, name=f"cam{i}", **camera), full, unknown)
+        for i in range(count)
     ]
 
 

@@ -222,9 +222,10 @@ def test_spans_are_cut_where_the_line_says(rng, line):
     np.testing.assert_array_equal((u >= cut[:, :1]) & (u < cut[:, 1:]), seen)
 
 
-def test_overlap_counts_pixels(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    seen = [replace(s, mask=(s.mask > 0.5).astype(np.float32)) for s in seen]
+@pytest.mark.parametrize("unknown", [True, False])
+def test_overlap_counts_pixels(rng, unknown):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, unknown=unknown)
+    seen = [replace(s, mask=np.sign(np.round(s.mask))) for s in seen]
     overlap = outline_overlap(seen, flesh, bones)
     for i, silhouette in enumerate(seen):
         dense = dense_field([silhouette], flesh, bones)

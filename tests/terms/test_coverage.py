@@ -35,6 +35,24 @@ def test_moments_equal_the_dense_jacobian(seed, band_px, antisymmetric):
     assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
 
 
+@pytest.mark.parametrize("step", [1, 3])
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_what_nobody_knows_counts_for_nothing(rng, antisymmetric, step):
+    """As if those pixels were not observed, which the dense form leaves out one by one."""
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, unknown=True)
+    steps = (step,) * len(seen)
+    term = CoverageTerm(seen, flesh, 4.0, bones, antisymmetric, weight=0.3, row_steps=steps)
+    rows = [replace(s, valid=s.valid * (np.arange(72) % step == step // 2)[:, None]) for s in seen]
+    dense = dense_field(rows, flesh, bones, term.shape.levels, clamp=True).system(0.3 * step)
+    assert_same_system(term.linearize(bones), dense)
+    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
+    as_background = [replace(s, mask=np.maximum(s.mask, 0)) for s in seen]
+    other = CoverageTerm(
+        as_background, flesh, 4.0, bones, antisymmetric, weight=0.3, row_steps=steps
+    )
+    assert other.cost(bones) > 1.01 * term.cost(bones)
+
+
 @pytest.mark.parametrize("step", [2, 3, 7])
 def test_one_row_of_several_stands_for_its_neighbours(rng, step):
     """Each of the rows step // 2, step // 2 + step … counts `step` times, in the dense form the others are not observed."""

@@ -64,10 +64,11 @@ def test_conic_field(rng, normalised):
     )  # the paper's own scale knows no growth
 
 
+@pytest.mark.parametrize("unknown", [True, False])
 @pytest.mark.parametrize("antisymmetric", [True, False])
-def test_coverage(rng, antisymmetric):
+def test_coverage(rng, antisymmetric, unknown):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
-    seen = silhouettes_of(rng, focal=300.0, size=(260, 220))
+    seen = silhouettes_of(rng, unknown=unknown, focal=300.0, size=(260, 220))
     check_observation_term(CoverageTerm(seen, flesh, 4.0, bones, antisymmetric), bones, **KINKED)
 
 

@@ -202,6 +202,7 @@ class _Painter:
         views = []
         for i, silhouette in enumerate(self._observation.silhouettes):
             counts = _within(self._terms.prepared[i].valid, silhouette.mask.shape[1])
+            counts &= silhouette.mask >= 0
             mask = np.where(counts, silhouette.mask, 0.0)
             predicted = residual = None
             if self._term is not None:

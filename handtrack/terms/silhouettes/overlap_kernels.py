@@ -54,13 +54,14 @@ def overlap_areas(
                 a, b = max(spans[n, 0], done), spans[n, 1]
                 if a >= b:
                     continue
-                covered += b - a
                 done = b
                 while ends[piece] <= a:
                     piece += 1
                 while a < b:
                     end = min(ends[piece], b)
-                    both -= (end - a) * values[piece]
+                    if values[piece] <= 0.0:
+                        covered += end - a
+                        both -= (end - a) * values[piece]
                     a = end
                     if ends[piece] <= a and a < b:
                         piece += 1

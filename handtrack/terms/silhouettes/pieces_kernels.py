@@ -63,7 +63,7 @@ def fill_pieces(
 ):  # pragma: no cover - compiled
     """Fill ends (K,), the column where each piece ends, values (K,), sign · image, and each row's ΣZ² (H,). Returns −ΣZ.
 
-    Both sums are of observed pixels.
+    Both sums are of observed pixels; where −Z is below 0, nobody knows.
     """
     height, width = image.shape
     area = 0.0
@@ -84,7 +84,7 @@ def fill_pieces(
         for n in range(begins[v], k + 1):
             values[n] = sign * image[v, left]
             seen = min(ends[n], valid[v, 1]) - max(left, valid[v, 0])
-            if seen > 0:
+            if seen > 0 and not values[n] > 0.0:
                 energy[v] += seen * values[n] * values[n]
                 area -= seen * values[n]
             left = ends[n]

@@ -43,7 +43,7 @@ class PreparedSilhouette:
     ends: Ints[K]
     """the column where each piece ends, and the next begins."""
     values: Floats[K]
-    """Z."""
+    """Z; above 0 where nobody knows, which counts for nothing."""
     edges: Bytes[H, M]
     """(H, W // 8 + 1): a bit for each pixel at which a piece begins, but the first of a row."""
     row_energy: Floats[H]

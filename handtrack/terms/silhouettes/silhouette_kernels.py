@@ -217,8 +217,9 @@ def _sum_rows(
             piece += 1
         for n in range(runs):
             right = starts[n + 1]
-            k = number_at(buffer, left)
-            add_run(sums, k, powers, left + origin_u[k], right + origin_u[k], values[piece])
+            if values[piece] <= 0.0:  # above it, nobody knows
+                k = number_at(buffer, left)
+                add_run(sums, k, powers, left + origin_u[k], right + origin_u[k], values[piece])
             piece += np.int64(ends[piece] <= right)
             left = right
         for n in range(found):

@@ -143,7 +143,8 @@ class CameraPictures:
             return depth_picture(depth)
         for silhouette in self._session.observation(frame, cloud=False).silhouettes:
             if silhouette.camera.name == name:
-                grey = _DARK + (_LIGHT - _DARK) * silhouette.mask
+                shade = np.where(silhouette.mask < 0, 0.5, silhouette.mask)
+                grey = _DARK + (_LIGHT - _DARK) * shade
                 return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
         width, height = camera.size
         return np.full((height, width, 3), _DARK, np.uint8)

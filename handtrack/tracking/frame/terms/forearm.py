@@ -169,13 +169,14 @@ def _before(camera: Floats, points: Floats, hand: PosedEllipsoids) -> Array:
 
 
 def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Array, Array]:
-    """Return (...,) whether the mask covers points (..., 3), and whether it was observed there."""
+    """Return (...,) whether the mask covers points (..., 3), and whether that is known there."""
     pixel = np.rint(np.nan_to_num(silhouette.camera.project(points), nan=-1.0)).astype(int)
     height, width = silhouette.mask.shape
     row, column = np.clip(pixel[..., 1], 0, height - 1), np.clip(pixel[..., 0], 0, width - 1)
     begin, end = np.moveaxis(silhouette.valid[row], -1, 0)
     known = (pixel[..., 1] == row) & (begin <= pixel[..., 0]) & (pixel[..., 0] < end)
-    return silhouette.mask[row, column] > 0.5, known
+    covered = silhouette.mask[row, column]
+    return covered > 0.5, known & (covered >= 0)
 
 
 def _pixels_per_m(camera: Camera, points: Floats) -> Floats:

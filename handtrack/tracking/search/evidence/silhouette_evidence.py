@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, Ints, M, P, R
-from handtrack.observation.observation import Silhouette
+from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
@@ -85,7 +85,7 @@ class SilhouetteEvidence:
         """Return evenly spread mask pixels (N, 2) of all cameras, where each camera's begin, and their areas (C,) [px²]."""
         chosen, areas = [], []
         for silhouette in self._scored:
-            row, column = np.nonzero((silhouette.mask > 0.5) & _looked_at(silhouette))
+            row, column = np.nonzero((silhouette.mask > 0.5) & silhouette.known)
             hand = HAND_AREA_M2 / _PIXEL_M**2  # samples are that dense, however much arm there is
             every = max(1, round(np.sqrt(hand / _SAMPLES)))
             kept = (row % every == 0) & (column % every == 0)
@@ -153,7 +153,7 @@ class SilhouetteEvidence:
 
 def _outline_px(silhouette: Silhouette) -> float:
     """Return how long the mask's outline is where it was observed [px]: Crofton, by crossings of rows and columns."""
-    mask, seen = silhouette.mask > 0.5, _looked_at(silhouette)
+    mask, seen = silhouette.mask > 0.5, silhouette.known
     down = (mask[1:] != mask[:-1]) & seen[1:] & seen[:-1]
     across = (mask[:, 1:] != mask[:, :-1]) & seen[:, 1:] & seen[:, :-1]
     return 0.25 * np.pi * float(down.sum() + across.sum())
@@ -188,7 +188,9 @@ def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
         return silhouette
     width, height = camera.size[0] // merged, camera.size[1] // merged
     cut = silhouette.mask[: height * merged, : width * merged]
-    mask = cut.reshape(height, merged, width, merged).mean(axis=(1, 3), dtype=np.float32)
+    blocks = cut.reshape(height, merged, width, merged)
+    mask = blocks.mean(axis=(1, 3), dtype=np.float32)
+    mask[(blocks < 0).any(axis=(1, 3))] = UNKNOWN
     spans = silhouette.valid[: height * merged].reshape(height, merged, 2)
     valid = np.stack(
         [-(-spans[..., 0].max(axis=1) // merged), spans[..., 1].min(axis=1) // merged], 1
@@ -219,14 +221,9 @@ def _boxed(silhouette: Silhouette, middle: Floats, reach: float) -> Silhouette |
     return Silhouette(camera, silhouette.mask, valid)
 
 
-def _looked_at(silhouette: Silhouette) -> Array:
-    column = np.arange(silhouette.camera.size[0])
-    return (column >= silhouette.valid[:, :1]) & (column < silhouette.valid[:, 1:])
-
-
 def _outside(silhouette: Silhouette) -> Array:
-    """Return (H, W) float32 distance to the mask [px], 0 where nothing was observed."""
+    """Return (H, W) float32 distance to the mask [px], 0 where nothing is known."""
     from scipy.ndimage import distance_transform_edt
 
     far = np.asarray(distance_transform_edt(silhouette.mask <= 0.5), np.float32)
-    return np.where(_looked_at(silhouette), far, np.float32(0.0))
+    return np.where(silhouette.known, far, np.float32(0.0))

@@ -40,7 +40,9 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     if not seen:
         return VisualHull(np.zeros((0, 3)), np.zeros(0), _SIDE_M)
-    outside: list[Floats] = [np.asarray(distance_transform_edt(s.mask <= 0.5)) for s in seen]
+    outside: list[Floats] = [
+        np.asarray(distance_transform_edt((s.mask <= 0.5) & (s.mask >= 0))) for s in seen
+    ]
     cameras = [s.camera for s in seen]
     middle = _meeting_point(seen)
     coarse_m = 2.0 * _SIDE_M
