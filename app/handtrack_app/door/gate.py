@@ -52,7 +52,7 @@ class Gate:
     """whether a client may do more than look around"""
     looked_on: Callable[[int, str], None] = lambda _client, _name: None
     """is called where it did more"""
-    own: dict[str, Callable[[int, Value], None]] = field(default_factory=dict)
+    own: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """widgets that each page has for itself: what is called with a client's value, which no other page gets"""
     everyones: set[str] = field(default_factory=set)
     """commands that a page may give that looks on"""

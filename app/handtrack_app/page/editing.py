@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass, field
 
 import viser
-from viser._messages import SetOrientationMessage, SetPositionMessage
+from viser._messages import GuiUpdateMessage, SetOrientationMessage, SetPositionMessage
 
 from handtrack_app.page.page import Page
 
@@ -87,7 +87,7 @@ class Editing:
         node = self.page.server.scene._handle_from_node_name.get(name)
         page = self.page
         if widget is not None and not widget._impl.is_button:
-            page.show_own(client, widget, widget.value)
+            page.tell(client, GuiUpdateMessage(name, {"value": widget.value}))
         if node is not None:
             page.tell(client, SetPositionMessage(name, tuple(node.position.tolist())))
             page.tell(client, SetOrientationMessage(name, tuple(node.wxyz.tolist())))

@@ -51,7 +51,7 @@ class Page:
     """show a frame"""
     said: Callable[[Any], Any] = operator.attrgetter("value")
     """the value that a page last gave to a widget; its own may be the program's by now, written since"""
-    own_widgets: dict[str, Callable[[int, Any], None]] = field(default_factory=dict)
+    own_widgets: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
     everyones: set[str] = field(default_factory=set)
     """ids of commands that also a page may give that looks on"""
@@ -98,19 +98,23 @@ class Page:
         """Send one page what no other gets."""
         client._websock_connection.queue_message(message)
 
-    def own(self, widget: Any, action: Callable[[viser.ClientHandle, Any], None]) -> None:
+    def own(
+        self, widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle, action: Callable[[viser.ClientHandle, str], None]
+    ) -> None:
         """Let each page have a value of its own for a widget, also one that looks on; `action` gets it."""
 
-        def call(client_id: int, value: Any) -> None:
+        def call(client_id: int, value: object) -> None:
             client = self.server.get_clients().get(client_id)
             if client is not None:
                 self.gui._thread_executor.submit(
-                    self._tried, client, partial(action, client, value)
+                    self._tried, client, partial(action, client, str(value))
                 )
 
         self.own_widgets[widget._impl.uuid] = call
 
-    def show_own(self, client: viser.ClientHandle, widget: Any, value: object) -> None:
+    def show_own(
+        self, client: viser.ClientHandle, widget: viser.GuiInputHandle[str], value: str
+    ) -> None:
         """Show a page the value that it has of a widget of its own."""
         self.tell(client, GuiUpdateMessage(widget._impl.uuid, {"value": value}))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale, scale_from
@@ -182,7 +182,7 @@ def _check_truth_times(session: Session) -> Iterator[Finding]:
         )
 
 
-def check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
+def check_palm(what: str, xyz: Floats[D21, D3]) -> Iterator[Finding]:
     """Yield that joints (21, 3) [m] have a palm that no hand has."""
     palm = float(np.linalg.norm(xyz[_MIDDLE_MCP] - xyz[_WRIST]))
     if np.isfinite(palm) and not PALM_M[0] <= palm <= PALM_M[1]:
@@ -193,7 +193,7 @@ def check_palm(what: str, xyz: Floats) -> Iterator[Finding]:
         )
 
 
-def check_side_of(what: str, xyz: Floats, session: Session) -> Iterator[Finding]:
+def check_side_of(what: str, xyz: Floats[D21, D3], session: Session) -> Iterator[Finding]:
     """Yield that joints (21, 3) are those of the other hand: fingers bend to one side only, and the thumb is on one."""
     given = session.file.hand.side
     if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
