@@ -156,6 +156,8 @@ COMMANDS: dict[str, _Command] = {
                 help="with --live: how far apart the images of one frame may be (50)"),
         _TAKE_OVER, *_SERVER,
     )),
+    "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
+                      (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "new": _Command("new_session.new", "Make a session folder from videos and a calibration.", (
         _NEW,

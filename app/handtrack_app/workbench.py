@@ -6,7 +6,6 @@ import logging
 import socket
 import sys
 import threading
-import time
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,10 +53,11 @@ class Workbench:
         take_over: bool = False,
         plan: EnginePlan | None = None,
         child: EngineChild | None = None,
+        token: str | None = None,
     ) -> None:
         """opener: what opens the folder instead of `Opening`. rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
         open_pages: open rerun's viewer in the browser, too. take_over: write, even if another program does. plan: what a process of its own is to
-        do as the engine, in place of threads of this one; child: that process, if it is started already.
+        do as the engine, in place of threads of this one; child: that process, if it is started already. token: of the page before.
         """
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
@@ -75,6 +75,9 @@ class Workbench:
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
         self._demo = Demo() if demo else None
+        self._token = token
+        self.left = threading.Event()
+        """somebody wants another recording"""
         self.door: Door
         self.server: viser.ViserServer
 
@@ -91,7 +94,7 @@ class Workbench:
 
     def start(self) -> Workbench:
         """Serve the page and begin to open the session."""
-        self.door = open_door(self.host, self.wanted_port)
+        self.door = open_door(self.host, self.wanted_port, token=self._token)
         self.server = self.door.server
         self.page = Page(
             self.server, self.state, self.send, self.redraw, self.go_to, self.door.gate.said
@@ -99,6 +102,7 @@ class Workbench:
         self.door.gate.own, self.door.gate.everyones = self.page.own_widgets, self.page.everyones
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
+        self.page.on(self.layout.session.others, lambda _: self.left.set())
         self.player = Player(self.state, self.go_to)
         self.server.on_client_connect(self._welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
@@ -269,12 +273,13 @@ def run_workbench(
     take_over: bool = False,
     memory: int | None = None,
     child: EngineChild | None = None,
-) -> None:
-    """Serve the workbench until Ctrl-C. Raises HandtrackError for a host or port that cannot be used.
+    token: str | None = None,
+) -> Door | None:
+    """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its door, closed. Raises HandtrackError for a host or port that cannot be used.
 
     port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
     to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. take_over: write, even if another program does.
-    memory: most that the engine may use [bytes]; child: its process, if that is started already. A bundled session is opened as the user's own copy.
+    memory: most that the engine may use [bytes]; child: its process, if that is started already. token: of the page before, which comes again. A bundled session is opened as the user's own copy.
     """
     warning = host_warning(host)
     if warning:
@@ -283,7 +288,14 @@ def run_workbench(
     folder = working_folder(session_folder)
     plan = EnginePlan(folder, live, rerun, take_over, memory=memory)
     bench = Workbench(
-        folder, host, chosen, demo=demo, open_pages=open_browser, plan=plan, child=child
+        folder,
+        host,
+        chosen,
+        demo=demo,
+        open_pages=open_browser,
+        plan=plan,
+        child=child,
+        token=token,
     ).start()
     try:
         failure = bench.worker.wait_shown(_PATIENCE_S)
@@ -296,15 +308,15 @@ def run_workbench(
             bench.send(commands.Record(True, str(live.record)))
         if folder != Path(session_folder) or demo:
             print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
-        if open_browser:
+        if open_browser and token is None:
             webbrowser.open(bench.url)
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure
-        while True:
-            time.sleep(3600)
+        bench.left.wait()
+        return bench.door
     except KeyboardInterrupt:
-        pass
+        return None
     finally:
         bench.stop()
         for words in bench.worker.last_words:

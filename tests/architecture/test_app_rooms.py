@@ -19,12 +19,13 @@ ARROWS: dict[str, set[str]] = {
     "process": {"protocol", "engine", "rerun"},
     "page": {"protocol"},
     "rerun": {"protocol", "engine"},
+    "start": {"protocol", "door", "page"},
     "workbench": {"protocol", "door", "engine", "page", "process"},
-    "commands": {"protocol", "door", "engine", "process", "rerun", "workbench"},
+    "commands": {"protocol", "door", "engine", "process", "rerun", "start", "workbench"},
     "cli": set(),
 }
 """room → the rooms it imports; `cli` finds the commands by their names"""
-VIEWERS = {"viser": {"door", "page", "workbench"}, "rerun": {"rerun"}}
+VIEWERS = {"viser": {"door", "page", "start", "workbench"}, "rerun": {"rerun"}}
 """library → the rooms that may import it"""
 MOST_ANY = 25
 """uses of the type that checks nothing, in the whole application"""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
@@ -15,10 +16,16 @@ from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.memory import memory_limit, use_one_arena
 from handtrack_app.protocol.log_file import ENGINE_LOG
+from handtrack_app.start.recent import remember
+
+if TYPE_CHECKING:
+    from handtrack_app.door.door import Door
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve the workbench until Ctrl-C."""
+    if args.command == "start":
+        return _start(args)
     demo = args.command == "demo"
     folder = bundled_session() if demo or args.session is None else args.session
     live = None if demo else live_options(args)
@@ -26,28 +33,65 @@ def run(args: argparse.Namespace) -> int:
         _refuse(folder)
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
-    memory = memory_limit(args.memory)
     use_one_arena()
+    door = _serve(args, folder, demo, live)
+    return 0 if door is None else _start(args, door)
+
+
+def _start(args: argparse.Namespace, door: Door | None = None) -> int:
+    """Serve start page and workbench in turns until Ctrl-C. door: of the page before; the browser's page goes on there."""
+    from handtrack_app.start.serving import choose_recording
+
+    port = FIRST_PORT if args.port is None else args.port
+    use_one_arena()
+    told = ""
+    while True:
+        port, token = (port, None) if door is None else (door.port, door.token)
+        chosen = choose_recording(args.host, port, not args.no_browser, token, told)
+        if chosen is None:
+            return 0
+        folder, door = chosen
+        try:
+            door = _serve(args, folder, door=door)
+            told = ""
+        except HandtrackError as error:  # the page says so, and another may be chosen
+            told = str(error)
+        if door is None:
+            return 0
+
+
+def _serve(
+    args: argparse.Namespace,
+    folder: Path,
+    demo: bool = False,
+    live: LiveOptions | None = None,
+    door: Door | None = None,
+) -> Door | None:
+    """Serve the workbench; return its door where somebody wants another recording. door: of the page before."""
+    memory = memory_limit(args.memory)
     say("handtrack: starting the workbench …")
+    if not demo:
+        remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
+    port = FIRST_PORT if args.port is None else args.port
     try:
         from handtrack_app.workbench import run_workbench
 
-        run_workbench(
+        return run_workbench(
             folder,
             host=args.host,
-            port=FIRST_PORT if args.port is None else args.port,
+            port=port if door is None else door.port,
             open_browser=not args.no_browser,
             rerun=args.rerun,
             demo=demo,
             live=live,
-            take_over=not demo and args.take_over,
+            take_over=not demo and getattr(args, "take_over", False),
             memory=memory,
             child=child,
+            token=None if door is None else door.token,
         )
     finally:
         child.kill()
-    return 0
 
 
 def live_options(args: argparse.Namespace) -> LiveOptions | None:

@@ -16,7 +16,7 @@ from handtrack.errors import HandtrackError
 from handtrack_app.door.address import LOOPBACK, own_names
 from handtrack_app.door.connection import HANDSHAKE_S, connections_behind
 from handtrack_app.door.gate import LARGEST_MESSAGE, Gate
-from handtrack_app.door.handshake import Handshake
+from handtrack_app.door.handshake import Handshake, new_token
 
 _starting = threading.Lock()
 _Handler = Callable[[library.ServerConnection], Awaitable[None]]
@@ -32,6 +32,10 @@ class Door:
     token: str
 
     @property
+    def port(self) -> int:
+        return self.server.get_port()
+
+    @property
     def url(self) -> str:
         """The address of the page on this machine, with the token."""
         return self.url_by(LOOPBACK if self.host in ("0.0.0.0", "::") else self.host)
@@ -42,12 +46,14 @@ class Door:
         return f"http://{name}:{self.server.get_port()}/?token={self.token}"
 
 
-def open_door(host: str = LOOPBACK, port: int = 0, label: str = "handtrack") -> Door:
-    """Return a started viser server behind its door; it opens no tunnels.
+def open_door(
+    host: str = LOOPBACK, port: int = 0, label: str = "handtrack", token: str | None = None
+) -> Door:
+    """Return a started viser server behind its door; it opens no tunnels. token: of a page before, which then comes again.
 
     Raises HandtrackError when the port was taken since it was chosen.
     """
-    gate, handshake = Gate(), Handshake(own_names(host))
+    gate, handshake = Gate(), Handshake(own_names(host), token or new_token())
     with (
         _behind(handshake, gate),
         contextlib.redirect_stdout(io.StringIO()),

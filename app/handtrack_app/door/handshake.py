@@ -36,13 +36,18 @@ class Refused(Exception):
         self.status, self.words = status, words
 
 
+def new_token() -> str:
+    """Return a word that nobody guesses."""
+    return secrets.token_urlsafe(24)
+
+
 @dataclass
 class Handshake:
     """Looks at each request before viser does."""
 
     names: frozenset[str]
     """names of this machine, in lower case"""
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+    token: str = field(default_factory=new_token, repr=False)
     _new: Allowance = field(default_factory=lambda: Allowance(*_NEW_CLIENTS))
     _headers: dict[str, str] = field(default_factory=page_headers)
 

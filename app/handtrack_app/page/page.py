@@ -99,7 +99,9 @@ class Page:
         client._websock_connection.queue_message(message)
 
     def own(
-        self, widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle, action: Callable[[viser.ClientHandle, str], None]
+        self,
+        widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle,
+        action: Callable[[viser.ClientHandle, str], None],
     ) -> None:
         """Let each page have a value of its own for a widget, also one that looks on; `action` gets it."""
 

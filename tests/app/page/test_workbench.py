@@ -162,6 +162,12 @@ def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
     eventually(lambda: "doubtful" in timeline.picture.content, "marked")
 
 
+def test_the_page_is_left_for_another_recording(bench: Workbench) -> None:
+    with WireClient(bench.url) as client:
+        client.set_value(bench.layout.session.others, True)
+        assert bench.left.wait(5.0)
+
+
 def slowest_usual(bench: Workbench) -> float:
     """Return the 95 % quantile of the latency [s], the best of three rounds: other programs only make it longer."""
     return min(float(np.quantile(latencies(bench, 30), 0.95)) for _ in range(3))

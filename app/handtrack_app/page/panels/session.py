@@ -55,8 +55,17 @@ class SessionPanel:
     paint_over: Callable[[int, str], None]
     """what is painted over the camera's image that a client sees"""
     keys: Keys
+    others: viser.GuiButtonHandle = field(init=False)
+    """leads to the start page"""
     built: bool = False
     toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        with self.tab:
+            self.others = self.page.gui.add_button(
+                "Other recordings …", icon=viser.Icon.FOLDERS, color="gray", order=1e6,
+                hint="Leaves this one; all that was done is kept.",
+            )  # fmt: skip
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the tab once for a session's cameras."""

@@ -1,0 +1,72 @@
+"""What a folder holds of which a session can be made: videos, and a calibration that names their cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.read_calibration import read_calibration
+from handtrack.errors import HandtrackError
+
+_VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+_CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
+_MOST = 2000
+"""files looked at"""
+
+
+@dataclass(frozen=True)
+class FoundFiles:
+    """Videos by camera, and the calibration."""
+
+    videos: dict[str, Path]
+    calibration: Path | None
+    given: GivenRig | None
+    """its cameras, in its own unit"""
+    unused: tuple[Path, ...]
+    """videos of no camera"""
+
+
+def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
+    """Look into a folder, and the folders in it, for a recording. calibration: if it lies elsewhere.
+
+    Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
+    """
+    if not folder.is_dir():
+        raise HandtrackError(
+            f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
+        )
+    files = sorted(
+        path for path in [*folder.glob("*"), *folder.glob("*/*")][:_MOST] if path.is_file()
+    )
+    videos = [path for path in files if path.suffix.lower() in _VIDEOS]
+    if not videos:
+        raise HandtrackError(f"{folder}: no video in it ({', '.join(_VIDEOS)}).")
+    given: GivenRig | None = None
+    if calibration is not None:
+        given = read_calibration([calibration])
+    else:
+        for path in (p for p in files if p.suffix.lower() in _CALIBRATIONS):
+            try:
+                given = read_calibration([path])
+            except HandtrackError:
+                continue
+            calibration = path
+            break
+    cameras = () if given is None else given.cameras
+    by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
+    unused = tuple(path for path in videos if path not in by_camera.values())
+    return FoundFiles(by_camera, calibration, given, unused)
+
+
+def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:
+    """Return videos by camera: those whose names hold a camera's, else all by their own names, which `new` compares."""
+    found: dict[str, Path] = {}
+    for name in sorted(names, key=len, reverse=True):  # cam10 before cam1
+        like = [p for p in videos if p not in found.values() and name.lower() in p.stem.lower()]
+        like = like or [
+            p for p in videos if p not in found.values() and name.lower() == p.parent.name.lower()
+        ]
+        if len(like) == 1:
+            found[name] = like[0]
+    return {n: found[n] for n in names if n in found} or {path.stem: path for path in videos}

@@ -1,0 +1,39 @@
+"""Serving the start page."""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from pathlib import Path
+
+from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.door.door import Door
+from handtrack_app.door.log import logging_to
+from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.start.start_page import StartPage
+
+
+@logging_to(LOG_FILE)
+def choose_recording(
+    host: str, port: int, open_browser: bool, token: str | None = None, told: str = ""
+) -> tuple[Path, Door] | None:
+    """Serve the start page; return the folder that was chosen, and the page's door, closed. None after Ctrl-C.
+
+    token: of the page before, which comes again by itself; told: why it does. Raises HandtrackError for a host or port that cannot be used.
+    """
+    warning = host_warning(host)
+    if warning and token is None:
+        print(f"handtrack: {warning}", file=sys.stderr)
+    chosen = choose_port(host, None if port == FIRST_PORT and token is None else port)
+    page = StartPage(host, chosen, token, told)
+    try:
+        if token is None:
+            print(f"handtrack: choose a recording at {page.door.url} (Ctrl-C ends)", flush=True)
+            if open_browser:
+                webbrowser.open(page.door.url)
+        folder = page.wait()
+        return None if folder is None else (folder, page.door)
+    except KeyboardInterrupt:
+        return None
+    finally:
+        page.stop()

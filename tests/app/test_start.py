@@ -1,0 +1,122 @@
+"""The start page: what a folder holds, what was opened last, and a recording made from videos in the browser."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.errors import HandtrackError
+from handtrack.session.session import Session
+from handtrack_app.start.found_files import find_files
+from handtrack_app.start.recent import recent_sessions, remember
+from handtrack_app.start.rig_view import first_image
+from handtrack_app.start.start_page import StartPage
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+from tests.conftest import REPOSITORY
+
+BUNDLED = REPOSITORY / "sessions" / "open_fist_open"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Videos with names of their own, in a folder with other files, and the calibration among them."""
+    folder = tmp_path / "my take"
+    folder.mkdir()
+    (folder / "notes.json").write_text('{"who": "me"}')
+    shutil.copy(BUNDLED / "calibration.toml", folder / "a calibration.toml")
+    for video in BUNDLED.glob("*.mp4"):
+        shutil.copy(video, folder / f"take3_{video.name}")
+    return folder
+
+
+@pytest.fixture
+def start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StartPage]:
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    page = StartPage("127.0.0.1", 0)
+    yield page
+    page.stop()
+
+
+def test_videos_are_found_by_the_calibrations_names(folder: Path) -> None:
+    found = find_files(folder)
+    names = read_rig(BUNDLED / "calibration.toml").names
+    assert found.calibration == folder / "a calibration.toml"
+    assert {name: path.name for name, path in found.videos.items()} == {
+        n: f"take3_{n}.mp4" for n in names
+    }
+    shutil.copy(folder / "take3_cam1.mp4", folder / "zoom.mp4")
+    assert [path.name for path in find_files(folder).unused] == ["zoom.mp4"]
+
+
+def test_a_folder_without_videos_is_told(tmp_path: Path) -> None:
+    with pytest.raises(HandtrackError, match="no video in it"):
+        find_files(tmp_path)
+    with pytest.raises(HandtrackError, match="no such folder"):
+        find_files(tmp_path / "away")
+
+
+def test_recordings_are_remembered_as_long_as_they_are_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    assert recent_sessions() == []
+    folders = [Path(shutil.copytree(BUNDLED, tmp_path / name)) for name in ("a", "b")]
+    for one in (*folders, folders[0]):
+        remember(one)
+    assert recent_sessions() == folders
+    shutil.rmtree(folders[0])
+    assert recent_sessions() == folders[1:]
+    (tmp_path / "home" / "recent.json").write_text("{")
+    assert recent_sessions() == []
+
+
+def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_path: Path) -> None:
+    with WireClient(start.door.url) as client:
+        client.set_value(start.folder, str(tmp_path / "away"))
+        eventually(lambda: start.folder.value == str(tmp_path / "away"), "typed")
+        client.set_value(client.button("Look into it"), True)
+        eventually(lambda: "no such folder" in start.output.content, "nothing there")
+        client.set_value(start.folder, str(folder))
+        eventually(lambda: start.folder.value == str(folder), "typed")
+        client.set_value(client.button("Look into it"), True)
+        eventually(lambda: start.make.visible, "found")
+        assert (
+            "take3_cam0.mp4" in start.found.content
+            and "a calibration.toml" in start.calibration.value
+        )
+        eventually(lambda: drawn(client) >= {"/rig/cam0", "/rig/cam1", "/rig/cam2"}, "the rig")
+        client.set_value(start.side, "left")
+        client.set_value(start.masks, "none")
+        client.set_value(start.make, True)
+        eventually(lambda: start.chosen is not None, "made", 60.0)
+    made = Session.open(tmp_path / "my take_handtrack")
+    assert start.wait() == made.folder
+    assert made.file.hand.side == "left" and made.frame_count == 100
+
+
+def drawn(client: WireClient) -> set[str]:
+    return {m["name"] for _, m in list(client.messages) if m["type"] == "CameraFrustumMessage"}
+
+
+def test_what_is_refused_is_told_in_the_page(start: StartPage, tmp_path: Path) -> None:
+    with WireClient(start.door.url) as client:
+        client.set_value(start.path, str(tmp_path))
+        eventually(lambda: start.path.value == str(tmp_path), "typed")
+        client.set_value(client.button("Open this folder"), True)
+        eventually(lambda: "it is no session" in start.output.content, "told")
+        client.set_value(client.button("Check this folder"), True)
+        eventually(lambda: "It was refused" in start.output.content, "told", 60.0)
+        assert "session.toml" in start.output.content and start.chosen is None
+
+
+def test_a_video_that_is_none_has_no_picture(tmp_path: Path) -> None:
+    (tmp_path / "cam0.mp4").write_bytes(b"no video")
+    assert first_image(tmp_path / "cam0.mp4", "cam0") is None
+    image = first_image(next(BUNDLED.glob("*.mp4")), "cam0")
+    assert image is not None and image.shape[0] == 240 and image.dtype == np.uint8
