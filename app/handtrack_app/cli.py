@@ -41,7 +41,6 @@ def _run(args: argparse.Namespace) -> int:
         command = importlib.import_module(f"handtrack_app.commands.{args.module}")
         code = int(command.run(args) or EXIT_OK)
         sys.stdout.flush()
-        return code
     except HandtrackError as error:
         return _failed(args, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
@@ -61,6 +60,9 @@ def _run(args: argparse.Namespace) -> int:
         return _failed(args, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
         return _failed(args, _internal(error), EXIT_INTERNAL)
+    for words in getattr(args, "then", ()):  # commands that this one asks for
+        code = code or main(words)
+    return code
 
 
 def _failed(args: argparse.Namespace, text: str, code: int) -> int:
@@ -159,7 +161,7 @@ COMMANDS: dict[str, _Command] = {
     "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
-    "new": _Command("new_session.new", "Make a session folder from videos and a calibration.", (
+    "new": _Command("new_session.new", "Make a session folder from recordings and a calibration.", (
         _NEW,
         _option("--calibration", type=Path, action="append", required=True, metavar="FILE",
                 help="of Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, or JSON and NPZ of K, dist, R, t; several: one a camera"),
@@ -169,9 +171,12 @@ COMMANDS: dict[str, _Command] = {
         _option("--depth", action="append", default=[], metavar="CAMERA=PATTERN", help="its 16 bit depth files"),
         _option("--depth-scale", type=float, metavar="M", help="metres in one unit of the depth files, such as 0.001"),
         _option("--name", default="", help="the session's name"),
-        _SIDE,
+        _option("--side", choices=("right", "left"), help="which hand (default: as the detector sees it, else right)"),
+        _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),
+        _option("--track", action="store_true", help="then find the hand in the images, where weights are there, and track it"),
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
         _option("--world-unit-m", type=float, help="metres in one unit of the calibration (default: its form's, or inferred)"),
+        _option("--link", action="store_true", help="leave recordings where they are, for you and on this computer alone; no copies"),
         _option("--yes", action="store_true", help="take every proposal without asking"),
         _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
         _option("--masks", default="skin_ycrcb",

@@ -23,6 +23,7 @@ from handtrack.session.session import Session
 
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
+_LOOKS = 12  # frames of each camera that are asked for the side
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,40 @@ class CameraDetection:
     """in how many all hands were rather of the other side"""
     unfit: int
     """in how many a hand was seen that does not lie where the other cameras see the session's"""
+
+
+@dataclass(frozen=True)
+class SeenSide:
+    """Which hand a session's images show."""
+
+    side: str
+    """right or left"""
+    confidence: float
+    """probability of that side, ½ to 1"""
+    seen: int
+    """in how many images a hand was found"""
+    looks: int
+    """of how many"""
+
+
+def seen_side(session: Session, detector: HandDetector) -> SeenSide:
+    """Return the side of the hand in some images of all cameras, spread over the recording.
+
+    The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up.
+    """
+    frames = np.unique(np.linspace(0, session.frame_count - 1, _LOOKS).round().astype(int))
+    said, looks = list[float](), 0
+    for view in session.views:
+        for frame in frames:
+            image = view.image(int(frame))
+            if image is None:
+                continue
+            looks += 1
+            hands = [detector.hand(image, region) for region in detector.find(image, 1)]
+            said += [log_odds(hand.right, "right") for hand in hands if hand is not None]
+    mean = float(np.mean(said)) if said else 0.0
+    confidence = 1 / (1 + np.exp(-abs(mean)))
+    return SeenSide("right" if mean >= 0 else "left", float(confidence), len(said), looks)
 
 
 class JointDetection:

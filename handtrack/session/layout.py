@@ -8,6 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from handtrack.errors import HandtrackError
+from handtrack.session.links import linked_folders
 
 SESSION_FILE = "session.toml"
 CALIBRATION_FILE = "calibration.toml"
@@ -41,8 +42,10 @@ def inside(folder: Path, setting: str, where: str) -> Path:
     """Return folder / setting. Raises HandtrackError when that lies outside the folder, links
     followed, or is a pipe or a device: opening one may wait for ever, and reading it never end.
 
-    where: the setting's file, table and key, for the error.
+    where: the setting's file, table and key, for the error. An absolute path is one below a folder that the user has linked
+    (`handtrack new --link`), and is held to that folder.
     """
+    folder, setting = _rooted(folder, setting)
     path = folder / setting
     if "\0" in setting or len(setting) > _LONGEST:
         raise HandtrackError(f"{where}: {setting[:40]!r} is no path.")
@@ -66,6 +69,7 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
 
     Raises HandtrackError when the pattern or a file leaves the folder, or when nothing matches.
     """
+    folder, pattern = _rooted(folder, pattern)
     if not is_pattern(pattern):
         path = inside(folder, pattern, where)
         if path.is_dir():
@@ -132,6 +136,20 @@ def _there(fixed: Path, pattern: str) -> str:
     return f"in {fixed} there is {shown or 'nothing'}"
 
 
+def place_of(path: Path, folder: Path) -> str:
+    """Return a file's path below a session's folder; of a linked file the whole one."""
+    return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
+
+
+def _rooted(folder: Path, setting: str) -> tuple[Path, str]:
+    """Return the folder that a setting must not leave, and the setting below it."""
+    if _is_absolute(setting) and "\0" not in setting:
+        for linked in linked_folders(folder):
+            if setting.startswith(f"{linked}/"):
+                return Path(linked), setting.removeprefix(f"{linked}/")
+    return folder, setting
+
+
 def _is_absolute(setting: str) -> bool:
     return PurePosixPath(setting).is_absolute() or bool(PureWindowsPath(setting).anchor)
 
@@ -149,6 +167,6 @@ def _fixed_part(pattern: str) -> PurePosixPath:
 def _leaves(folder: Path, setting: str, where: str, path: Path) -> HandtrackError:
     return HandtrackError(
         f'{where}: the path "{setting}" leaves the session folder {folder} (it leads to '
-        f"{path.resolve()}). Paths are relative to that folder and must stay in it: copy the "
-        "files there."
+        f"{path.resolve()}). Paths are relative to that folder and must stay in it: copy the files there. Files elsewhere are "
+        "read where you linked them yourself, on this computer: `handtrack new --link`."
     )

@@ -13,7 +13,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, file_stamp
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
-from handtrack.session.layout import VIDEOS_FILE
+from handtrack.session.layout import VIDEOS_FILE, place_of
 
 _FORMAT = 1
 
@@ -22,7 +22,7 @@ def read_audit(folder: Path, video: Path) -> VideoAudit | None:
     """Return what is kept of a video; None where nothing is, or it is of a file that has changed since."""
     try:
         kept = json.loads((folder / VIDEOS_FILE).read_text(encoding="utf-8"))
-        row = kept["videos"][_key(folder, video)]
+        row = kept["videos"][place_of(video, folder)]
         if kept["format"] != _FORMAT or row["stamp"] != file_stamp(video):
             return None
         return _audit(row)
@@ -34,7 +34,7 @@ def keep_audits(folder: Path, videos: Iterable[VideoFile]) -> None:
     """Write what is known of some videos; where the folder cannot be written, the next opening counts again."""
     try:
         rows = {
-            _key(folder, video.path): _row(audit) | {"stamp": file_stamp(video.path)}
+            place_of(video.path, folder): _row(audit) | {"stamp": file_stamp(video.path)}
             for video in videos
             if (audit := video.audit) is not None
         }
@@ -60,10 +60,6 @@ def count_beside(folder: Path | None, videos: Sequence[VideoFile]) -> threading.
     thread = threading.Thread(target=count, name="video-count", daemon=True)
     thread.start()
     return thread
-
-
-def _key(folder: Path, video: Path) -> str:
-    return video.relative_to(folder).as_posix()
 
 
 def _row(audit: VideoAudit) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from handtrack.arrays import Floats, P
-from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files
+from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files, place_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.store.take import TakeAbout
@@ -76,7 +76,7 @@ def _files(session: Session) -> dict[str, str]:
 
 def _stamps(folder: Path, files: Iterable[Path]) -> str:
     known = ((path, path.stat()) for path in files)
-    return _digest(*(f"{p.relative_to(folder)} {s.st_size} {s.st_mtime_ns}\n" for p, s in known))
+    return _digest(*(f"{place_of(p, folder)} {s.st_size} {s.st_mtime_ns}\n" for p, s in known))
 
 
 def _digest(*parts: str | bytes) -> str:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
+from handtrack.detector.hand_detector import DetectedHand, HandDetector
+from handtrack.detector.regions import Region, whole_image
+from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine
+from handtrack_app.commands import track
+from handtrack_app.commands.detection import detect
+from tests.app.command_line import CommandLine, refused
+from tests.session.small_session import edit
 
 
 def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
@@ -57,3 +65,185 @@ def test_c7_videos_of_different_rates_are_joined_by_time(
     seen = [session.image(name, 4) for name in session.camera_names]
     levels = [-1 if image is None else round(float(image.mean()) / 8) for image in seen]
     assert levels == [4, 16]
+
+
+def pictures(folder: Path, count: int, size: tuple[int, int], first: int = 0) -> Path:
+    """Write numbered images; number n is n grey levels bright, times 8."""
+    folder.mkdir(parents=True)
+    for i in range(count):
+        cv2.imwrite(
+            str(folder / f"shot_{first + i:04d}.png"),
+            np.full((size[1], size[0], 3), 8 * i, np.uint8),
+        )
+    return folder
+
+
+def depths(folder: Path, count: int, size: tuple[int, int]) -> Path:
+    """Write numbered depth files of 2000 units."""
+    folder.mkdir(parents=True)
+    for i in range(count):
+        cv2.imwrite(str(folder / f"{i}.png"), np.full((size[1], size[0]), 2000, np.uint16))
+    return folder
+
+
+def test_image_folders_and_depth_make_a_session(handtrack: CommandLine, tmp_path: Path) -> None:
+    calibration = bundled_session() / "calibration.toml"
+    size = Session.open(bundled_session()).rig["cam0"].size
+    images, depth = pictures(tmp_path / "left", 3, size), depths(tmp_path / "deep", 2, size)
+    words = [
+        "new", "--out", tmp_path / "made", "--calibration", calibration, "--images", f"cam0={images}/*.png",
+        "--depth", f"cam1={depth}", "--fps", 30,
+    ]  # fmt: skip
+    refused(handtrack, tmp_path, words, ["--depth cam1=", "--depth-scale: 0.001"])
+    refused(handtrack, tmp_path, [*words[:-2], "--depth-scale", 0.0005], ["give it with --fps"])
+    assert handtrack(*words, "--depth-scale", 0.0005).code == 0
+    session = Session.open(tmp_path / "made")
+    assert session.frame_count == 3
+    assert session.image("cam0", 2)[0, 0, 0] == 16
+    assert session.view("cam1").depth_m(1)[5, 5] == 1.0
+    assert session.has_clouds
+    assert [camera.masks is None for camera in session.file.cameras] == [False, True]
+
+
+def test_images_that_cannot_be_taken_are_refused(handtrack: CommandLine, tmp_path: Path) -> None:
+    calibration = bundled_session() / "calibration.toml"
+    small = pictures(tmp_path / "small", 2, (64, 48))
+    (tmp_path / "text").mkdir()
+    (tmp_path / "text/1.png").write_text("no image")
+    words = [
+        "new",
+        "--out",
+        tmp_path / "made",
+        "--calibration",
+        calibration,
+        "--fps",
+        30,
+        "--images",
+    ]
+    refused(
+        handtrack,
+        tmp_path,
+        [*words, f"cam0={small}"],
+        ["small/shot_0000.png", "64 x 48", "640 x 480"],
+    )
+    refused(
+        handtrack,
+        tmp_path,
+        [*words, f"cam0={tmp_path}/none/*.png"],
+        ["nothing matches", "'left/*.png'"],
+    )
+    refused(handtrack, tmp_path, [*words, f"cam0={tmp_path}/*/*.png"], ["several folders"])
+    refused(
+        handtrack, tmp_path, [*words, f"left={small}"], ["--images left=", "has no camera 'left'"]
+    )
+    refused(
+        handtrack,
+        tmp_path,
+        ["new", "--out", tmp_path / "made", "--calibration", calibration],
+        ["nothing was recorded"],
+    )
+
+
+def test_links_are_read_by_who_made_them_alone(
+    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    calibration = bundled_session() / "calibration.toml"
+    size = Session.open(bundled_session()).rig["cam0"].size
+    film, images = video(tmp_path / "a.avi", 25, 3, size), pictures(tmp_path / "left", 3, size)
+    made = tmp_path / "made"
+    words = ["new", "--out", made, "--calibration", calibration, "--link", "--masks", "none"]
+    assert (
+        handtrack(*words, "--video", f"cam0={film}", "--images", f"cam1={images}/*.png").code == 0
+    )
+    assert sorted(path.name for path in made.iterdir()) == ["calibration.toml", "session.toml"]
+    session = Session.open(made)
+    assert session.file.cameras[0].images == str(film)
+    assert [round(session.image(n, 2).mean() / 8) for n in ("cam0", "cam1")] == [2, 2]
+    assert handtrack("doctor", made).code == 0
+
+    other = (
+        tmp_path / "sent"
+    )  # the same words in another folder, as somebody else's session would have them
+    shutil.copytree(made, other)
+    with pytest.raises(HandtrackError, match="leaves the session folder.*`handtrack new --link`"):
+        Session.open(other)
+    edit(made / "session.toml", str(film), str(calibration))  # another folder than the linked one
+    with pytest.raises(HandtrackError, match="leaves the session folder"):
+        Session.open(made)
+    edit(
+        made / "session.toml",
+        str(calibration),
+        f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi",
+    )
+    with pytest.raises(HandtrackError):
+        Session.open(made)
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "somebody"))
+    edit(made / "session.toml", f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi", str(film))
+    with pytest.raises(HandtrackError, match="leaves the session folder"):
+        Session.open(made)
+
+
+class OneHand:
+    """Stands in for the detector: sees a hand in every image but the first frame's, of one side."""
+
+    backend = "fake"
+    right = 0.98
+
+    def find(self, image: np.ndarray, most: int) -> list[Region]:
+        return [whole_image(image.shape[1], image.shape[0])] if image.mean() > 4 else []
+
+    def hand(self, image: np.ndarray, region: Region) -> DetectedHand:
+        return DetectedHand(np.zeros((21, 2)), 0.9, self.right)
+
+
+def test_the_side_is_seen_and_what_follows_is_done(
+    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[list[str]] = []
+    monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
+    monkeypatch.setattr(
+        detect, "run", lambda args: done.append(["detect", str(args.session), args.write])
+    )
+    monkeypatch.setattr(
+        track, "run", lambda args: done.append(["track", str(args.session), args.init])
+    )
+    calibration = bundled_session() / "calibration.toml"
+    images = pictures(tmp_path / "left", 3, Session.open(bundled_session()).rig["cam0"].size)
+    words = ["new", "--calibration", calibration, "--images", f"cam0={images}", "--fps", 30]
+    monkeypatch.setattr(OneHand, "right", 0.03)
+    ended = handtrack(*words, "--out", tmp_path / "a", "--track")
+    assert ended.code == 0
+    assert "side: left, 97 % sure (a hand is seen in 2 of 3 images)." in ended.err
+    assert Session.open(tmp_path / "a").file.hand.side == "left"
+    assert done == [["detect", str(tmp_path / "a"), True], ["track", str(tmp_path / "a"), "auto"]]
+
+    monkeypatch.setattr(OneHand, "right", 0.6)
+    assert "side: right, 60 % sure" in handtrack(*words, "--out", tmp_path / "b").err
+    assert "which hand" not in handtrack(*words, "--out", tmp_path / "c", "--side", "left").err
+    assert Session.open(tmp_path / "c").file.hand.side == "left"
+    assert len(done) == 2
+
+
+def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_must_be_some(
+    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
+    monkeypatch.setattr(track, "run", lambda args: done.append(args.init))
+    calibration = bundled_session() / "calibration.toml"
+    words = [
+        "new",
+        "--out",
+        tmp_path / "made",
+        "--calibration",
+        calibration,
+        "--video",
+        f"cam0={bundled_session()}/cam0.mp4",
+        "--track",
+    ]
+    refused(handtrack, tmp_path, [*words, "--detector", calibration], ["calibration.toml"])
+    ended = handtrack(*words)
+    assert (ended.code, done) == (0, ["auto"])
+    assert "note: the hand detector has no weights" in ended.err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
@@ -13,6 +14,7 @@ from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.links import allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
@@ -22,11 +24,13 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
+from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
     Recorded,
     check_sizes,
     copied,
+    linked_setting,
     recorded_cameras,
     settings_of,
 )
@@ -44,17 +48,23 @@ def run(args: argparse.Namespace) -> int:
     recorded = recorded_cameras(args.video, args.images, args.depth, [])
     _check_depth(recorded, args.depth_scale)
     check_new(args.out)
+    missing = check_detector(args.detector)
+    detects = not missing and any(cam.images for cam in recorded.values())
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, notes = given_rig(args.calibration, sizes, list(recorded), unit_m, args.yes)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
     masks = mask_method(args.masks)
-    files: dict[str, Path] = {}
+    files, roots = dict[str, Path](), list[Path]()
 
     def setting(given: Given | None, place: str) -> str | None:
         if given is None:
             return None
+        if args.link:
+            text, root = linked_setting(given)
+            roots.append(root)
+            return text
         text, names = settings_of(given, place)
         files.update(names)
         return text
@@ -73,23 +83,39 @@ def run(args: argparse.Namespace) -> int:
     )
     deep = tuple(camera.name for camera in cameras if camera.depth)
     recording = RecordingSettings(args.name or args.out.resolve().name, fps)
-    hand = HandSettings(side=args.side, scale="fit")
     clouds = CloudSettings(depth=deep) if deep else None
     for text in notes:
         say(text)
     with new_folder(args.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
-        for text in dict.fromkeys(
-            g.text for cam in recorded.values() for g in (cam.images, cam.depth) if g
-        ):
-            say(f"copying {text} …")
         copied(files, folder)
-        write_session_file(folder / SESSION_FILE, SessionFile(recording, hand, cameras, clouds))
-        count = Session.open(folder).frame_count
-    print(
-        f"session of {len(cameras)} cameras and {count} frames in {args.out}. Look at it with: handtrack doctor "
-        f"{args.out}; then pose the hand in its first frame with: handtrack open {args.out}"
-    )
+        hand = HandSettings(side=args.side or USUAL, scale="fit")
+        file = SessionFile(recording, hand, cameras, clouds)
+        write_session_file(folder / SESSION_FILE, file)
+        if roots:
+            allow_links(folder, roots)
+        session = Session.open(folder)
+        count = session.frame_count
+        if args.side is None and detects:
+            side = side_of_hand(session, args.detector, args.yes)
+            file = replace(file, hand=replace(hand, side=side))
+            write_session_file(folder / SESSION_FILE, file)
+    if roots:
+        allow_links(args.out, roots)
+    made = f"session of {len(cameras)} cameras and {count} frames in {args.out}."
+    if not args.track:
+        print(
+            f"{made} Look at it with: handtrack doctor {args.out}; then pose the hand in its first frame with: handtrack open "
+            f"{args.out}"
+        )
+        return 0
+    print(made)
+    if missing:
+        say(f"note: {missing}")
+    args.then = [["track", str(args.out), "--init", "auto"]]
+    if detects:
+        weights = [] if args.detector is None else ["--weights", str(args.detector)]
+        args.then.insert(0, ["detect", str(args.out), "--write", *weights])
     return 0
 
 

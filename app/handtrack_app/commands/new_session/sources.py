@@ -13,6 +13,8 @@ from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, Image
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, scaled_by
+from handtrack.session.layout import is_pattern
+from handtrack_app.commands.terminal.progress import say
 
 _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
 
@@ -169,15 +171,27 @@ def settings_of(given: Given, folder: str) -> tuple[str, Mapping[str, Path]]:
     return f"{folder}/*{suffix}", names
 
 
-def linked_setting(given: Given) -> str:
-    """Return what session.toml says of files that stay where they are: an absolute path or pattern."""
-    if given.option == _VIDEO:
-        return str(given.files[0].resolve())
-    return str(given.files[0].parent.resolve() / f"*{given.files[0].suffix}")
+def linked_setting(given: Given) -> tuple[str, Path]:
+    """Return what session.toml says of files that stay where they are, an absolute path or pattern, and their folder.
+
+    Raises HandtrackError for a path that reads as a pattern, which only copies may have.
+    """
+    first = given.files[0].resolve()
+    if is_pattern(str(first)):
+        raise HandtrackError(
+            f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave --link away."
+        )
+    name = first.name if given.option == _VIDEO else f"*{given.files[0].suffix}"
+    return (first.parent / name).as_posix(), first.parent
 
 
 def copied(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy files into a session."""
+    """Copy files into a session, saying so."""
+    said = set[Path]()
     for name, path in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, folder / name)
+        target = folder / name
+        if target.parent not in said or target.parent == folder:
+            say(f"copying {path if target.parent == folder else path.parent} …")
+            said.add(target.parent)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
