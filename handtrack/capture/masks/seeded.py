@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, Bytes, Floats, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.hand_seeds import HandSeeds
-from handtrack.capture.masks.likelihoods import Colours, bins_of, smoothed, mixed
+from handtrack.capture.masks.likelihoods import Colours, bins_of, mixed, smoothed
 from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least
