@@ -33,6 +33,7 @@ _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _BAYER = tuple(pattern.lower() for pattern in PATTERNS)
 _Text = Annotated[str, FULL]
 _FOREARM = Meta(description='true, false or "auto"')
+_LEVEL = Meta(ge=1, le=254, description="a grey value between 0 and 255")
 _SIZE = Meta(description="2 whole numbers [width, height], in pixels")
 _FINITE_S = Meta(ge=-sys.float_info.max, le=sys.float_info.max, description="a number [s]")
 
@@ -73,6 +74,8 @@ class CameraSettings:
     """a video, or a pattern of numbered files."""
     masks: _Text | MaskMethod | None = None
     """a pattern of numbered files, or how masks are computed."""
+    mask_unknown: Annotated[int, _LEVEL] | None = None
+    """value in the files of masks where nobody knows whether it is hand or background; it counts for nothing."""
     image_size: Annotated[tuple[int, int], _SIZE] | None = None
     """width, height [px] of all that the camera gave, where that is the calibration's images scaled: its matrix is scaled
     likewise."""
@@ -239,6 +242,8 @@ def _wrong_together(camera: CameraSettings) -> str | None:
     masks, roi = camera.masks, camera.roi
     if masks is not None and not isinstance(masks, str) and getattr(camera, masks.needs) is None:
         return f'masks by the method "{masks.name}" need the camera\'s `{masks.needs}`, which is missing.'
+    if camera.mask_unknown is not None and not isinstance(masks, str):
+        return "mask_unknown is about files of masks, but `masks` names none."
     if roi is not None and (min(roi[:2]) < 0 or min(roi[2:]) < 1):
         return f"roi = {list(roi)}; expected [x, y, w, h] in pixels, inside the image."
     if camera.depth is not None and camera.depth_scale_m is None:

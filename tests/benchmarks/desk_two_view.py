@@ -49,23 +49,30 @@ def drawn(polygon: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return image > 0
 
 
-def drawn_overlap(seen: np.ndarray, polygon: np.ndarray) -> float:
-    """Return the IoU of pixels (H, W) bool with the hand drawn by eye, both cut at the wrist."""
+def drawn_overlap(seen: np.ndarray, polygon: np.ndarray, known: np.ndarray | None = None) -> float:
+    """Return the IoU of pixels (H, W) bool with the hand drawn by eye, both cut at the wrist; of `known` pixels only."""
     height, width = seen.shape
     ends, middle = polygon[[0, -1]].tolist(), polygon.mean(axis=0)
-    truth = hand_side(drawn(polygon, (width, height)), ends, middle)
-    found = hand_side(seen, ends, middle)
+    counts = np.ones_like(seen) if known is None else known
+    truth = hand_side(drawn(polygon, (width, height)) & counts, ends, middle)
+    found = hand_side(seen & counts, ends, middle)
     return float((truth & found).sum() / (truth | found).sum())
 
 
-def compare_masks(session: Session) -> dict[tuple[int, str], float]:
-    """Return the IoU of the session's masks with the outlines drawn by eye, by frame and camera."""
-    return {
-        (frame, name): drawn_overlap(mask > 0, polygon)
-        for frame, views in read_outlines().items()
-        for name, polygon in views.items()
-        if (mask := session.mask(name, frame)) is not None
-    }
+def compare_masks(session: Session, known_only: bool = False) -> dict[tuple[int, str], float]:
+    """Return the IoU of the session's masks with the outlines drawn by eye, by frame and camera.
+
+    Pixels of which nobody knows count as background, or not at all: known_only.
+    """
+    found = {}
+    for frame, views in read_outlines().items():
+        for name, polygon in views.items():
+            mask, unknown = session.mask(name, frame), session.view(name).unknown
+            if mask is not None:
+                known = mask != unknown
+                hand = (mask > 0) & known
+                found[frame, name] = drawn_overlap(hand, polygon, known if known_only else None)
+    return found
 
 
 def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
@@ -111,11 +118,11 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
             for name, (x, y, *_) in marks.items():
                 seen = camera.project(track.joint_positions[i, names.index(name)])
                 here[f"{camera.name} {name}"] = float(np.hypot(*(seen - (x, y))))
-            mask = session.mask(camera.name, frame)
+            mask, unknown = session.mask(camera.name, frame), session.view(camera.name).unknown
             if cut is None or mask is None or not marks:
                 continue
             middle = np.median([m[:2] for m in marks.values()], axis=0)
-            observed = hand_side(mask > 0, cut, middle)
+            observed = hand_side((mask > 0) & (mask != unknown), cut, middle)
             predicted = hand_side(
                 render_mask(camera, hand.posed(bones), rays[camera.name]) > 0, cut, middle
             )
@@ -154,6 +161,8 @@ def main() -> None:
     poses, *other = sys.argv[1:]
     session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
     print_drawn("masks", compare_masks(session))
+    if any(view.unknown is not None for view in session.views):
+        print_drawn("masks where known", compare_masks(session, known_only=True))
     if poses == "-":
         return
     figures = compare(read_npz(Path(poses)), session)

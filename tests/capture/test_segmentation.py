@@ -164,6 +164,7 @@ SETTINGS: list[dict[str, Any]] = [
     {"method": "background_median", "samples": 9, "threshold": 5.0},
     {"method": "background_mog2", "shadows": False},
     {"method": "depth_range", "near_m": 0.2, "far_m": 0.9},
+    {"method": "seeded", "samples": 9, "sure": 0.8},
 ]
 
 

@@ -14,6 +14,7 @@ from handtrack.arrays import D3, Array, Bytes, H, W
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
 from handtrack.capture.masks.mask_cleaning import Roi, clean
+from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least, checked_table, read_table, required
@@ -97,10 +98,10 @@ class DepthRange:
         return segment
 
 
-MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange
+MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange | Seeded
 METHODS: dict[str, type[MaskMethod]] = {
     kind.name: kind
-    for kind in (SkinYCrCb, SkinAdaptive, BackgroundMog2, BackgroundMedian, DepthRange)
+    for kind in (SkinYCrCb, SkinAdaptive, BackgroundMog2, BackgroundMedian, DepthRange, Seeded)
 }
 
 

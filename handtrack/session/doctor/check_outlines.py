@@ -169,7 +169,9 @@ def _outlines(view: View, frames: Sequence[int]) -> list[_Outline | None]:
 def _outline(mask: Bytes, view: View) -> _Outline:
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
     found, _ = cv2.findContours(
-        (mask >= 128).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        ((mask >= 128) & (mask != view.unknown)).astype(np.uint8),
+        cv2.RETR_EXTERNAL,
+        cv2.CHAIN_APPROX_NONE,
     )
     outlines = [outline for outline in found if max(cv2.boundingRect(outline)[2:]) > _SPECK_PX]
     pixels = np.concatenate([o[:, 0].astype(float) for o in outlines] or [np.zeros((0, 2))])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, H, W
+from handtrack.arrays import Array, H, W
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.video import VideoFile
@@ -212,14 +212,14 @@ def _looks(view: View) -> Iterator[_MaskLook]:
     for frame in spread(view.frame_count, most):
         mask = view.mask(frame)
         if mask is not None:
-            hand = mask > 0
+            hand = (mask > 0) & (mask != (view.unknown or 0))
             inside = view.hand_pixels(frame)
             kept = hand if inside is None else hand & (inside > 0)
             outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0
             yield _MaskLook(
                 frame,
                 float(hand.mean()),
-                _touches_border(mask),
+                _touches_border(hand),
                 float(outside),
                 _second_piece(kept),
             )
@@ -232,7 +232,7 @@ def _second_piece(hand: Array[H, W]) -> float:
     return float(sizes[1] / sizes[0]) if len(sizes) > 1 else 0.0
 
 
-def _touches_border(mask: Bytes) -> bool:
+def _touches_border(mask: Array[H, W]) -> bool:
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 

@@ -11,6 +11,7 @@ from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.capture.live.devices import open_device
 from handtrack.capture.live.live_camera import LiveCamera
 from handtrack.capture.live.live_feed import LiveFeed, LiveImages
+from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
@@ -177,15 +178,17 @@ def _as_live(camera: CameraSettings, folder: Path) -> CameraSettings:
         )
     masks = SkinYCrCb() if _has_other_masks(camera) else camera.masks
     return replace(
-        camera, masks=masks, depth=None, depth_scale_m=None, keypoints=None, keypoint_layout=None,
+        camera, masks=masks, mask_unknown=None, depth=None, depth_scale_m=None, keypoints=None, keypoint_layout=None,
         fps=None, lag_s=None,
     )  # fmt: skip
 
 
 def _has_other_masks(camera: CameraSettings) -> bool:
-    """Return whether masks are files of a recording, or computed of depth: a live camera has images only."""
+    """Return whether masks are files of a recording, or computed of depth or joints: a live camera has images only."""
     masks = camera.masks
-    return isinstance(masks, str) or (masks is not None and masks.needs != "images")
+    if masks is None or isinstance(masks, str):
+        return masks is not None
+    return masks.needs != "images" or isinstance(masks, Seeded)
 
 
 def _note(names: list[str]) -> str:

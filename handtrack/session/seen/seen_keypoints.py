@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack.arrays import D2, D3, Floats, J
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.capture.images.frames import files_by_frame, frames_of
 from handtrack.capture.images.openpose import LAYOUTS, Layout, read_openpose
@@ -54,16 +55,10 @@ class KeypointFiles:
 
         sigma_px: of the sure ones.
         """
-        path = self.files.get(frame)
-        try:
-            points = None if path is None else read_openpose(path, self.layout)
-        except HandtrackError as error:
-            self._notes.add(frame, f"{error} Frame {frame} counts as missing.")
-            return ()
-        if points is None:
+        rows = self._rows(frame)
+        if rows is None:
             return ()
         names = tuple(self.layout.points)
-        rows = points[list(self.layout.points.values())]
         straight = self.camera.undistort_points(rows[:, :2])
         confidence = np.where(np.isfinite(straight).all(axis=1), rows[:, 2], 0.0)
         sets = []
@@ -75,3 +70,20 @@ class KeypointFiles:
                 pixels = np.where(chosen[:, None], straight, np.nan)
                 sets.append(ImageKeypoints(self.flat, names, pixels, sigma))
         return tuple(sets)
+
+    def as_taken(self, frame: int) -> dict[str, Floats[D2]]:
+        """Return the same joints by name, in the image as it was taken [px]; those that count as missing are left out."""
+        rows = self._rows(frame)
+        if rows is None:
+            return {}
+        named = zip(self.layout.points, rows, strict=True)
+        return {name: row[:2] for name, row in named if row[2] >= _LEAST}
+
+    def _rows(self, frame: int) -> Floats[J, D3] | None:
+        path = self.files.get(frame)
+        try:
+            points = None if path is None else read_openpose(path, self.layout)
+        except HandtrackError as error:
+            self._notes.add(frame, f"{error} Frame {frame} counts as missing.")
+            return None
+        return None if points is None else points[list(self.layout.points.values())]

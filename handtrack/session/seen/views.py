@@ -19,6 +19,7 @@ from handtrack.capture.images.frames import (
 )
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import Segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
@@ -26,6 +27,7 @@ from handtrack.observation.observation import ImageKeypoints, ImageView, Silhoue
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
+from handtrack.session.seen.mask_seeds import JointSeeds
 from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings
@@ -115,12 +117,26 @@ class View:
         return None if self.images is None else self._read(self.images, frame)
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
-        """Return the frame's mask uint8, read or computed; None where missing."""
+        """Return the frame's mask uint8, read or computed; None where missing. See `unknown`."""
         if self.mask_files is not None:
             return self._read(self.mask_files, frame)
         source = self._segmented_source
         image = None if source is None else self._read(source, frame)
-        return None if image is None else self._segmenter(image)
+        if image is None:
+            return None
+        segmenter = self._segmenter
+        if not isinstance(segmenter, SeededMasks):
+            return segmenter(image)
+        own = frame if self.times is None else self.times.own_frame(frame)
+        seeds = None if own is None else self._seeds(own)
+        return None if seeds is None else segmenter.mask(image, seeds)
+
+    @property
+    def unknown(self) -> int | None:
+        """The value in masks of pixels that may be hand or background, nobody knows; None where there are none."""
+        if isinstance(self.settings.masks, Seeded):
+            return UNKNOWN_LEVEL
+        return self.settings.mask_unknown
 
     def depth_m(self, frame: int) -> Array[H, W] | None:
         """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
@@ -144,7 +160,9 @@ class View:
     def silhouette(self, frame: int) -> Silhouette | None:
         """Return the frame's silhouette in the undistorted image; None where there is no mask."""
         mask = self.mask(frame)
-        return None if mask is None else undistort_silhouette(self.camera, mask, self.settings.roi)
+        if mask is None:
+            return None
+        return undistort_silhouette(self.camera, mask, self.settings.roi, self.unknown)
 
     def undistorted(self, frame: int) -> ImageView | None:
         """Return the frame's image without the lens's distortion; None where missing."""
@@ -178,12 +196,22 @@ class View:
         return self.images if method.needs == "images" else self.depth
 
     @property
-    def _segmenter(self) -> Segmenter:
+    def _segmenter(self) -> Segmenter | SeededMasks:
         with self._learning:
             return self._learned
 
     @cached_property
-    def _learned(self) -> Segmenter:
+    def _seeds(self) -> JointSeeds:
+        files = self.keypoint_files
+        if files is None:
+            raise HandtrackError(
+                f"{self._where}: mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
+                "`handtrack detect SESSION --write` finds them."
+            )
+        return JointSeeds(files)
+
+    @cached_property
+    def _learned(self) -> Segmenter | SeededMasks:
         method, source = self.settings.masks, self._segmented_source
         assert method is not None
         assert not isinstance(method, str)
@@ -191,6 +219,8 @@ class View:
             source = self._taught_by
         assert source is not None
         try:
+            if isinstance(method, Seeded):
+                return method.learned(source, self._seeds, self.settings.roi)
             return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)
         except HandtrackError as error:
             raise HandtrackError(f"{self._where}: {error}") from None

@@ -1,0 +1,272 @@
+"""Mask method that starts from where the hand is expected, and learns on this recording what hand and background look like."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W
+from handtrack.capture.images.frames import FrameSource
+from handtrack.capture.masks.hand_seeds import HandSeeds
+from handtrack.capture.masks.likelihoods import Colours, bins_of, mixed, smoothed
+from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_table import above, at_least
+
+UNKNOWN_LEVEL = 128
+"""in masks of 8 bits: hand or background, nobody can tell"""
+Seeds = Callable[[int], HandSeeds | None]
+"""frame → where the hand is expected in its image"""
+
+_WORK_PX_A_M = 700.0
+"""images are looked at this coarse: a finger is 11 pixels wide; bounds the cost"""
+_SMOOTH_M = 0.004
+"""what one pixel says, its neighbours as far as a quarter of a finger's breadth say too"""
+_COLOURED = 6.0
+"""distance of a or b of Lab from grey [8 bit] that is reached nowhere in images without colour: infrared"""
+_AWAY = -2.0
+"""log-odds by place below which the hand is not, for the image of the background alone"""
+_LEAST_SAMPLES = 3
+_LONGEST_PX = 480
+"""of the image of the background alone"""
+_ROUNDING = 4.0
+"""variance of 8 bit levels by compression"""
+_ROUNDS = 3
+"""of learning: by place alone, then by what was learned, too"""
+_TOLD_TWICE = 0.5
+"""of the log-odds by colour and by change against the background, which look at the same pixel"""
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """What looks like this recording's hand near where its joints, or a model, say that it is; unknown where that is not sure."""
+
+    name: ClassVar[str] = "seeded"
+    needs: ClassVar[str] = "images"
+
+    samples: Annotated[int, at_least(_LEAST_SAMPLES)] = 25
+    """frames, evenly spaced over the recording, that teach what hand and background look like."""
+    sure: Annotated[float, above(0.5, "probability")] = 0.9
+    """how probable hand, or background, must be; what is less so counts for nothing."""
+
+    def __post_init__(self) -> None:
+        if self.sure >= 1:
+            raise ValueError(f"sure = {self.sure:g}; expected a probability above 0.5 and below 1.")
+
+    def learned(self, source: FrameSource, seeds: Seeds, roi: Roi | None = None) -> SeededMasks:
+        """Return what makes masks, after one look at sampled frames. Raises HandtrackError with fewer than 3 that show a hand."""
+        looks = list(_looks(source, seeds, self.samples))
+        if len(looks) < _LEAST_SAMPLES:
+            raise HandtrackError(
+                f"{source.where}: mask method seeded learns from images in which the hand was found, at least "
+                f"{_LEAST_SAMPLES} of {self.samples}; found {len(looks)}. `handtrack detect SESSION --write` finds joints."
+            )
+        return SeededMasks(self, looks, roi)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A sampled frame."""
+
+    image: Array
+    seeds: HandSeeds
+
+
+class SeededMasks:
+    """Masks of one camera's images. Safe to use from several threads."""
+
+    def __init__(self, method: Seeded, looks: list[_Look], roi: Roi | None) -> None:
+        """Use `Seeded.learned`."""
+        self._limit = float(np.log(method.sure / (1 - method.sure)))
+        self._roi = roi
+        spread = np.mean([_colour(look.image) for look in looks])
+        self._grey = bool(spread < _COLOURED)
+        self._empty = _background(looks)
+        self._hand, self._other = Colours(), Colours()
+        self._moved, self._stayed = Colours(), Colours()
+        self._by_colour = self._by_change = np.zeros_like(self._hand.counts)
+        self._other_log = self._hand_log = self._by_colour
+        for _ in range(_ROUNDS):
+            self._teach(looks)
+
+    def mask(self, image: Bytes[H, W, D3], seeds: HandSeeds) -> Bytes[H, W]:
+        """Return a mask uint8 of an image BGR: 255 hand, 0 background, UNKNOWN_LEVEL where neither is sure."""
+        odds = self._log_odds(_Part(image, seeds, self._grey, self._empty))
+        height, width = seeds.log_odds.shape
+        odds = cv2.resize(odds, (width, height), interpolation=cv2.INTER_LINEAR)
+        part = np.full((height, width), UNKNOWN_LEVEL, np.uint8)
+        part[odds > self._limit] = 255
+        part[odds < -self._limit] = 0
+        part = _connected(part, seeds.core)
+        part[seeds.arm] = UNKNOWN_LEVEL
+        mask = np.zeros(image.shape[:2], np.uint8)
+        column, row = np.arange(image.shape[1]), np.arange(image.shape[0])[:, None]
+        a, b, c = seeds.line
+        mask[a * column + b * row + c < 0] = UNKNOWN_LEVEL
+        mask[seeds.part] = part
+        return mask if self._roi is None else inside_roi(mask, self._roi)
+
+    def _log_odds(self, part: _Part, taught: bool = True) -> Floats:
+        """Return log-odds of hand in a part, coarse."""
+        if not taught:
+            return part.prior
+        told = self._told(part, self._hand_log, self._other_log)
+        likely = 1 / (1 + np.exp(-(told + part.prior)))
+        frame, ring = Colours(), Colours()
+        outside = part.before & ~part.core
+        frame.add(part.bins[part.core], likely[part.core])
+        ring.add(part.bins[outside], 1 - likely[outside])
+        told = self._told(
+            part,
+            mixed(self._hand_log, frame.log_likelihood()),
+            mixed(self._other_log, ring.log_likelihood()),
+        )
+        radius = max(round(_SMOOTH_M * part.px_per_m), 1)
+        return smoothed(told, part.guide(likely), radius) + part.prior
+
+    def _told(self, part: _Part, hand: Floats, other: Floats) -> Floats[H, W]:
+        """Return log-odds by each pixel alone: its colour, and how it differs from the background."""
+        odds = (hand - other)[part.bins]
+        if part.change is not None:
+            change = np.where(part.seen_empty, self._by_change[part.change], odds)
+            odds = _TOLD_TWICE * (odds + change)
+        return odds.astype(np.float32)
+
+    def _teach(self, looks: list[_Look]) -> None:
+        taught = bool(self._hand.counts.any())
+        hand, other, moved, stayed = Colours(), Colours(), Colours(), Colours()
+        for look in looks:
+            part = _Part(look.image, look.seeds, self._grey, self._empty)
+            likely = 1 / (1 + np.exp(-self._log_odds(part, taught)))
+            for share, colours, changes in (
+                (likely * (part.before | part.core), hand, moved),
+                ((1 - likely) * part.before, other, stayed),
+            ):
+                colours.add(part.bins, share)
+                if part.change is not None:
+                    changes.add(part.change, share * part.seen_empty)
+        self._hand, self._other, self._moved, self._stayed = hand, other, moved, stayed
+        self._hand_log, self._other_log = hand.log_likelihood(), other.log_likelihood()
+        self._by_change = moved.log_likelihood() - stayed.log_likelihood()
+
+
+class _Part:
+    """What is looked at of one image, coarse: where the hand is expected."""
+
+    def __init__(
+        self, image: Array, seeds: HandSeeds, grey: bool, empty: tuple[Array, Array] | None
+    ) -> None:
+        scale = min(1.0, _WORK_PX_A_M / seeds.px_per_m)
+        self.px_per_m = scale * seeds.px_per_m
+        height, width = seeds.log_odds.shape
+        size = max(round(scale * width), 2), max(round(scale * height), 2)
+        self.prior = _reduced(seeds.log_odds, size)
+        self.core, self.before = (
+            _reduced(m.astype(np.float32), size) == 1 for m in (seeds.core, seeds.before)
+        )
+        small = _reduced(np.ascontiguousarray(image[seeds.part]), size)
+        self.channels = _textured(small) if grey else cv2.cvtColor(small, cv2.COLOR_BGR2Lab)
+        self.bins = bins_of(self.channels)
+        self.change = None
+        if empty is not None:
+            behind, known = (_cut(picture, image.shape, seeds, size) for picture in empty)
+            self.seen_empty = known > 0.5
+            away = small.astype(np.int16) - behind
+            self.change = bins_of(np.clip(128 + away, 0, 255).astype(np.uint8))
+
+    def guide(self, likely: Floats[H, W]) -> Floats[H, W]:
+        """Return one number a pixel that parts hand from background best, in units of what it varies within either."""
+        values = self.channels.reshape(-1, 3).astype(np.float32)
+        shares = likely.ravel(), ((1 - likely) * self.before).ravel()
+        means, spreads = [], []
+        for share in shares:
+            mean = share @ values / (share.sum() + 1e-9)
+            means.append(mean)
+            away = values - mean
+            spreads.append((share[:, None] * away).T @ away / (share.sum() + 1e-9))
+        spread = np.mean(spreads, axis=0) + _ROUNDING * np.eye(3)
+        way = np.linalg.solve(spread, means[0] - means[1])
+        way /= np.sqrt(way @ spread @ way) + 1e-9
+        return (values @ way.astype(np.float32)).reshape(self.bins.shape)
+
+
+def _looks(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Look]:
+    frames = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
+    for frame in frames:
+        found = seeds(int(frame))
+        image = source.read(int(frame)) if found is not None else None
+        if found is not None and image is not None:
+            yield _Look(image, found)
+
+
+def _background(looks: list[_Look]) -> tuple[Array, Array] | None:
+    """Return the median image without the hand, small, int16, and where it is known (at least 3 frames without hand or arm)."""
+    height, width = looks[0].image.shape[:2]
+    scale = min(1.0, _LONGEST_PX / max(height, width))
+    size = max(round(scale * width), 2), max(round(scale * height), 2)
+    stack = np.empty((len(looks), size[1], size[0], 3), np.uint8)
+    free = np.empty((len(looks), size[1], size[0]), bool)
+    column, row = np.arange(width), np.arange(height)[:, None]
+    for i, look in enumerate(looks):
+        a, b, c = look.seeds.line
+        taken = (a * column + b * row + c < 0).astype(np.float32)
+        taken[look.seeds.part] = np.maximum(taken[look.seeds.part], look.seeds.log_odds > _AWAY)
+        stack[i] = _reduced(look.image, size)
+        free[i] = _reduced(taken, size) == 0
+    often = free.sum(axis=0)
+    if not (often >= _LEAST_SAMPLES).any():
+        return None
+    middle = np.maximum(often - 1, 0)[None] // 2
+    median = np.empty((size[1], size[0], 3), np.int16)
+    for channel in range(3):
+        values = np.where(free, stack[..., channel].astype(np.int16), np.int16(999))
+        values.sort(axis=0)
+        median[..., channel] = np.take_along_axis(values, middle, axis=0)[0]
+    return median, (often >= _LEAST_SAMPLES).astype(np.float32)
+
+
+def _cut(picture: Array, shape: tuple[int, ...], seeds: HandSeeds, size: tuple[int, int]) -> Array:
+    """Return a small picture of the whole image, `shape`, where seeds look, in their size."""
+    (x, y), (height, width) = seeds.corner, seeds.log_odds.shape
+    small = picture.shape[1] / shape[1], picture.shape[0] / shape[0]
+    step = width / size[0] * small[0], height / size[1] * small[1]
+    matrix = np.array(
+        [
+            [step[0], 0, (x + 0.5 * width / size[0]) * small[0] - 0.5],
+            [0, step[1], (y + 0.5 * height / size[1]) * small[1] - 0.5],
+        ]
+    )
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(picture, matrix, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _colour(image: Array) -> float:
+    """Return how far an image's most coloured parts are from grey [8 bit of Lab]."""
+    small = cv2.resize(image, (64, 64), interpolation=cv2.INTER_AREA)
+    away = np.abs(cv2.cvtColor(small, cv2.COLOR_BGR2Lab)[..., 1:].astype(float) - 128)
+    return float(np.quantile(away, 0.99))
+
+
+def _textured(image: Array) -> Array:
+    """Return three channels of a grey picture: brightness, that of its surroundings, and how rough it is."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    around = cv2.blur(grey, (5, 5))
+    rough = cv2.blur(cv2.absdiff(grey, around), (5, 5))
+    return np.dstack([grey, around, np.minimum(rough.astype(np.int32) * 8, 255).astype(np.uint8)])
+
+
+def _reduced(image: Array, size: tuple[int, int]) -> Array:
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _connected(part: Bytes[H, W], core: Array[H, W]) -> Bytes[H, W]:
+    """Return a mask whose pieces of hand that touch nothing of the core are unknown."""
+    hand = (part == 255).astype(np.uint8)
+    _, labels = cv2.connectedComponents(hand, connectivity=8)
+    kept = np.zeros(labels.max() + 1, bool)
+    kept[np.unique(labels[core])] = True
+    return np.where((hand > 0) & ~kept[labels], UNKNOWN_LEVEL, part).astype(np.uint8)

@@ -1,0 +1,94 @@
+"""A session whose masks start from its joints; files of masks that say where nobody knows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.images.openpose import write_hand
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_views import check_view
+from handtrack.session.session import Session
+from tests.capture.seeded_scenes import SIZE, recording
+
+SETTINGS = """
+[session]
+format = 1
+fps = 10.0
+
+[[camera]]
+name = "cam0"
+images = "cam0/*.png"
+masks = {masks}
+"""
+JOINTS = 'keypoints = "joints/*.json"\nkeypoint_layout = "mediapipe21"\n'
+CALIBRATION = f"""
+[cam_0]
+name = "cam0"
+size = [{SIZE[0]}, {SIZE[1]}]
+matrix = [[420.0, 0.0, 180.0], [0.0, 420.0, 150.0], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0, 0.0]
+rotation = [0.0, 0.0, 0.0]
+translation = [0.0, -0.08, 0.55]
+"""
+NOBODY = (3, *range(8, 15))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
+    drawn = recording("even", rng, 16)
+    for name in ("cam0", "joints"):
+        (tmp_path / name).mkdir()
+    for frame, image in enumerate(drawn.images):
+        cv2.imwrite(str(tmp_path / "cam0" / f"{frame:03d}.png"), image)
+        points = np.array([[*at, 0.9] for at in drawn.joints[frame].values()])
+        hand = None if frame in NOBODY else points
+        write_hand(tmp_path / "joints" / f"{frame:03d}.json", hand, "right", "test")
+    (tmp_path / "calibration.toml").write_text(CALIBRATION)
+    return tmp_path
+
+
+def opened(folder: Path, masks: str, more: str = "") -> Session:
+    (folder / "session.toml").write_text(SETTINGS.format(masks=masks) + more)
+    return Session.open(folder)
+
+
+def test_masks_start_from_joints(folder: Path) -> None:
+    session = opened(folder, '{ method = "seeded" }', JOINTS)
+    (seen,) = session.observation(2).silhouettes
+    assert {-1.0, 0.0, 1.0} == set(np.unique(seen.mask).tolist())
+    assert (seen.mask == 1).sum() > 2000
+    assert session.view("cam0").unknown == UNKNOWN_LEVEL
+    found = check_view(session.view("cam0"), session)
+    assert not [finding for finding in found if finding.severity == "error"]
+
+
+def test_short_gaps_are_bridged_and_long_ones_see_nothing(folder: Path) -> None:
+    session = opened(folder, '{ method = "seeded" }', JOINTS)
+    (bridged,) = session.observation(3).silhouettes
+    (beside,) = session.observation(2).silhouettes
+    assert (bridged.mask == 1).sum() == pytest.approx((beside.mask == 1).sum(), rel=0.15)
+    assert session.observation(11).silhouettes == ()
+
+
+def test_without_joints_it_says_how_to_find_some(folder: Path) -> None:
+    session = opened(folder, '{ method = "seeded" }')
+    with pytest.raises(HandtrackError, match=r"camera 'cam0'.*no `keypoints`.*handtrack detect"):
+        session.mask("cam0", 2)
+
+
+def test_files_of_masks_may_say_that_nobody_knows(folder: Path) -> None:
+    (folder / "masks").mkdir()
+    mask = np.zeros(SIZE[::-1], np.uint8)
+    mask[100:200, 100:200], mask[150:160, 200:250] = 255, 90
+    cv2.imwrite(str(folder / "masks" / "000.png"), mask)
+    (seen,) = opened(folder, '"masks/*.png"', "mask_unknown = 90\n").observation(0).silhouettes
+    assert (seen.mask == -1).sum() == 500
+    (plain,) = opened(folder, '"masks/*.png"').observation(0).silhouettes
+    assert plain.mask.min() == 0
+    with pytest.raises(HandtrackError, match="mask_unknown is about files of masks"):
+        opened(folder, '{ method = "skin_ycrcb" }', "mask_unknown = 90\n")
