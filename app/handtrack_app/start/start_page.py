@@ -29,6 +29,7 @@ _MASKS = {
     "background": "background_median",
     "none": "none",
 }
+_AS_SEEN = "as it is seen"
 _LINES = 14
 """of a command are shown"""
 
@@ -143,10 +144,16 @@ class StartPage:
         args = ["new", "--out", str(out), "--calibration", str(found.calibration)]
         for name, path in found.videos.items():
             args += ["--video", f"{name}={path}"]
-        args += ["--side", self.side.value, "--masks", _MASKS[self.masks.value]]
+        args += ["--masks", _MASKS[self.masks.value]]
+        args += [] if self.side.value == _AS_SEEN else ["--side", self.side.value]
         unit = self.unit.value.strip()
         args += [f"--world-unit-m={unit}"] if unit else []
-        args += ["--scaled"] if self.scaled.value else []
+        for option, box in (
+            ("--scaled", self.scaled),
+            ("--link", self.link),
+            ("--track", self.track),
+        ):
+            args += [option] if box.value else []
         self._run(args, partial(self.open, out))
 
     def check(self) -> None:
@@ -171,7 +178,9 @@ class StartPage:
         )
         self._on(gui.add_button("Look into it", icon=viser.Icon.SEARCH), self.look)
         self.found = gui.add_html("")
-        self.side = gui.add_dropdown("Hand", ("right", "left"), initial_value="right")
+        self.side = gui.add_dropdown(
+            "Hand", (_AS_SEEN, "right", "left"), hint="Seen by the hand detector, where its weights are installed; else right.",
+        )  # fmt: skip
         self.unit = gui.add_text(
             "Unit in metres",
             "",
@@ -187,6 +196,16 @@ class StartPage:
             "Videos are scaled",
             False,
             hint="They are of another size than the calibration's images, of equal shape.",
+        )
+        self.link = gui.add_checkbox(
+            "No copies",
+            False,
+            hint="The videos stay where they are: the session is yours alone, on this machine.",
+        )
+        self.track = gui.add_checkbox(
+            "Track it, too",
+            False,
+            hint="Finds the hand in the images, where the detector's weights are installed, and tracks all frames.",
         )
         self.out = gui.add_text("Make it in", "", visible=False)
         self.make = gui.add_button("Make it and open", icon=viser.Icon.WAND, visible=False)
