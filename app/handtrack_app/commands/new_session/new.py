@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             name,
             setting(cam.images, _place(i, name)),
             masks if cam.images else None,
-            scaled.get(name),
+            image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=args.depth_scale if cam.depth else None,
             fps=own.get(name),
