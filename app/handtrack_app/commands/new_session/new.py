@@ -24,6 +24,7 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
+from handtrack_app.commands.new_session.joints import camera_joints
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
@@ -45,11 +46,13 @@ def run(args: argparse.Namespace) -> int:
     unit_m = (
         None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
     )
-    recorded = recorded_cameras(args.video, args.images, args.depth, [])
+    recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
     _check_depth(recorded, args.depth_scale)
     check_new(args.out)
+    joints = camera_joints(recorded, args.side)
+    side = args.side or next((found.side for found in joints.values() if found.side), None)
     missing = check_detector(args.detector)
-    detects = not missing and any(cam.images for cam in recorded.values())
+    seen = [name for name, cam in recorded.items() if cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, notes = given_rig(args.calibration, sizes, list(recorded), unit_m, args.yes)
     _check_cameras(recorded, rig, args)
@@ -77,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
             image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=args.depth_scale if cam.depth else None,
+            keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
+            keypoint_layout=joints[name].layout(side or USUAL) if name in joints else None,
             fps=own.get(name),
         )
         for i, (name, cam) in enumerate(recorded.items())
@@ -89,16 +94,20 @@ def run(args: argparse.Namespace) -> int:
     with new_folder(args.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
         copied(files, folder)
-        hand = HandSettings(side=args.side or USUAL, scale="fit")
+        for i, name in enumerate(recorded):
+            if name in joints:
+                size = sizes.get(name, rig[name].size)
+                joints[name].write(folder / "joints" / _place(i, name), side or USUAL, size)
+        hand = HandSettings(side=side or USUAL, scale="fit")
         file = SessionFile(recording, hand, cameras, clouds)
         write_session_file(folder / SESSION_FILE, file)
         if roots:
             allow_links(folder, roots)
         session = Session.open(folder)
         count = session.frame_count
-        if args.side is None and detects:
-            side = side_of_hand(session, args.detector, args.yes)
-            file = replace(file, hand=replace(hand, side=side))
+        if side is None and seen and not joints and not missing:
+            found = side_of_hand(session, args.detector, args.yes)
+            file = replace(file, hand=replace(hand, side=found))
             write_session_file(folder / SESSION_FILE, file)
     if roots:
         allow_links(args.out, roots)
@@ -110,12 +119,13 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     print(made)
-    if missing:
-        say(f"note: {missing}")
     args.then = [["track", str(args.out), "--init", "auto"]]
-    if detects:
+    if seen and missing:
+        say(f"note: {missing}")
+    elif seen:
         weights = [] if args.detector is None else ["--weights", str(args.detector)]
-        args.then.insert(0, ["detect", str(args.out), "--write", *weights])
+        chosen = [word for name in seen for word in ("--camera", name)]
+        args.then.insert(0, ["detect", str(args.out), "--write", *chosen, *weights])
     return 0
 
 

@@ -1,0 +1,218 @@
+"""Joints in CSV: DeepLabCut's tables, and dumps with a column a number or a row a point."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.capture.images.frames import frame_number
+from handtrack.capture.joints.given_joints import (
+    GivenJoints,
+    Hand,
+    frame_of,
+    hand_of,
+    named_points,
+)
+from handtrack.errors import HandtrackError
+
+_SHARES = 2.0
+_SURE = (
+    "likelihood",
+    "confidence",
+    "conf",
+    "score",
+    "visibility",
+    "presence",
+    "c",
+    "p",
+    "prob",
+    "probability",
+)
+_FRAME = (
+    "frame",
+    "frame_id",
+    "frame_index",
+    "frame_number",
+    "frameindex",
+    "image",
+    "framenumber",
+    "idx",
+    "index",
+    "",
+)
+_POINT = (
+    "landmark",
+    "landmark_id",
+    "landmark_index",
+    "joint",
+    "keypoint",
+    "bodypart",
+    "point",
+    "joint_name",
+    "landmark_name",
+    "node",
+    "name",
+)
+_HAND = ("hand", "handedness", "side", "hand_label", "label")
+_NUMBER = re.compile(
+    r"(.*?)[_. ]?(x|y|z|" + "|".join(s for s in _SURE if len(s) > 1) + r"|c|p)[_.]?(\d*)",
+    re.IGNORECASE,
+)
+
+
+def read_csv_joints(text: str, where: str) -> GivenJoints | None:
+    """Return the joints of a table; None for one without a header of points. Raises HandtrackError."""
+    sample = text[:4096]
+    separator = max(",;\t", key=sample.count)
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator) if any(row)]
+    except csv.Error as error:
+        raise HandtrackError(f"{where}: no readable CSV ({error}).") from None
+    if len(rows) < 2:
+        return None
+    heads = [row[0].strip().lower() for row in rows[:4]]
+    if "bodyparts" in heads and "coords" in heads:
+        return _deeplabcut(rows, heads, where)
+    head = [name.strip().lower() for name in rows[0]]
+    if "x" in head and "y" in head and any(name in head for name in _POINT):
+        return _a_row_a_point(rows, head, where)
+    return _a_row_a_frame(rows, where)
+
+
+def table_joints(
+    family: str, names: Sequence[str], columns: np.ndarray[tuple[int, int, int], np.dtype[np.float64]],
+    frames: Sequence[int], where: str, layout: str | None = None,
+) -> GivenJoints:  # fmt: skip
+    """Return joints from points by name. columns: (F, N, 3), column, row [px], confidence."""
+    sides, unknown = named_points(names, where)
+    hands: dict[str, dict[int, Hand]] = {}
+    for side, chosen in sides.items():
+        points, ours = list(chosen), list(chosen.values())
+        hands[side] = {
+            frame: hand_of(ours, row[points, :2], row[points, 2])
+            for frame, row in zip(frames, columns, strict=True)
+            if (np.isfinite(row[points, :2]).all(axis=1) & (row[points, 2] > 0)).any()
+        }
+    if layout is not None and len(hands) == 1:  # MediaPipe's sides are as in a mirror, or not
+        hands = {"": next(iter(hands.values()))}
+    seen = [np.abs(columns[:, list(chosen), :2]) for chosen in sides.values()]
+    largest = max((float(np.nanmax(part)) for part in seen if np.isfinite(part).any()), default=0.0)
+    return GivenJoints(family, hands, largest <= _SHARES, layout, unknown)
+
+
+def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> GivenJoints:
+    parts, coords = rows[heads.index("bodyparts")], rows[heads.index("coords")]
+    single = rows[heads.index("individuals")] if "individuals" in heads else [""] * len(parts)
+    if len({name for name in single[1:] if name and name != "single"}) > 1:
+        raise HandtrackError(
+            f"{where}: several individuals ({', '.join(dict.fromkeys(single[1:]))}); export one."
+        )
+    body = rows[heads.index("coords") + 1 :]
+    first = next((i for i, name in enumerate(coords) if name.strip().lower() == "x"), 1)
+    names = list(dict.fromkeys(parts[first:]))
+    kinds = [name.strip().lower() for name in coords]
+    places = {(parts[i], kinds[i]): i for i in range(first, min(len(parts), len(kinds)))}
+    columns = _columns(
+        body, [[places.get((n, k)) for k in ("x", "y", "likelihood")] for n in names], where
+    )
+    frames = [_frame(row[max(first - 1, 0)] or row[0], i, where) for i, row in enumerate(body)]
+    return table_joints("DeepLabCut's CSV", names, columns, frames, where)
+
+
+def _a_row_a_point(rows: list[list[str]], head: list[str], where: str) -> GivenJoints:
+    place = {name: i for i, name in enumerate(head)}
+    at_frame = next((place[n] for n in _FRAME if n in place), None)
+    at_point = next(place[n] for n in _POINT if n in place)
+    at_hand = next((place[n] for n in _HAND if n in place), None)
+    at_sure = next((place[n] for n in _SURE if n in place), None)
+    if at_frame is None:
+        raise HandtrackError(f"{where}: no column `frame` beside {', '.join(head)}.")
+    cells: dict[tuple[int, str], tuple[float, float, float]] = {}
+    for i, row in enumerate(rows[1:]):
+        if len(row) < len(head):
+            raise HandtrackError(f"{where}: row {i + 2} has {len(row)} of {len(head)} columns.")
+        hand = (
+            ""
+            if at_hand is None
+            else next(iter(re.findall(r"left|right", row[at_hand].lower())), "")
+        )
+        sure = 1.0 if at_sure is None else _value(row[at_sure], where)
+        values = _value(row[place["x"]], where), _value(row[place["y"]], where), sure
+        cells.setdefault(
+            (_frame(row[at_frame], i, where), f"{hand} {row[at_point]}".strip()), values
+        )
+    names = list(dict.fromkeys(name for _, name in cells))
+    frames = sorted({frame for frame, _ in cells})
+    if len(names) > 200:
+        raise HandtrackError(f"{where}: {len(names)} different points; expected a hand's 21.")
+    missing = (math.nan, math.nan, 0.0)
+    columns = np.array([[cells.get((frame, name), missing) for name in names] for frame in frames])
+    return table_joints("a CSV with a row a point", names, columns, frames, where, _layout(names))
+
+
+def _a_row_a_frame(rows: list[list[str]], where: str) -> GivenJoints | None:
+    places: dict[str, dict[str, int]] = {}
+    for i, column in enumerate(rows[0]):
+        match = _NUMBER.fullmatch(column.strip())
+        if match and (match[1] or match[3]):
+            name = f"{match[1]}{match[3]}".strip("_. ")
+            kind = match[2].lower()
+            places.setdefault(name, {}).setdefault(kind if kind in "xyz" else "sure", i)
+    names = [name for name, kinds in places.items() if "x" in kinds and "y" in kinds]
+    if len(names) < 3:
+        return None
+    head = [name.strip().lower() for name in rows[0]]
+    at = next((head.index(n) for n in _FRAME if n in head), None)
+    columns = _columns(
+        rows[1:], [[places[n].get(k) for k in ("x", "y", "sure")] for n in names], where
+    )
+    frames = [i if at is None else _frame(row[at], i, where) for i, row in enumerate(rows[1:])]
+    if len(set(frames)) < len(frames):
+        raise HandtrackError(f"{where}: a frame stands in two rows; expected one row a frame.")
+    return table_joints("a CSV with a row a frame", names, columns, frames, where, _layout(names))
+
+
+def _layout(names: Sequence[str]) -> str | None:
+    """Return MediaPipe's layout where its own names, or bare numbers, stand there."""
+    words = " ".join(names).upper()
+    return (
+        "mediapipe21"
+        if "_FINGER_MCP" in words
+        or not re.search(r"[A-Z]{4}", re.sub("RIGHT|LEFT|HAND|LANDMARK", "", words))
+        else None
+    )
+
+
+def _columns(
+    rows: list[list[str]], places: list[list[int | None]], where: str
+) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
+    columns = np.full((len(rows), len(places), 3), np.nan)
+    columns[..., 2] = 1.0
+    for i, row in enumerate(rows):
+        for k, triple in enumerate(places):
+            for j, at in enumerate(triple):
+                if at is not None and at < len(row):
+                    columns[i, k, j] = _value(row[at], where)
+    columns[..., 2] = np.nan_to_num(columns[..., 2])
+    return columns
+
+
+def _value(text: str, where: str) -> float:
+    if not text.strip():
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        raise HandtrackError(f"{where}: '{text[:40]}'; expected a number.") from None
+
+
+def _frame(text: str, otherwise: int, where: str) -> int:
+    try:
+        return frame_of(float(text), where) if text.strip() else otherwise
+    except ValueError:
+        return frame_number(text)

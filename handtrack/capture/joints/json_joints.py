@@ -1,0 +1,252 @@
+"""Joints in JSON: MediaPipe's results, COCO-WholeBody as RTMPose and MMPose write it, OpenPose."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.capture.images.frames import frame_number
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.joints.given_joints import GivenJoints, Hand, frame_of, hand_of
+from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.errors import HandtrackError
+
+_MEDIAPIPE = (
+    "hand_landmarks",
+    "handLandmarks",
+    "landmarks",
+    "multi_hand_landmarks",
+    "multiHandLandmarks",
+)
+_SIDES = ("handedness", "handednesses", "multi_handedness", "multiHandedness")
+_WHOLE_BODY = {133: {"left": 91, "right": 112}, 21: {"": 0}}
+"""by how many points a person has: where the hands' 21 begin"""
+_MIRRORED = {"left": "right", "right": "left"}
+_SHARES = 2.0  # coordinates up to here are shares of the image: no hand is seen within two pixels
+
+
+def read_json_joints(tree: Any, where: str) -> GivenJoints | None:
+    """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
+    frames = list(_frames(tree, where))
+    if any(_landmarks(entry) is not None for _, entry in frames):
+        return _mediapipe(frames, where)
+    people = [(frame, person) for frame, entry in frames for person in _people(entry)]
+    return _whole_body(people, frames, where) if people else None
+
+
+def _frames(tree: Any, where: str) -> Iterator[tuple[int, Any]]:
+    """Yield every frame's number and what is there: from a list of frames, or a mapping by frame number."""
+    if isinstance(tree, Mapping) and isinstance(tree.get("annotations"), list):
+        files = {
+            i.get("id"): i.get("file_name")
+            for i in tree.get("images", [])
+            if isinstance(i, Mapping)
+        }
+        for entry in tree["annotations"]:
+            if isinstance(entry, Mapping):
+                name = files.get(entry.get("image_id"))
+                yield frame_number(name) if name else _number(entry, 0, where), entry
+        return
+    inner = (
+        next(
+            (tree[k] for k in ("frames", "instance_info", "results", "predictions") if k in tree),
+            tree,
+        )
+        if isinstance(tree, Mapping)
+        else tree
+    )
+    if isinstance(inner, Mapping) and inner and all(str(key).isdigit() for key in inner):
+        inner = [
+            {"frame": int(key), **(v if isinstance(v, Mapping) else {"instances": v})}
+            for key, v in inner.items()
+        ]
+    for i, entry in enumerate(inner if isinstance(inner, list) else ()):
+        yield (_number(entry, i, where) if isinstance(entry, Mapping) else i), entry
+
+
+def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
+    for key in ("frame", "frame_id", "frame_index", "frame_number", "frameIndex", "image_id"):
+        value = entry.get(key)
+        if isinstance(value, int | float):
+            return frame_of(value, where)
+        if isinstance(value, str) and re.search(r"\d", value):
+            return frame_number(value)
+    return otherwise
+
+
+# ---- MediaPipe
+
+
+def _landmarks(entry: Any) -> list[Any] | None:
+    found = (
+        next((entry[k] for k in _MEDIAPIPE if k in entry), None)
+        if isinstance(entry, Mapping)
+        else None
+    )
+    return found if isinstance(found, list) else None
+
+
+def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
+    hands: dict[str, dict[int, Hand]] = {}
+    for frame, entry in frames:
+        labels = _labels(entry)
+        for i, points in enumerate(_hands(_landmarks(entry) or [])):
+            hand = _landmark_hand(points, f"{where}: frame {frame}")
+            said = labels[i] if i < len(labels) else ""
+            hands.setdefault(said, {}).setdefault(frame, hand)
+    if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
+        hands = {"": next(iter(hands.values()))}
+        notes = ()
+    else:
+        hands = {_MIRRORED.get(side, side): found for side, found in hands.items()}
+        notes = (
+            "MediaPipe names hands as in a mirror: of images that are not mirrored, its 'Left' is the right hand.",
+        )
+    largest = max(
+        (float(np.nanmax(np.abs(h[:, :2]))) for f in hands.values() for h in f.values()),
+        default=0.0,
+    )
+    return GivenJoints("MediaPipe's JSON", hands, largest <= _SHARES, "mediapipe21", (), notes)
+
+
+def _hands(found: list[Any]) -> list[Any]:
+    """Return the hands of a frame: a list of lists of points, or of one hand's points."""
+    hands = [
+        hand.get("landmark", hand.get("landmarks", hand)) if isinstance(hand, Mapping) else hand
+        for hand in found
+    ]
+    is_one = len(hands) == len(JOINTS) and not any(
+        isinstance(h, list) and len(h) == len(JOINTS) for h in hands
+    )
+    return [found] if is_one else hands
+
+
+def _labels(entry: Mapping[str, Any]) -> list[str]:
+    found = next((entry[k] for k in _SIDES if k in entry), [])
+    found = found if isinstance(found, list) else [found]
+    return [
+        label[0].lower()
+        if (label := re.findall(r"\b(left|right)\b", str(one), re.IGNORECASE))
+        else ""
+        for one in found
+    ]
+
+
+def _landmark_hand(points: Any, where: str) -> Hand:
+    try:
+        rows = [[p["x"], p["y"]] if isinstance(p, Mapping) else p[:2] for p in points]
+        places = np.array(rows, dtype=float)
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise HandtrackError(f"{where}: landmarks that are no numbers x, y.") from None
+    if places.shape != (len(JOINTS), 2):
+        raise HandtrackError(f"{where}: a hand of {len(places)} landmarks; expected {len(JOINTS)}.")
+    return hand_of(JOINTS, places, np.ones(len(JOINTS)))
+
+
+# ---- COCO-WholeBody
+
+
+def _people(entry: Any) -> list[Any]:
+    if isinstance(entry, list):
+        return [person for person in entry if isinstance(person, Mapping) and "keypoints" in person]
+    if not isinstance(entry, Mapping):
+        return []
+    if "keypoints" in entry or "righthand_kpts" in entry or "lefthand_kpts" in entry:
+        return [entry]
+    inner = entry.get("instances", entry.get("people", entry.get("predictions")))
+    return _people(inner) if isinstance(inner, list) else []
+
+
+def _whole_body(
+    people: list[tuple[int, Any]], frames: list[tuple[int, Any]], where: str
+) -> GivenJoints:
+    best: dict[str, dict[int, Hand]] = {}
+    for frame, person in people:
+        for side, hand in _person(person, f"{where}: frame {frame}").items():
+            known = best.setdefault(side, {})
+            sure = hand[:, 2].sum()
+            if sure > 0 and (frame not in known or sure > known[frame][:, 2].sum()):
+                known[frame] = hand
+    numbers = sorted({frame for frame, _ in frames})
+    is_from_one = numbers == list(range(1, len(numbers) + 1)) and any(
+        isinstance(entry, Mapping) and "frame_id" in entry for _, entry in frames
+    )
+    notes = ()
+    if is_from_one:  # as MMPose's demos count
+        best = {
+            side: {frame - 1: hand for frame, hand in found.items()} for side, found in best.items()
+        }
+        notes = (f"{where}: frames are counted from 1 there, here from 0.",)
+    return GivenJoints("COCO-WholeBody as RTMPose writes it", best, notes=notes)
+
+
+def _person(person: Mapping[str, Any], where: str) -> dict[str, Hand]:
+    found: dict[str, Hand] = {}
+    for side in ("left", "right"):
+        if f"{side}hand_kpts" in person:
+            points, sure = _points(person[f"{side}hand_kpts"], None, where)
+            if len(points) == len(JOINTS):
+                found[side] = hand_of(JOINTS, points, sure)
+    if found or "keypoints" not in person:
+        return found
+    points, sure = _points(
+        person["keypoints"], person.get("keypoint_scores", person.get("scores")), where
+    )
+    if len(points) not in _WHOLE_BODY:
+        raise HandtrackError(
+            f"{where}: a person of {len(points)} points; expected 133 (COCO-WholeBody, hands from 91 on) or a hand's 21."
+        )
+    for side, start in _WHOLE_BODY[len(points)].items():
+        part = slice(start, start + len(JOINTS))
+        found[side] = hand_of(JOINTS, points[part], sure[part])
+    return found
+
+
+def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
+    """Return points (N, 2) [px] and confidence (N,), from N times x, y or flat x, y, confidence."""
+    try:
+        array = np.array(values, dtype=float)
+        array = (
+            array.reshape(-1, 3 if scores is None else 2)
+            if array.ndim == 1
+            else array.reshape(len(array), -1)
+        )
+        sure = np.array(scores, dtype=float).ravel() if scores is not None else None
+    except (TypeError, ValueError, OverflowError):
+        raise HandtrackError(f"{where}: keypoints that are no numbers x, y, confidence.") from None
+    if sure is None:
+        sure = array[:, 2] if array.shape[1:] == (3,) else np.ones(len(array))
+    if array.ndim != 2 or array.shape[1] < 2 or len(sure) != len(array):
+        raise HandtrackError(
+            f"{where}: {len(array)} keypoints with {len(sure)} scores; expected as many."
+        )
+    return array[:, :2], np.where(np.isfinite(sure), sure, 0.0)
+
+
+# ---- OpenPose
+
+
+def read_openpose_files(files: Mapping[int, Path]) -> GivenJoints:
+    """Return the hands of OpenPose's files by frame. Raises HandtrackError for a file that is none."""
+    hands: dict[str, dict[int, Hand]] = {"left": {}, "right": {}}
+    for frame, path in files.items():
+        for side, found in hands.items():
+            try:
+                points = read_openpose(path, LAYOUTS[f"hand_{side}"])
+            except HandtrackError:
+                if (
+                    not found
+                    and frame == next(iter(files))
+                    and side == "right"
+                    and not hands["left"]
+                ):
+                    raise
+                continue
+            if points is not None:
+                found[frame] = points
+    return GivenJoints("OpenPose's JSON", hands)

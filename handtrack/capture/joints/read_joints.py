@@ -1,0 +1,78 @@
+"""Anybody's 2D joints: which reader knows a file, by its content, in one place."""
+
+from __future__ import annotations
+
+import glob
+from pathlib import Path
+from typing import Any
+
+from handtrack.capture.images.frames import files_by_frame
+from handtrack.capture.joints.csv_joints import read_csv_joints
+from handtrack.capture.joints.given_joints import LARGEST, GivenJoints
+from handtrack.capture.joints.h5_joints import read_h5_joints
+from handtrack.capture.joints.json_joints import read_json_joints, read_openpose_files
+from handtrack.errors import HandtrackError
+from handtrack.files.given_files import check_given, first_bytes
+from handtrack.files.text_files import read_json, read_text
+
+_WHAT = "2D joints"
+ACCEPTED = (
+    "OpenPose (folder of JSON), MediaPipe (JSON, CSV), RTMPose or COCO-WholeBody (JSON), DeepLabCut (CSV, H5), SLEAP (analysis "
+    "H5, .slp), or a CSV with the columns frame, joint, x, y, confidence"
+)
+
+
+def read_joints(text: str, where: str) -> GivenJoints:
+    """Return the joints of a file, a folder or a pattern of files. Raises HandtrackError, naming what is accepted."""
+    path = Path(text)
+    if not path.is_file() and (path.is_dir() or any(sign in text for sign in "*?[")):
+        return _folder(text, where)
+    check_given(path, _WHAT, LARGEST)
+    start = first_bytes(path)
+    if start[:4] == b"\x89HDF":
+        return _known(read_h5_joints(path), where)
+    if b"\0" in start:
+        raise _unknown(where)
+    if start.decode("utf-8-sig", errors="replace").lstrip()[:1] in ("{", "["):
+        tree = read_json(path, _WHAT)
+        return (
+            read_openpose_files({0: path})
+            if _is_openpose(tree)
+            else _known(read_json_joints(tree, str(path)), where)
+        )
+    return _known(read_csv_joints(read_text(path, _WHAT), str(path)), where)
+
+
+def _folder(text: str, where: str) -> GivenJoints:
+    pattern = f"{glob.escape(text.rstrip('/'))}/*.json" if Path(text).is_dir() else text
+    files = files_by_frame(Path(name) for name in glob.glob(pattern) if Path(name).is_file())
+    if not files:
+        raise HandtrackError(
+            f"{where}: nothing matches {pattern}; expected one JSON file a frame. Accepted: {ACCEPTED}."
+        )
+    for path in files.values():
+        check_given(path, _WHAT)
+    first = read_json(next(iter(files.values())), _WHAT)
+    if _is_openpose(first):
+        return read_openpose_files(files)
+    trees = [{"frame": frame, "instances": tree} if isinstance(tree, list) else {"frame": frame, **tree}
+             for frame, path in files.items() if isinstance(tree := read_json(path, _WHAT), list | dict)]  # fmt: skip
+    return _known(read_json_joints(trees, text), where)
+
+
+def _is_openpose(tree: Any) -> bool:
+    people = tree.get("people") if isinstance(tree, dict) else None
+    return isinstance(people, list) and all(
+        isinstance(person, dict) and any(key.endswith("keypoints_2d") for key in person)
+        for person in people
+    )
+
+
+def _known(found: GivenJoints | None, where: str) -> GivenJoints:
+    if found is None:
+        raise _unknown(where)
+    return found
+
+
+def _unknown(where: str) -> HandtrackError:
+    return HandtrackError(f"{where}: no joints that are known here. Accepted: {ACCEPTED}.")

@@ -1,0 +1,130 @@
+"""`handtrack new` with 2D joints of others: in a session as its own, or refused in one sentence before anything is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack.session.bundled import bundled_session
+from handtrack.session.session import Session
+from tests.app.command_line import CommandLine, refused
+from tests.capture.joints.hostile import HDF5, HOSTILE
+from tests.capture.joints.writers import WITH_CONFIDENCE, WITHOUT, hand
+
+CALIBRATION = bundled_session() / "calibration.toml"
+
+
+def test_a_session_of_joints_alone(handtrack: CommandLine, tmp_path: Path) -> None:
+    left, right = (
+        WITH_CONFIDENCE[form](tmp_path, hand()) for form in ("openpose", "deeplabcut csv")
+    )
+    ended = handtrack(
+        "new", "--out", tmp_path / "made", "--calibration", CALIBRATION, "--fps", 30,
+        "--keypoints", f"cam0={left}", "--keypoints", f"cam1={right}",
+    )  # fmt: skip
+    assert ended.code == 0, ended.err
+    assert "DeepLabCut's CSV, a hand in 3 frames; not a hand's, so left out: elbow." in ended.err
+    session = Session.open(tmp_path / "made")
+    assert session.frame_count == 3
+    assert [c.keypoint_layout for c in session.file.cameras] == ["hand_right"] * 2
+    first, second = (session.view(name).keypoints(2, 1.0)[0] for name in ("cam0", "cam1"))
+    assert first.names == second.names
+    assert first.pixels.shape == (21, 2)
+
+
+def test_shares_are_of_the_camera_s_image(handtrack: CommandLine, tmp_path: Path) -> None:
+    points = hand()
+    points[1, 7] = (50, 60, 1)
+    path = WITHOUT["mediapipe"](tmp_path, points)
+    words = [
+        "new",
+        "--out",
+        tmp_path / "made",
+        "--calibration",
+        CALIBRATION,
+        "--fps",
+        30,
+        "--side",
+        "left",
+    ]
+    assert handtrack(*words, "--keypoints", f"cam0={path}").code == 0
+    session = Session.open(tmp_path / "made")
+    assert (session.file.hand.side, session.file.cameras[0].keypoint_layout) == (
+        "left",
+        "mediapipe21",
+    )
+    assert session.rig["cam0"].size == (640, 480)
+    seen = session.view("cam0").keypoints(0, 1.0)[0]
+    expected = session.rig["cam0"].undistort_points(points[0, :, :2])
+    assert abs(seen.pixels - expected).max() < 1e-3
+
+
+def test_sides_that_differ_are_asked_about(handtrack: CommandLine, tmp_path: Path) -> None:
+    right = WITH_CONFIDENCE["openpose"](tmp_path, hand())
+    left = tmp_path / "left.csv"
+    left.write_text(
+        (WITH_CONFIDENCE["deeplabcut csv"](tmp_path, hand())).read_text().replace("right_", "left_")
+    )
+    words = ["new", "--out", tmp_path / "made", "--calibration", CALIBRATION, "--fps", 30]
+    refused(
+        handtrack,
+        tmp_path,
+        [*words, "--keypoints", f"cam0={right}", "--keypoints", f"cam1={left}"],
+        ["a left hand, but", "--side"],
+    )
+    refused(
+        handtrack,
+        tmp_path,
+        [*words, "--keypoints", f"cam0={right}", "--side", "left"],
+        ["no left hand; there is a right one"],
+    )
+
+
+@pytest.mark.parametrize("kind", [*HOSTILE, *HDF5])
+def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
+    kind: str, handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind in HDF5:
+        for library in ("h5py", "pandas", "tables"):
+            pytest.importorskip(library)
+    write, expected = (HOSTILE | HDF5)[kind]
+    folder = tmp_path / "given"
+    folder.mkdir()
+    path = write(folder)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    words = [
+        "new",
+        "--out",
+        tmp_path / "out",
+        "--calibration",
+        CALIBRATION,
+        "--fps",
+        30,
+        "--keypoints",
+        f"cam0={path}",
+    ]
+    refused(handtrack, tmp_path / "out", words, expected)
+    assert not (tmp_path / "harmed").exists()
+
+
+def test_hdf5_without_its_library_is_refused_in_a_sentence(
+    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    words = [
+        "new",
+        "--out",
+        tmp_path / "made",
+        "--calibration",
+        CALIBRATION,
+        "--fps",
+        30,
+        "--keypoints",
+        f"cam0={tmp_path}/a.h5",
+    ]
+    refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack[joints]"])

@@ -1,0 +1,114 @@
+"""Files of 2D joints that cannot be taken: made to do harm, of other things, or that leave something open."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.capture.joints.joint_names import JOINTS
+from tests.capture.joints.writers import deeplabcut_h5, hand, sleap_h5
+
+
+def _text(text: str, name: str = "j.txt") -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_text(text)
+        return folder / name
+
+    return write
+
+
+def _bytes(folder: Path) -> Path:
+    (folder / "j.bin").write_bytes(bytes(range(256)))
+    return folder / "j.bin"
+
+
+def _pipe(folder: Path) -> Path:
+    os.mkfifo(folder / "j.json")
+    return folder / "j.json"
+
+
+def _huge(folder: Path) -> Path:
+    with (folder / "j.csv").open("wb") as file:
+        file.truncate(1 << 34)
+    return folder / "j.csv"
+
+
+def _empty_folder(folder: Path) -> Path:
+    (folder / "joints").mkdir()
+    return folder / "joints"
+
+
+class _Harm:
+    def __reduce__(self) -> tuple:
+        return (os.system, ("touch harmed",))
+
+
+def _pickled(folder: Path) -> Path:
+    import h5py  # pyright: ignore[reportMissingImports]
+
+    path = deeplabcut_h5(folder, hand())
+    with h5py.File(path, "a") as file:
+        file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(
+            pickle.dumps([(1, [_Harm()])], protocol=0)
+        )
+    return path
+
+
+def _elsewhere(folder: Path) -> Path:
+    import h5py  # pyright: ignore[reportMissingImports]
+
+    path = sleap_h5(folder, hand())
+    with h5py.File(path, "a") as file:
+        del file["tracks"]
+        file.create_dataset("tracks", (1, 2, 21, 3), "f8", external=[("/etc/passwd", 0, 1008)])
+    return path
+
+
+def _immense(folder: Path) -> Path:
+    import h5py  # pyright: ignore[reportMissingImports]
+
+    path = sleap_h5(folder, hand())
+    with h5py.File(path, "a") as file:
+        del file["tracks"]
+        file.create_dataset(
+            "tracks", (1, 2, 21, 1 << 40), "f8", chunks=(1, 2, 21, 64), compression="gzip"
+        )
+    return path
+
+
+def _cut_off(folder: Path) -> Path:
+    path = sleap_h5(folder, hand())
+    path.write_bytes(path.read_bytes()[:900])
+    return path
+
+
+_HEAD = "frame," + ",".join(f"{name}_{axis}" for name in JOINTS for axis in "xy") + "\n"
+HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
+    "a pipe": (_pipe, ["is a pipe or a device"]),
+    "16 GB": (_huge, ["is not read"]),
+    "bytes": (_bytes, ["no joints that are known here", "Accepted: OpenPose"]),
+    "prose": (_text("Dear hand,\nplease be found."), ["no joints that are known here"]),
+    "nothing": (_text(""), ["no joints that are known here"]),
+    "an empty folder": (_empty_folder, ["nothing matches", "one JSON file a frame"]),
+    "JSON nested": (_text("[" * 100_000), ["cannot be read as JSON"]),
+    "JSON of others": (_text('{"a": [1, 2]}'), ["no joints that are known here"]),
+    "no numbers": (_text('[{"hand_landmarks": [[{"x": "a", "y": 1}]]}]'), ["frame 0", "no numbers"]),
+    "a body": (_text(json.dumps([{"keypoints": [[1, 2]] * 17, "keypoint_scores": [1] * 17}])), ["a person of 17 points"]),
+    "a negative frame": (_text('[{"frame": -1, "hand_landmarks": []}]'), ["frame -1"]),
+    "a frame far off": (_text(_HEAD + "1e15" + ",5" * 42), ["expected a whole number from 0"]),
+    "a formula": (_text(_HEAD + "0,=1+1" + ",5" * 41), ["'=1+1'", "expected a number"]),
+    "a frame twice": (_text(_HEAD + ("0" + ",5" * 42 + "\n") * 2), ["a frame stands in two rows"]),
+    "a mouse": (_text("frame,nose_x,nose_y,tail_x,tail_y,ear_x,ear_y\n0,1,2,3,4,5,6\n"), ["(nose, tail, ear, …)", "no hand's"]),
+    "a joint twice": (_text(_HEAD.replace("index_pip", "INDEX_FINGER_MCP") + "0" + ",5" * 42), ["are both index_mcp"]),
+}  # fmt: skip
+HDF5: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
+    "a pickle": (_pickled, ["not readable as DeepLabCut", "it asks for"]),
+    "another file's bytes": (_elsewhere, ["lies in another file"]),
+    "terabytes": (_immense, ["would take", "expected at most 1"]),
+    "cut off": (_cut_off, ["not readable as DeepLabCut or SLEAP"]),
+}

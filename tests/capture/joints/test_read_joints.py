@@ -1,0 +1,97 @@
+"""2D joints in the forms that detectors write: the same points in a session, whatever they came from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.arrays import D3, D21, F, Floats
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.joints.given_joints import write_joints
+from handtrack.capture.joints.joint_names import JOINTS, known_joint
+from handtrack.capture.joints.read_joints import read_joints
+from handtrack.errors import HandtrackError
+from tests.capture.joints.writers import FRAMES, LIBRARIES, SIZE, WITH_CONFIDENCE, WITHOUT, hand
+
+
+def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
+    """Return what a session reads of a file's joints, and their side."""
+    given = read_joints(str(text), "it")
+    side, frames = given.hand(None, "it")
+    write_joints(frames, side or "right", SIZE if given.is_share else None, folder / "joints")
+    layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
+    read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(FRAMES)]
+    return np.array(read), side
+
+
+@pytest.mark.parametrize("form", WITH_CONFIDENCE)
+def test_points_and_confidence_are_kept(form: str, tmp_path: Path) -> None:
+    for library in LIBRARIES.get(form, ()):
+        pytest.importorskip(library)
+    found, side = written(WITH_CONFIDENCE[form](tmp_path, hand()), tmp_path)
+    np.testing.assert_allclose(found, hand(), rtol=0, atol=1e-4)
+    assert side in (("right",) if form not in ("deeplabcut h5", "sleap h5") else ("",))
+
+
+@pytest.mark.parametrize("form", WITHOUT)
+def test_points_without_confidence_are_sure(form: str, tmp_path: Path) -> None:
+    points = np.where(np.isnan(hand()), 50.0, hand())
+    found, side = written(WITHOUT[form](tmp_path, points), tmp_path)
+    np.testing.assert_allclose(found[..., :2], points[..., :2], rtol=0, atol=1e-3)
+    assert (found[..., 2] == 1).all()
+    assert side == ""
+
+
+def test_points_that_are_none_of_ours_are_named(tmp_path: Path) -> None:
+    given = read_joints(str(WITH_CONFIDENCE["deeplabcut csv"](tmp_path, hand())), "it")
+    assert given.unknown == ("elbow",)
+
+
+@pytest.mark.parametrize("spelling", [
+    ("wrist thumb_cmc thumb_mcp thumb_ip thumb_tip", "{f}_mcp {f}_pip {f}_dip {f}_tip", "index middle ring little"),
+    ("WRIST THUMB_CMC THUMB_MCP THUMB_IP THUMB_TIP", "{f}_FINGER_MCP {f}_FINGER_PIP {f}_FINGER_DIP {f}_FINGER_TIP", "INDEX MIDDLE RING PINKY"),
+    ("RWrist RThumb1CMC RThumb2Knuckles RThumb3IP RThumb4FingerTip", "R{f}1Knuckles R{f}2PIP R{f}3DIP R{f}4FingerTip", "Index Middle Ring Pinky"),
+    ("right_hand_root right_thumb1 right_thumb2 right_thumb3 right_thumb4", "right_{f}1 right_{f}2 right_{f}3 right_{f}4",
+     "forefinger middle_finger ring_finger pinky_finger"),
+    ("wrist thumb1 thumb2 thumb3 thumbTip", "{f}1 {f}2 {f}3 {f}Tip", "index mid ring small"),
+    ("0 1 2 3 4", "", ""),
+])  # fmt: skip
+def test_usual_names_are_known(spelling: tuple[str, str, str]) -> None:
+    first, rest, fingers = spelling
+    names = first.split() + [
+        name.format(f=finger) for finger in fingers.split() for name in rest.split()
+    ]
+    assert [(known_joint(name) or ("none", ""))[0] for name in names] == list(JOINTS[: len(names)])
+
+
+def test_others_are_not(tmp_path: Path) -> None:
+    assert [
+        known_joint(n) for n in ("elbow", "nose", "21", "thumb_dip", "index", "tail_tip", "")
+    ] == [None] * 7
+
+
+def test_two_hands_are_asked_about(tmp_path: Path) -> None:
+    path = WITH_CONFIDENCE["coco"](tmp_path, hand())
+    table = json.loads(path.read_text())
+    for row in table["annotations"]:
+        row["lefthand_kpts"] = row["righthand_kpts"]
+    path.write_text(json.dumps(table))
+    given = read_joints(str(path), "it")
+    with pytest.raises(HandtrackError, match="two hands, left and right; say which with --side"):
+        given.hand(None, "it")
+    assert given.hand("left", "it")[0] == "left"
+
+
+def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
+    path = WITHOUT["mediapipe"](tmp_path, np.where(np.isnan(hand()), 50.0, hand()))
+    table = json.loads(path.read_text())
+    for frame in table:
+        frame["handedness"].append([{"category_name": "Right", "score": 0.9}])
+        frame["hand_landmarks"].append([{"x": 0.5, "y": 0.5, "z": 0} for _ in range(21)])
+    path.write_text(json.dumps(table))
+    given = read_joints(str(path), "it")
+    assert given.hand("left", "it")[1][0][0, 0] == 0.5
+    assert "as in a mirror" in given.notes[0]
