@@ -16,7 +16,9 @@ from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, log_odds, our_hands
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
 from handtrack.session.seen.views import View
 from handtrack.session.session import Session
@@ -73,6 +75,38 @@ def seen_side(session: Session, detector: HandDetector) -> SeenSide:
     mean = float(np.mean(said)) if said else 0.0
     confidence = 1 / (1 + np.exp(-abs(mean)))
     return SeenSide("right" if mean >= 0 else "left", float(confidence), len(said), looks)
+
+
+def usable_detector(session: Session) -> HandDetector | None:
+    """Return the hand detector, where its weights are there and two cameras of the session have images of it."""
+    if sum(view.images is not None for view in session.views) < 2:
+        return None
+    try:
+        return HandDetector.open()
+    except HandtrackError:
+        return None
+
+
+def joints_of_frame(
+    session: Session, frame: int, detector: HandDetector, sigma_px: float
+) -> tuple[ImageKeypoints, ...]:
+    """Return the session's hand as seen in one frame's images, undistorted; nothing is written, other frames do not count.
+
+    sigma_px: of the joints.
+    """
+    side, seen = session.file.hand.side, dict[str, list[SeenHand]]()
+    views = {view.name: view for view in session.views if view.images is not None}
+    for name, view in views.items():
+        hands = HandFollower(detector).step(view.image(frame)).values()
+        seen[name] = [SeenHand(view.camera, hand, log_odds(hand.right, side)) for hand in hands]
+    joints = []
+    for name, mine in our_hands(seen).items():
+        rows = _with_confidence(mine.hand, views[name])
+        camera = views[name].camera
+        pixels = np.where(rows[:, 2:] > 0, camera.undistort_points(rows[:, :2]), np.nan)
+        flat = camera.without_distortion()
+        joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
+    return tuple(joints)
 
 
 class JointDetection:

@@ -13,6 +13,7 @@ from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
@@ -34,8 +35,9 @@ def find_first_poses(
     """Return first poses of one frame, the surest first; empty where no hand was found.
 
     frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at joints on
-    which two cameras agree, else at silhouettes and clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for a model
-    that is no hand.
+    which two cameras agree, the session's or what the hand detector sees in the images, where its weights are there; else at
+    silhouettes and clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for
+    a model that is no hand.
     """
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
@@ -76,10 +78,30 @@ def _is_size_known(run: TrackingRun) -> bool:
 
 def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
     """Yield what was seen of a frame, or of a few that may show a hand, spread over all."""
+    look = _looking(run)
     if isinstance(frame, int):
-        return iter([run.seen(frame)])
+        return iter([look(frame)])
     order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
-    return islice(filter(_may_show_a_hand, (run.seen(number) for number in order)), _MOST_TRIED)
+    return islice(filter(_may_show_a_hand, (look(number) for number in order)), _MOST_TRIED)
+
+
+def _looking(run: TrackingRun) -> Callable[[int], Observation]:
+    """Return what looks at a frame: with the detector's joints, where the session has none and the weights are there."""
+    session = run.session
+    if not isinstance(session, Session) or any(view.keypoint_files for view in session.views):
+        return run.seen
+    from handtrack.session.detection import joints_of_frame, usable_detector  # seldom
+
+    detector = usable_detector(session)
+    if detector is None:
+        return run.seen
+
+    def look(frame: int) -> Observation:
+        joints = joints_of_frame(session, frame, detector, run.settings.keypoints.sigma_px)
+        seen = run.seen(frame)
+        return replace(seen, keypoints=(*seen.keypoints, *joints))
+
+    return look
 
 
 def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
