@@ -172,6 +172,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--depth-scale", type=float, metavar="M", help="metres in one unit of the depth files, such as 0.001"),
         _option("--keypoints", action="append", default=[], metavar="CAMERA=FILE",
                 help="its 2D joints: of OpenPose, MediaPipe, RTMPose, DeepLabCut, SLEAP, or CSV"),
+        _option("--truth", type=Path, metavar="FILE", help="what it really shows: truth.npz, TRC, C3D or CSV, in the calibration's world"),
         _option("--name", default="", help="the session's name"),
         _option("--side", choices=("right", "left"), help="which hand (default: as the detector sees it, else right)"),
         _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),

@@ -7,8 +7,8 @@ import json
 
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
+from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.tables import read_npz
-from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands.terminal.progress import say
 
 _FAR_MM = 1000.0
@@ -16,7 +16,10 @@ _FAR_MM = 1000.0
 
 def run(args: argparse.Namespace) -> int:
     """Print the metrics, as a table or JSON."""
-    track, truth = read_npz(args.poses), read_truth(args.truth)
+    track = read_npz(args.poses)
+    truth, note = read_given_truth(args.truth, track.side)
+    if note:
+        say(f"note: {note}")
     try:
         metrics = evaluate(track, truth)
     except HandtrackError as error:

@@ -82,7 +82,7 @@ LINES: dict[str, Words] = {
     "export on itself": Words("export {p} --to npz --out {p}", ["that is the file that is read"]),
     "export to nowhere": Words("export {p} --to csv --out {t}/no/p.csv", ["p.csv", "cannot be written"]),
     "truth as poses": Words("evaluate {s}/truth.npz --truth {s}/truth.npz", ["truth.npz: no array `format`"]),
-    "poses as truth": Words("evaluate {p} --truth {s}/init.json", ["init.json: not a readable .npz"]),
+    "poses as truth": Words("evaluate {p} --truth {s}/init.json", ["init.json: no points in space that are known here"]),
     "no truth": Words("evaluate {p} --truth {t}/none.npz", ["none.npz: no such file"]),
     "export over something else": Words("export {p} --to csv --out {s}/session.toml", ["session.toml", ".csv files"]),
     "export onto a folder": Words("export {p} --to npz --out {s}/x.npz", ["x.npz", "that is a folder"]),

@@ -13,11 +13,13 @@ from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.regions import Region, whole_image
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
+from handtrack.session.formats.truth import read_truth
 from handtrack.session.session import Session
 from handtrack_app.commands import track
 from handtrack_app.commands.detection import detect
 from tests.app.command_line import CommandLine, refused
 from tests.session.small_session import edit
+from tests.session.test_given_truth import moving, trc
 
 
 def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
@@ -247,3 +249,21 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     ended = handtrack(*words)
     assert (ended.code, done) == (0, ["auto"])
     assert "note: the hand detector has no weights" in ended.err
+
+
+def test_new_takes_truth_along(handtrack: CommandLine, tmp_path: Path) -> None:
+    source = bundled_session()
+    words = [
+        "--calibration",
+        source / "calibration.toml",
+        "--video",
+        f"cam0={source}/cam0.mp4",
+        "--masks",
+        "none",
+    ]
+    ended = handtrack("new", "--out", tmp_path / "made", *words, "--truth", trc(tmp_path / "t.trc"))
+    assert ended.code == 0
+    assert "left out: Elbow." in ended.err
+    np.testing.assert_allclose(
+        read_truth(tmp_path / "made/truth.npz").keypoints21, moving(), atol=1e-7
+    )

@@ -13,7 +13,8 @@ from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
+from handtrack.session.formats.given_truth import read_given_truth, write_truth
+from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE
 from handtrack.session.links import allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
@@ -51,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     check_new(args.out)
     joints = camera_joints(recorded, args.side)
     side = args.side or next((found.side for found in joints.values() if found.side), None)
+    truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
     missing = check_detector(args.detector)
     seen = [name for name, cam in recorded.items() if cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
@@ -89,8 +91,9 @@ def run(args: argparse.Namespace) -> int:
     deep = tuple(camera.name for camera in cameras if camera.depth)
     recording = RecordingSettings(args.name or args.out.resolve().name, fps)
     clouds = CloudSettings(depth=deep) if deep else None
-    for text in notes:
-        say(text)
+    for text in (*notes, note):
+        if text:
+            say(text)
     with new_folder(args.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
         copied(files, folder)
@@ -98,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
             if name in joints:
                 size = sizes.get(name, rig[name].size)
                 joints[name].write(folder / "joints" / _place(i, name), side or USUAL, size)
+        if truth is not None:
+            write_truth(folder / TRUTH_FILE, truth)
         hand = HandSettings(side=side or USUAL, scale="fit")
         file = SessionFile(recording, hand, cameras, clouds)
         write_session_file(folder / SESSION_FILE, file)

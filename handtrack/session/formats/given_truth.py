@@ -1,0 +1,91 @@
+"""Ground truth from whatever it was measured with: a hand's joints by their names, in metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, F, Floats, N
+from handtrack.capture.joints.given_joints import named_points
+from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.errors import HandtrackError
+from handtrack.files.given_files import first_bytes
+from handtrack.session.formats.markers import Markers, read_markers
+from handtrack.session.formats.truth import Truth, read_truth
+
+_HAND_M = (
+    0.06,
+    0.25,
+)  # between the two points furthest apart: a small child's fist to a large man's flat hand
+_UNITS_M = (
+    1.0,
+    0.01,
+    0.001,
+)  # each ten times the next, and a hand's range is four: at most one fits
+_SELDOM = 0.5  # a joint that is missing in more of the frames is left out
+
+
+def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
+    """Return the truth of truth.npz, TRC, C3D or CSV, and what was left out, in a sentence or none.
+
+    side: of the hand, where the file has both. Raises HandtrackError where the unit cannot be known, or no hand is in it.
+    """
+    if path.is_file() and first_bytes(path)[:4] == b"PK\3\4":
+        return read_truth(path), ""
+    markers = read_markers(path)
+    sides, unknown = named_points(markers.names, str(path))
+    chosen = sides.get(side) or (
+        next(iter(sides.values())) if len(sides) == 1 and "" in sides else {}
+    )
+    if not chosen:
+        raise HandtrackError(
+            f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Say which with --side."
+        )
+    found = np.isfinite(markers.positions[:, list(chosen)]).all(axis=2)
+    columns = [c for c, share in zip(chosen, found.mean(axis=0), strict=True) if share > _SELDOM]
+    rows = np.asarray(np.isfinite(markers.positions[:, columns]).all(axis=(1, 2)))
+    if not columns or not rows.any():
+        raise HandtrackError(f"{path}: in no frame all points of the hand are there.")
+    positions = markers.positions[rows][:, columns] * _unit(
+        markers, markers.positions[rows][:, columns], path
+    )
+    names = tuple(chosen[c] for c in columns)
+    seldom = [chosen[c] for c in chosen if c not in columns]
+    notes = [
+        f"{count} of {len(rows)} frames lack points" for count in [int((~rows).sum())] if count
+    ]
+    notes += [f"left out: {', '.join((*seldom, *unknown)[:8])}"] if seldom or unknown else []
+    ordered = positions[:, [names.index(j) for j in JOINTS]] if set(names) == set(JOINTS) else None
+    times = None if markers.times_s is None else markers.times_s[rows]
+    truth = Truth(markers.frames[rows], times, ordered, names, positions)
+    return truth, f"{path}: {'; '.join(notes)}." if notes else ""
+
+
+def _unit(markers: Markers, positions: Floats[F, N, D3], path: Path) -> float:
+    """Return metres in one unit: what the file says, else what makes a hand of its points."""
+    if markers.unit_m is not None:
+        return markers.unit_m
+    size = float(np.median(np.linalg.norm(np.ptp(positions, axis=1), axis=1)))
+    fits = [unit for unit in _UNITS_M if _HAND_M[0] <= size * unit <= _HAND_M[1]]
+    if len(fits) != 1:
+        raise HandtrackError(
+            f"{path}: its points span {size:.3g}, which is no hand in metres, centimetres or millimetres. Write the unit in the "
+            "names of the columns, such as wrist_x_mm."
+        )
+    return fits[0]
+
+
+def write_truth(path: Path, truth: Truth) -> None:
+    """Write truth.npz."""
+    arrays: dict[str, np.ndarray] = {"frame": truth.frame}
+    if truth.time_s is not None:
+        arrays["time_s"] = truth.time_s
+    if truth.keypoints21 is not None:
+        arrays["keypoints21"] = truth.keypoints21
+    if truth.joint_positions is not None:
+        arrays |= {
+            "joint_names": np.array(truth.joint_names),
+            "joint_positions": truth.joint_positions,
+        }
+    np.savez(path, **arrays)  # pyright: ignore[reportArgumentType]
