@@ -254,6 +254,14 @@ COMMANDS: dict[str, _Command] = {
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
         _JSON,
     )),
+    "masks": _Command("detection.masks", "Make masks again by tracked poses, and write them as files.", (
+        _SESSION,
+        _option("--poses", type=Path, metavar="FILE.npz", help="what was tracked (default: the session's tracks/poses.npz)"),
+        _option("--camera", action="append", default=[], metavar="NAME",
+                help="this camera only; may be repeated (default: all that have images)"),
+        _option("--write", action="store_true", help="also write into session.toml that these masks are to be used"),
+        _JSON,
+    )),
     "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",

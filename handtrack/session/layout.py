@@ -23,9 +23,11 @@ HAND_FILE = "hand.json"
 JOURNAL_FILE = "tracks/journal.jsonl"
 KEYPOINTS_FOLDER = "keypoints"
 """what the hand detector writes: a folder for each camera"""
+MASKS_FOLDER = "masks_refined"
+"""masks made again by tracked poses: a folder for each camera"""
 _WRITTEN = (
     SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, WORK_FILE, JOURNAL_FILE, "versions",
-    "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER,
+    "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER, MASKS_FOLDER,
 )  # fmt: skip
 
 _WILD = "*?["

@@ -26,6 +26,8 @@ class Recording:
     images: list[Bytes]
     truth: list[Array]
     joints: list[dict[str, Floats]]
+    params: list[Floats]
+    """solver parameters of the hand, `hand26`"""
     where: str = "drawn"
     size: tuple[int, int] = SIZE
     warnings: tuple[str, ...] = ()
@@ -45,12 +47,10 @@ def recording(light: str, rng: np.random.Generator, frames: int = 24) -> Recordi
     """Return frames of a right hand without a forearm, before a textured background, in one of LIGHTS."""
     model = load_model("hand26")
     matrix = np.array([[420.0, 0, 180], [0, 420, 150], [0, 0, 1]])
-    # looks at the back of the hand, fingers down
-    turn = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
-    camera = Camera("cam0", SIZE, matrix, np.zeros(5), turn, np.array([0.0, -0.08, 0.55]))
+    camera = Camera("cam0", SIZE, matrix, np.zeros(5), np.eye(3), np.array([0.0, -0.08, 0.55]))
     rays = pixel_rays(camera)
     behind = _background(light, rng)
-    out = Recording([], [], [])
+    out = Recording([], [], [], [])
     for frame in range(frames):
         phase = 2 * np.pi * frame / frames
         curl = np.deg2rad(35 * (1 - np.cos(3 * phase)))
@@ -78,6 +78,7 @@ def recording(light: str, rng: np.random.Generator, frames: int = 24) -> Recordi
         image = cv2.GaussianBlur(image, (3, 3), 0) + rng.normal(scale=3.0, size=(*hand.shape, 1))
         out.images.append(np.clip(image, 0, 255).astype(np.uint8))
         out.truth.append(hand)
+        out.params.append(params)
         places = camera.project(model.joint_positions(bones))
         places = places + rng.normal(scale=_JOINTS_OFF_PX, size=places.shape)
         out.joints.append(dict(zip(model.joint_names, places, strict=True)))

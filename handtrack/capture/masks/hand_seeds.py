@@ -60,6 +60,11 @@ class HandSeeds:
         (x, y), (height, width) = self.corner, self.log_odds.shape
         return slice(y, y + height), slice(x, x + width)
 
+    def behind(self, shape: tuple[int, ...]) -> Array[H, W]:
+        """Return where in an image of that height and width nothing is said of: behind the wrist, by `line`."""
+        a, b, c = self.line
+        return a * np.arange(shape[1]) + b * np.arange(shape[0])[:, None] + c < 0
+
 
 def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> HandSeeds | None:
     """Return seeds of joints by name [px], in an image of size (width, height); None without a wrist and two knuckles.

@@ -104,9 +104,7 @@ class SeededMasks:
         part = _connected(part, seeds.core)
         part[seeds.arm] = UNKNOWN_LEVEL
         mask = np.zeros(image.shape[:2], np.uint8)
-        column, row = np.arange(image.shape[1]), np.arange(image.shape[0])[:, None]
-        a, b, c = seeds.line
-        mask[a * column + b * row + c < 0] = UNKNOWN_LEVEL
+        mask[seeds.behind(mask.shape)] = UNKNOWN_LEVEL
         mask[seeds.part] = part
         return mask if self._roi is None else inside_roi(mask, self._roi)
 
@@ -210,10 +208,8 @@ def _background(looks: list[_Look]) -> tuple[Array, Array] | None:
     size = max(round(scale * width), 2), max(round(scale * height), 2)
     stack = np.empty((len(looks), size[1], size[0], 3), np.uint8)
     free = np.empty((len(looks), size[1], size[0]), bool)
-    column, row = np.arange(width), np.arange(height)[:, None]
     for i, look in enumerate(looks):
-        a, b, c = look.seeds.line
-        taken = (a * column + b * row + c < 0).astype(np.float32)
+        taken = look.seeds.behind((height, width)).astype(np.float32)
         taken[look.seeds.part] = np.maximum(taken[look.seeds.part], look.seeds.log_odds > _AWAY)
         stack[i] = _reduced(look.image, size)
         free[i] = _reduced(taken, size) == 0

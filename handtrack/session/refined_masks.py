@@ -1,0 +1,200 @@
+"""Masks made again once the pose is known: seeded by the outline of what was tracked."""
+
+from __future__ import annotations
+
+import glob
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes, Floats, H, W
+from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replacing
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
+from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.model_file import load_model, scale_from
+from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
+from handtrack.session.seen.views import View
+from handtrack.session.session import Session
+from handtrack.tracking.frame.result import Status, TrackResult
+
+_FLESH_OFF_M = 0.004
+"""how far a person's outline is from the model's in the right pose: one and a half of `outline_sigma_mm`, and clothes of skin"""
+_SUBPIXEL_BITS = 4
+_MARK = "made_by_handtrack.json"
+_KNUCKLES = ("index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
+
+
+@dataclass(frozen=True)
+class RefinedCamera:
+    """What became of one camera's masks; medians over frames."""
+
+    camera: str
+    masks: int
+    """how many were written"""
+    known: float
+    """share of the model's outline's inside, before the wrist, of which the mask says something"""
+    agreement: float
+    """overlap (IoU) of mask and model, where the mask says something"""
+
+
+class MaskRefinement:
+    """Masks of a session's images, by the poses of a track, written as files."""
+
+    def __init__(self, session: Session, track: TrackResult, cameras: Sequence[str] = ()) -> None:
+        """cameras: all that have images, unless named. Raises HandtrackError where there is nothing to look at, the track is no
+        hand's, or files of others would be written over.
+        """
+        self.session = session
+        size = scale_from(json.loads(str(track.scale)), Path("the track's scale"))
+        names = [str(name) for name in track.bone_names]
+        self._model = load_model(
+            str(track.model), scale=size, side=str(track.side), forearm="forearm" in names
+        )
+        if self._model.kind != "hand":
+            raise HandtrackError(
+                f"the track is of the model {track.model}; masks are made of hands only."
+            )
+        self._track = track
+        joints = [str(name) for name in track.joint_names]
+        self._wrist = joints.index("wrist")
+        self._knuckles = [joints.index(name) for name in _KNUCKLES]
+        for name in cameras:
+            if name not in session.camera_names:
+                where = str(session.folder / SESSION_FILE)
+                raise unknown_name("camera", name, session.camera_names, where)
+        chosen = [v for v in session.views if not cameras or v.name in cameras]
+        self.views = [view for view in chosen if view.images is not None]
+        if not self.views:
+            raise HandtrackError(
+                f"{session.folder / SESSION_FILE}: no camera with `images`; masks are made of images."
+            )
+        for view in self.views:
+            _check_folder(self._folder(view))
+
+    @cached_property
+    def rows(self) -> dict[int, int]:
+        """Frames that were tracked and not lost, and their rows in the track."""
+        seen = enumerate(zip(self._track.frame, self._track.status, strict=True))
+        return {int(frame): i for i, (frame, status) in seen if status != Status.LOST}
+
+    def learn(self, view: View) -> SeededMasks:
+        """Return what makes the masks of a camera."""
+        method = view.settings.masks
+        chosen = method if isinstance(method, Seeded) else Seeded()
+        images = view.images
+        assert images is not None
+        return chosen.learned(images, lambda frame: self.seeds(view, frame), view.settings.roi)
+
+    def seeds(self, view: View, frame: int) -> HandSeeds | None:
+        """Return where the pose of a session's frame lets the hand be expected; None where it was not tracked."""
+        row = self.rows.get(frame)
+        if row is None:
+            return None
+        camera = view.camera
+        joints = self._track.joint_positions[row]
+        places = camera.project(joints[[self._wrist, *self._knuckles]])
+        depth = float(camera.to_camera(joints[self._wrist])[2])
+        if depth <= 0 or not np.isfinite(places).all():
+            return None
+        drawn = self.outline(view, row)
+        far = cv2.distanceTransform(255 - drawn, cv2.DIST_L2, 5)
+        deep = cv2.distanceTransform(drawn, cv2.DIST_L2, 5)
+        spread = np.trace(self._track.joint_covariance[row], axis1=1, axis2=2)
+        off_m = float(np.hypot(_FLESH_OFF_M, np.sqrt(np.median(spread))))
+        return seeds_of_outline(
+            np.asarray(deep - far, float),
+            off_m,
+            float(camera.pixels_per_m(depth)),
+            places[0],
+            places[1:].mean(axis=0),
+        )
+
+    def outline(self, view: View, row: int) -> Bytes[H, W]:
+        """Return 255 where the camera, with its lens, sees the model in a row of the track."""
+        bones = self._model.bones(self._model.transform.solver_params(self._track.parameters[row]))
+        drawn = _drawn(view.camera, self._model.flesh["fine"].posed(bones))
+        maps = self._maps(view)
+        return drawn if maps is None else cv2.remap(drawn, *maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
+
+    def write(self, view: View, masks: SeededMasks, frame: int) -> tuple[float, float] | None:
+        """Write a frame's mask; return the share known and the overlap with the model where it is. None without image or pose."""
+        seeds = self.seeds(view, frame)
+        image = view.image(frame) if seeds is not None else None
+        if seeds is None or image is None:
+            return None
+        mask = masks.mask(image, seeds)
+        folder = self._folder(view)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / _MARK).write_text(json.dumps({"writer": "handtrack masks"}) + "\n")
+        with replacing(folder / f"{frame:06d}.png") as part:
+            cv2.imwrite(str(part), mask)
+        hand = self.outline(view, self.rows[frame]) > 0
+        known = (mask != UNKNOWN_LEVEL) & ~seeds.behind(mask.shape)
+        hand &= ~seeds.behind(mask.shape)
+        both, either = (mask == 255) & hand & known, ((mask == 255) | hand) & known
+        share = (hand & known).sum() / max(hand.sum(), 1)
+        return float(share), float(both.sum() / max(either.sum(), 1))
+
+    def changes(self) -> dict[str, object]:
+        """Return what session.toml is to say for these masks to be used, by dotted names."""
+        named = {view.name for view in self.views}
+        found: dict[str, object] = {}
+        for number, camera in enumerate(self.session.file.cameras):
+            if camera.name in named:
+                found[f"camera.{number}.masks"] = f"{MASKS_FOLDER}/{glob.escape(camera.name)}/*.png"
+                found[f"camera.{number}.mask_unknown"] = UNKNOWN_LEVEL
+        return found
+
+    def _folder(self, view: View) -> Path:
+        return inside(self.session.folder, f"{MASKS_FOLDER}/{view.name}", str(self.session.folder))
+
+    def _maps(self, view: View) -> tuple[Array, Array] | None:
+        camera = view.camera
+        if not camera.is_distorted:
+            return None
+        known = self.__dict__.setdefault("_known_maps", {})
+        if view.name not in known:
+            width, height = camera.size
+            pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
+            straight = np.nan_to_num(camera.undistort_points(pixels), nan=-1e4).astype(np.float32)
+            known[view.name] = tuple(np.ascontiguousarray(straight[..., i]) for i in range(2))
+        return known[view.name]
+
+
+def _drawn(camera: Camera, flesh: PosedEllipsoids) -> Bytes[H, W]:
+    """Return 255 where the camera without its lens sees the ellipsoids."""
+    width, height = camera.size
+    image = np.zeros((height, width), np.uint8)
+    shape = shape_matrix(flesh.rotation, flesh.radii)
+    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    centres, spreads = ellipse(dual_conic(camera.projection, flesh.centre[seen], shape[seen]))
+    for centre, spread in zip(centres, spreads, strict=True):
+        lengths, axes = np.linalg.eigh(spread)
+        angle = np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1]))
+        half = np.sqrt(np.maximum(lengths[::-1], 0.0))
+        if np.abs(centre).max() + half.max() < 4 * max(camera.size):
+            at, size = (_fixed(values) for values in (centre, half))
+            cv2.ellipse(image, at, size, float(angle), 0, 360, 255, -1, cv2.LINE_8, _SUBPIXEL_BITS)
+    return image
+
+
+def _fixed(values: Floats) -> tuple[int, int]:
+    rounded = np.rint(values * 2**_SUBPIXEL_BITS)
+    return int(rounded[0]), int(rounded[1])
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise HandtrackError where files of others lie."""
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / _MARK).exists():
+        raise HandtrackError(
+            f"{folder} holds files that `handtrack masks` did not write, so it is left as it is. Move them away."
+        )
