@@ -292,7 +292,10 @@ COMMANDS: dict[str, _Command] = {
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"),
     )),
-    "doctor": _Command("doctor", "Check a session folder and say what is odd.", (_SESSION,)),
+    "doctor": _Command("doctor", "Check a session folder and say what is odd.", (
+        _SESSION,
+        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand where joints tell; odd ones orange"),
+    )),
     "bench": _Command("bench", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
     )),

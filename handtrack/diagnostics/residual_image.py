@@ -14,11 +14,14 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 
 MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)
+UNKNOWN_TINT = (204, 121, 167)
+_DARKER = 0.35
 OUTLINE = (255, 194, 10)
 
 
@@ -86,6 +89,18 @@ def residual_picture(
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
     return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+
+
+def mask_picture(image: Bytes[H, W, D3], silhouette: Silhouette) -> Bytes[H, W, D3]:
+    """Return the picture RGB with what was seen of the hand: background dark, what nobody knows tinted, the border drawn."""
+    hand, known = silhouette.mask > 0.5, silhouette.known
+    picture = image.astype(float)
+    picture[known & ~hand] *= _DARKER
+    picture[~known] = 0.5 * picture[~known] + 0.5 * np.array(UNKNOWN_TINT)
+    lines, _ = cv2.findContours(hand.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    drawn = np.ascontiguousarray(np.rint(picture).astype(np.uint8))
+    cv2.drawContours(drawn, lines, -1, MASK_ONLY, 1)
+    return drawn
 
 
 def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats[N, D2]]:

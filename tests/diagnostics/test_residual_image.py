@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from handtrack.diagnostics import residual_image as ri
+from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.simulation.render import render_mask
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
@@ -74,3 +76,17 @@ def test_outlines_follow_the_mask(scene):
             for du in (-1, 0, 1)
         ]
         assert np.any(near, axis=0).all()
+
+
+def test_a_mask_is_shown_with_what_nobody_knows(scene):
+    seen = scene[2][0]
+    mask = seen.mask.copy()
+    mask[:, :9] = UNKNOWN
+    image = np.full((72, 96, 3), 100, np.uint8)
+    painted = ri.mask_picture(image, Silhouette(seen.camera, mask, seen.valid))
+    assert (painted[mask == 0] < 40).all() or (painted[mask == 0] == ri.MASK_ONLY).all(
+        axis=-1
+    ).any()
+    assert (painted[:, :9] == np.rint((100 + np.array(ri.UNKNOWN_TINT)) / 2)).all()
+    inside = cv2.erode((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0
+    assert inside.any() and (painted[inside] == 100).all()

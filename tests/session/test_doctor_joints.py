@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -17,9 +18,10 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.model_file import load_model
 from handtrack.session.doctor.check_cameras import check_lens
-from handtrack.session.doctor.check_joints import check_joints
+from handtrack.session.doctor.check_joints import check_joints, joint_lines
 from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
+from handtrack_app.cli import main
 
 FRAMES, NOISE_PX = 60, 1.5
 SIZE = (640, 480)
@@ -176,6 +178,20 @@ def test_a_camera_with_joints_only_is_more_than_drawn(tmp_path: Path) -> None:
     said = [f.text for f in examine(Session.open(recorded().write(tmp_path)))]
     assert not any("only drawn" in text for text in said)
     assert sum("joints in 60 files" in text for text in said) == 3
+
+
+def test_the_rig_is_drawn_with_odd_cameras_in_orange(tmp_path: Path) -> None:
+    it = recorded()
+    mirrored(it)
+    session = it.write(tmp_path / "session")
+    out = tmp_path / "rig.png"
+    assert main(["doctor", str(session), "--picture", str(out)]) == 0
+    picture = cv2.imread(str(out))
+    assert (picture == (0, 94, 213)).all(axis=2).any()
+    assert main(["doctor", str(session), "--picture", str(tmp_path / "rig.txt")]) == 2
+    sound = recorded().write(tmp_path / "sound")
+    lines = joint_lines(Session.open(sound))
+    assert len(lines) == 5 and all(line.shape == (5, 3) for line in lines)
 
 
 def test_points_are_where_lines_of_sight_meet() -> None:

@@ -60,7 +60,7 @@ class Look:
     through: str | None = None
     """a camera; None: it looks freely"""
     paint: str = "outline"
-    """over the camera's image: `plain`, `outline` or `residual`"""
+    """over the camera's image: `plain`, `outline`, `residual` or `mask`"""
 
 
 @dataclass(frozen=True)

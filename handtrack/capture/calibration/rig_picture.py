@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, H, W
+from handtrack.arrays import D3, Array, Floats, H, N, W
 from handtrack.capture.calibration.boards import Board
 from handtrack.capture.calibration.rig_calibration import RigCalibration
-from handtrack.geometry.camera import Camera
+from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 
 _PANEL = 620  # [px] side of one view of the rig
@@ -23,13 +23,24 @@ _COLOURS = [
     (20, 150, 200),
     (120, 120, 0),
 ]
+_PLAIN, _ODD = (120, 120, 120), (0, 94, 213)  # BGR
 _MAGNIFIED = 50  # times a residual is drawn
 
 
-def draw_rig(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
-    """Return a picture of cameras and boards: from behind the first camera, from its side and
-    from above it."""
-    first = calibration.rig.cameras[0]
+def draw_calibration(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
+    """Return a picture of a calibration's cameras and boards."""
+    outline = _outline(board)
+    boards = [outline @ pose[:3, :3].T + pose[:3, 3] for pose in calibration.T_world_board.values()]
+    return draw_rig(calibration.rig, [np.concatenate([board, board[:1]]) for board in boards])
+
+
+def draw_rig(
+    rig: CameraRig, lines: Sequence[Floats[N, D3]] = (), odd: Collection[str] = ()
+) -> Array[H, W, D3]:
+    """Return a picture BGR of cameras and of lines in space, world [m]: from behind the first camera, from its side and from
+    above it. odd: cameras that are drawn in orange.
+    """
+    first = rig.cameras[0]
     tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))
     side = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     above = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -39,17 +50,17 @@ def draw_rig(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
         (f"from above {first.name}", above),
     ]
     return cv2.hconcat(
-        [_rig_panel(calibration, board, turn @ first.rotation, title) for title, turn in views]
+        [_rig_panel(rig, lines, odd, turn @ first.rotation, title) for title, turn in views]
     )
 
 
-def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: str) -> Array:
+def _rig_panel(
+    rig: CameraRig, lines: Sequence[Floats], odd: Collection[str], look: Floats, title: str
+) -> Array:
     """Return one view without perspective along the z axis of `look` (3, 3), R_view_world."""
-    size = _frustum_size(calibration)
-    cameras = [_frustum(camera, size) for camera in calibration.rig]
-    outline = _outline(board)
-    boards = [outline @ pose[:3, :3].T + pose[:3, 3] for pose in calibration.T_world_board.values()]
-    everything = np.concatenate([*cameras, *boards]) @ look.T
+    size = _frustum_size(rig, lines)
+    cameras = [_frustum(camera, size) for camera in rig]
+    everything = np.concatenate([*cameras, *lines]) @ look.T
     low, high = everything[:, :2].min(axis=0), everything[:, :2].max(axis=0)
     zoom = 0.86 * _PANEL / max(float((high - low).max()), 1e-9)
     middle = (low + high) / 2
@@ -59,23 +70,23 @@ def _rig_panel(calibration: RigCalibration, board: Board, look: Floats, title: s
         return np.round((flat - middle) * zoom + _PANEL / 2).astype(np.int32)
 
     panel = np.full((_PANEL, _PANEL, 3), 255, np.uint8)
-    for points in boards:
-        cv2.polylines(panel, [place(points)], True, (170, 190, 170), 1, cv2.LINE_AA)
-    for i, (camera, points) in enumerate(zip(calibration.rig, cameras, strict=True)):
-        _draw_camera(panel, place(points), camera.name, _COLOURS[i % len(_COLOURS)])
+    for points in lines:
+        cv2.polylines(panel, [place(points)], False, (170, 190, 170), 1, cv2.LINE_AA)
+    for i, (camera, points) in enumerate(zip(rig, cameras, strict=True)):
+        plain = _PLAIN if odd else _COLOURS[i % len(_COLOURS)]
+        _draw_camera(panel, place(points), camera.name, _ODD if camera.name in odd else plain)
     _write(panel, title, (12, 22), _INK)
     _draw_scale(panel, zoom)
     cv2.rectangle(panel, (0, 0), (_PANEL - 1, _PANEL - 1), _FAINT, 1)
     return panel
 
 
-def _frustum_size(calibration: RigCalibration) -> float:
-    """Return how long cameras are drawn [m]: smaller than their distances to each other and the boards."""
-    centres = np.stack([camera.centre for camera in calibration.rig])
-    boards = np.stack(
-        [pose[:3, 3] for pose in calibration.T_world_board.values()] or [centres[0] + 1]
-    )
-    return 0.15 * float(np.median(np.linalg.norm(boards[:, None] - centres[None], axis=-1)))
+def _frustum_size(rig: CameraRig, lines: Sequence[Floats]) -> float:
+    """Return how long cameras are drawn [m]: smaller than their distances to each other and the lines."""
+    centres = np.stack([camera.centre for camera in rig])
+    middles = np.stack([line.mean(axis=0) for line in lines] or [centres.mean(axis=0)])
+    away = np.linalg.norm(middles[:, None] - centres[None], axis=-1)
+    return 0.15 * (float(np.median(away)) or 1.0)
 
 
 def _frustum(camera: Camera, size: float) -> Floats:

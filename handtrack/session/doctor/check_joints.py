@@ -220,6 +220,19 @@ def _late(seen: Sequence[_Seen], found: _Match) -> str:
     return f"joints meet in space to {_words(found)}. {words.replace('They would meet', f'They would meet to {_words(match)}')}"
 
 
+def joint_lines(session: Session) -> list[Floats[N, D3]]:
+    """Return the hand's fingers as lines from the wrist, world [m], in a frame whose joints most cameras see; none without."""
+    names, seen = _seen_joints(session)
+    hand = keypoint_names()
+    if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
+        return []
+    xyz = found.points.reshape(len(seen[0].pixels), len(names), 3)
+    xyz = xyz[:, [names.index(name) for name in hand]]
+    best = xyz[int(np.argmax(np.isfinite(xyz).all(axis=2).sum(axis=1)))]
+    rows = [best[[0, *range(k, k + 4)]] for k in range(1, 21, 4)]
+    return [row[np.isfinite(row).all(axis=1)] for row in rows if np.isfinite(row).all(axis=1).any()]
+
+
 def _check_size(
     session: Session, names: tuple[str, ...], found: _Match, frames: int
 ) -> Iterator[Finding]:

@@ -189,5 +189,5 @@ def _may_show_a_hand(seen: Observation) -> bool:
         return True
     if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
         return True
-    full = sum(float(s.mask.sum()) >= _SEEN_PX for s in seen.silhouettes)
+    full = sum(int((s.mask > 0.5).sum()) >= _SEEN_PX for s in seen.silhouettes)
     return full >= min(2, len(seen.silhouettes)) > 0

@@ -27,7 +27,7 @@ from handtrack.capture.calibration.rig_calibration import (
     calibrate_rig,
 )
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
-from handtrack.capture.calibration.rig_picture import draw_residuals, draw_rig
+from handtrack.capture.calibration.rig_picture import draw_calibration, draw_residuals
 from handtrack.capture.images.bayer import PATTERNS, demosaic
 from handtrack.capture.images.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
 from handtrack.capture.images.video import VideoFile
@@ -250,7 +250,9 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
     stem = args.out.with_suffix("")
     files = {
         Path(f"{stem}_report.txt"): (text + "\n").encode(),
-        Path(f"{stem}_rig.png"): cv2.imencode(".png", draw_rig(calibration, board))[1].tobytes(),
+        Path(f"{stem}_rig.png"): cv2.imencode(".png", draw_calibration(calibration, board))[
+            1
+        ].tobytes(),
         Path(f"{stem}_residuals.png"): cv2.imencode(".png", draw_residuals(calibration))[
             1
         ].tobytes(),

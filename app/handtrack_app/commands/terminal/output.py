@@ -14,7 +14,11 @@ from handtrack.files.atomic import umask
 
 
 def output_file(
-    out: Path, suffixes: tuple[str, ...], what: str, makes_folders: bool = False
+    out: Path,
+    suffixes: tuple[str, ...],
+    what: str,
+    makes_folders: bool = False,
+    option: str = "--out",
 ) -> Path:
     """Return the file, which can be written. Raises HandtrackError; writes nothing.
 
@@ -24,12 +28,12 @@ def output_file(
         return out
     if out.suffix.lower() not in suffixes:
         raise HandtrackError(
-            f"--out {out}: {what} {' or '.join(suffixes)} files; expected such a name."
+            f"{option} {out}: {what} {' or '.join(suffixes)} files; expected such a name."
         )
     if out.is_dir():
-        raise HandtrackError(f"--out {out}: that is a folder; expected the name of a file.")
+        raise HandtrackError(f"{option} {out}: that is a folder; expected the name of a file.")
     if not (makes_folders or out.parent.exists()):
-        raise HandtrackError(f"--out {out}: cannot be written: there is no folder {out.parent}.")
+        raise HandtrackError(f"{option} {out}: cannot be written: there is no folder {out.parent}.")
     standing = next(path for path in (out.parent, *out.parent.resolve().parents) if path.exists())
     try:
         handle, name = tempfile.mkstemp(dir=standing, prefix=".handtrack_", suffix=".part")
@@ -37,7 +41,7 @@ def output_file(
         os.unlink(name)
     except OSError as error:
         raise HandtrackError(
-            f"{out}: cannot be written: {standing}: {error.strerror}. Nothing was done; name another place with --out."
+            f"{out}: cannot be written: {standing}: {error.strerror}. Nothing was done; name another place with {option}."
         ) from None
     return out
 

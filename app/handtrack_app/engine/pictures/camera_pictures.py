@@ -9,9 +9,15 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, H, W
-from handtrack.diagnostics.residual_image import field_picture, outline_picture, residual_picture
+from handtrack.diagnostics.residual_image import (
+    field_picture,
+    mask_picture,
+    outline_picture,
+    residual_picture,
+)
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
+from handtrack.observation.observation import Silhouette
 from handtrack_app.engine.pictures.cloud_pictures import depth_picture
 from handtrack_app.engine.run import RunSession
 
@@ -113,18 +119,25 @@ class CameraPictures:
         )
 
     def screen(
-        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids, mask: Array[H, W] | None
+        self,
+        name: str,
+        frame: int,
+        paint: str,
+        flesh: PosedEllipsoids,
+        silhouette: Silhouette | None,
     ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
-        paint: `plain`, `outline`, `residual` or `field`; mask: the silhouette where there is one.
+        paint: `plain`, `outline`, `residual`, `mask` or `field`; silhouette: where there is one.
         """
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()
         if paint == "outline":
             return outline_picture(image, camera, flesh)
-        if paint == "residual" and mask is not None:
-            return residual_picture(image, camera, flesh, mask)
+        if paint == "residual" and silhouette is not None:
+            return residual_picture(image, camera, flesh, silhouette.mask)
+        if paint == "mask" and silhouette is not None:
+            return mask_picture(image, silhouette)
         if paint == "field":
             return field_picture(camera, flesh)
         return image

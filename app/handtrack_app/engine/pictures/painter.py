@@ -55,11 +55,10 @@ class Painter:
         for camera, paint in wanted.screens:
             if camera not in session.rig.names:
                 continue
-            seen = (
-                session.observation(frame, cloud=False).silhouettes if paint == "residual" else ()
-            )
-            mask = next((s.mask for s in seen if s.camera.name == camera), None)
-            large[camera, paint] = maker.screen(camera, frame, paint, flesh, mask)
+            needed = paint in ("residual", "mask")
+            seen = session.observation(frame, cloud=False).silhouettes if needed else ()
+            silhouette = next((s for s in seen if s.camera.name == camera), None)
+            large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette)
         if large:
             self._publish(PictureSnapshot(frame, screens=large))
         small = {}

@@ -40,6 +40,7 @@ _PAINT_WORDS = {
     "nothing": "plain",
     "model's outline": "outline",
     "silhouette residual": "residual",
+    "mask": "mask",
     "model's field": "field",
 }
 
@@ -91,7 +92,8 @@ class SessionPanel:
                 )
                 self.paint = gui.add_dropdown(
                     "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
-                    hint="Residual: orange is silhouette without model, blue is model without silhouette.",
+                    hint="Residual: orange is silhouette without model, blue is model without silhouette. Mask: what counts as hand; of "
+                    "what is purple nobody knows, and it counts for nothing.",
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 self._toggle(
@@ -165,7 +167,7 @@ class SessionPanel:
         paint, state = _PAINT_WORDS[chosen], self.page.state
         self.paint_over(client.client_id, paint)
         if state.editor == client.client_id:
-            state.display.paint = paint
+            state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
 
     def show_display(self) -> None:
