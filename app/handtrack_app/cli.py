@@ -128,6 +128,11 @@ _INIT = _option(
     "--init", metavar="FILE|auto",
     help="first-frame pose: a file, or `auto` to find one (default: the session's init.json)",
 )  # fmt: skip
+_YES = _option(
+    "--yes",
+    action="store_true",
+    help="track from a first pose that was found, though it is not sure",
+)
 _TAKE_OVER = _option(
     "--take-over", action="store_true", help="write even if another program holds the session; that one can no more"
 )  # fmt: skip
@@ -187,7 +192,7 @@ COMMANDS: dict[str, _Command] = {
                 help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)"),
     )),
     "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
-        _SESSION, _INIT, _FRAMES,
+        _SESSION, _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET,
         _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
@@ -212,7 +217,7 @@ COMMANDS: dict[str, _Command] = {
     "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
-        _INIT,
+        _INIT, _YES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
         _SET,
         _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"),

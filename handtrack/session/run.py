@@ -106,14 +106,16 @@ class TrackingRun:
         most: int | None = None,
         tell: Tell | None = None,
         tracked: Iterable[FrameResult] | None = None,
+        sizes: bool | None = None,
     ) -> TrackingRun:
         """Return the run for the hand size that explains some frames best; the same run where none can tell it.
 
         Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints of two cameras say; or
         tracks `frames` (a stretch after the first pose unless given) with the size at hand. Then fits size and poses of at
-        most `most` of them, evenly spread, together; where a detector sees the joints is found with them. tell: is called with the share
-        that is done, 0 to 1, and what is done in words.
+        most `most` of them, evenly spread, together; where a detector sees the joints is found with them, or alone: sizes
+        says so, else session.toml. tell: is called with the share that is done, 0 to 1, and what is done in words.
         """
+        sizes = self.session.hand_scale == "fit" if sizes is None else sizes
         say = tell or (lambda share, words: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
@@ -122,7 +124,7 @@ class TrackingRun:
                 share = TRACKED_SHARE
                 tracked = tracked_for_size(self, frames, should_stop, say)
         scale = size_of_frames(
-            self, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words)
+            self, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
         return self if scale is None else self.with_scale(scale)
 
@@ -276,6 +278,7 @@ class TrackingRun:
             model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
             model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
             json.dumps(self.settings.flat(), sort_keys=True), _version(),
+            None if self.first is None else self.first.confidence,
         )  # fmt: skip
 
 

@@ -82,18 +82,19 @@ def size_of_frames(
     most: int,
     should_stop: Callable[[], bool] | None,
     tell: Tell,
+    sizes: bool = True,
 ) -> HandScale | None:
     """Return the size that explains at most so many of the frames best, evenly spread; None where none can tell it.
 
     Seen from around, every finger has a size of its own; clouds are one-sided and tell the whole hand's only. Where a
-    detector's joints are seen from around, where it sees them is found with the size; or alone, if that is given.
+    detector's joints are seen from around, where it sees them is found with the size; alone, if `sizes` is not wished.
     """
     tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
     seen = [(result, run.seen_at(result)) for result in _spread(tracked, most)]
     around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
     used = around or [pair for pair in seen if pair[1].cloud is not None]
     joints = _joints_around(used) if run.sees_joints else ()
-    if not used or not (run.session.hand_scale == "fit" or joints):
+    if not used or not (sizes or joints):
         return None
     return refine_scale(
         lambda size: run.with_scale(size).model,
@@ -105,7 +106,7 @@ def size_of_frames(
         parts=bool(around),
         tell=tell,
         seen=joints,
-        sizes=run.session.hand_scale == "fit",
+        sizes=sizes,
     )
 
 

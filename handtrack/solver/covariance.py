@@ -51,6 +51,26 @@ def inherited_information(motion: Floats[P, P], before: Floats[K, K] | None) -> 
     return 0.5 * (found + found.T)
 
 
+def with_lasting_errors(
+    information: Floats[P, P], memory: Floats[P, P], points: Floats[P, P], lasting: float
+) -> Floats[P, P]:
+    """Return what is known of a pose where points err alike from frame to frame, an inverse covariance.
+
+    information: as if each frame's errors were its own; memory, points: the prediction's and those points' parts of it.
+    lasting: correlation of a point's errors in two frames that follow each other. A filter that takes such errors for new
+    ones counts them twice; docs/derivations/solver_and_uncertainty.md.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    white = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    share, turn = np.linalg.eigh(white.T @ memory @ white)
+    white, share = white @ turn, np.clip(share, 0.0, 1.0)
+    gain = np.clip(np.einsum("pk,pq,qk->k", white, points, white), 0.0, 1.0)
+    new = np.maximum(1.0 - share, gain).clip(1e-12)
+    more = 2.0 * lasting * share * gain / ((1.0 - lasting * share) * (1.0 + share) * new)
+    back = np.linalg.inv(white)
+    return back.T @ (back / (1.0 + more)[:, None])
+
+
 def uncertainty(
     model: ArticulatedModel,
     params: Floats[P],

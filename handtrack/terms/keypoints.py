@@ -64,6 +64,11 @@ class KeypointTerm:
         return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)
 
     @property
+    def is_detected(self) -> bool:
+        """Whether a detector saw the points, in an image."""
+        return isinstance(self.observed, ImageKeypoints)
+
+    @property
     def _points(self) -> Floats:
         return points_meant(self.model, self.observed)
 

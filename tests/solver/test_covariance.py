@@ -13,6 +13,7 @@ from handtrack.solver.covariance import (
     inherited_information,
     joint_position_jacobian,
     uncertainty,
+    with_lasting_errors,
 )
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
@@ -125,3 +126,23 @@ def test_a_coupling_carries_what_is_known_to_the_follower(bent, model):
     std = dict(zip(coupled.parameter_names, spread.parameter_std, strict=True))
     assert std["index_dip_flex"] == pytest.approx(2 / 3 * std["index_pip_flex"])
     assert np.isfinite(list(std.values())).all()
+
+
+@pytest.mark.parametrize(("noise", "lasting"), [(1.0, 0.8), (4.0, 0.8), (4.0, 0.0), (0.2, 0.95)])
+def test_errors_that_last_are_not_counted_twice(rng, noise, lasting):
+    """Against a filter run on a random walk that is measured with lasting errors."""
+    step, count = 1.0, 200_000
+    stated = 1.0
+    for _ in range(1000):  # the filter's own variance, as if errors were new
+        stated = 1.0 / (1.0 / (stated + step) + 1.0 / noise)
+    memory, gain = 1.0 / (1.0 / stated - 1.0 / noise), stated / noise
+    error, wrong, square = 0.0, 0.0, 0.0
+    for walk, fresh in rng.normal(size=(count, 2)):
+        wrong = lasting * wrong + np.sqrt((1 - lasting**2) * noise) * fresh
+        error = (1 - gain) * (error - walk) + gain * wrong
+        square += error**2
+    told = with_lasting_errors(
+        np.diag([1 / stated, 1.0]), np.diag([1 / memory, 0.3]), np.diag([1 / noise, 0.0]), lasting
+    )
+    assert 1.0 / told[0, 0] == pytest.approx(square / count, rel=0.05)
+    assert told[1, 1] == pytest.approx(1.0)

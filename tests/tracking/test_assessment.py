@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
@@ -191,6 +192,26 @@ def test_a_finger_that_a_mask_lacks_is_where_a_detector_sees_it(seen):
     assert assessed(with_joints(camera)) == (Status.TRACKED, "")
     assert assessed(with_joints(CAMERAS[1].without_distortion()))[0] == Status.DOUBTFUL
     assert assessed(with_joints(camera, 20.0))[0] == Status.DOUBTFUL
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (HandScale(1.27), "mm from wrist to fingertip, not 100 to 225"),
+        (HandScale(0.5), "mm from wrist to fingertip, not 100 to 225"),
+        (HandScale(1.0, {"index": 1.2}), "its index finger is 1.20 times as long as usual"),
+        (HandScale(1.15, {"index": 1.08, "little": 0.95}), ""),
+        (HandScale(0.6), ""),
+    ],
+)
+def test_a_hand_that_cannot_be_is_not_tracked(scale, said):
+    """However well it fits: 237 mm were, from a wrong lens."""
+    model = load_model(scale=scale)
+    seen = mask_views(model, POSE, CAMERAS)
+    _, result = Tracker(model).step(TrackerState.beginning_at(POSE), seen)
+    assert (result.status == Status.DOUBTFUL) == bool(said)
+    assert said in result.note
+    assert result.fits, "nothing is gained by looking for another pose"
 
 
 def test_what_is_open_is_named():

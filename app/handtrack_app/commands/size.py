@@ -48,13 +48,13 @@ def run(args: argparse.Namespace) -> int:
     out = _new_file(args.out or session.folder / _FILE)
     with stoppable() as stop, saying_compiling():
         if args.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop)
+            first = found_first_pose(session, overrides, frames, stop, args.yes)
         say(f"tracking {len(frames)} frames, and fitting the hand's size to {args.count} of them …")
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
             with sizing_bar() as tell:
-                after = before.fit_size(stop, frames, args.count, tell)
+                after = before.fit_size(stop, frames, args.count, tell, sizes=True)
         if stop() or after is None:
             say("handtrack size: interrupted; nothing was saved.")
             return _INTERRUPTED

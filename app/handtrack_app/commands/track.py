@@ -25,7 +25,12 @@ from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
-from handtrack_app.commands.terminal.first_pose import first_pose_of_images, found_first_pose
+from handtrack_app.commands.terminal.first_pose import (
+    SURE,
+    first_pose_of_images,
+    found_first_pose,
+    percent,
+)
 from handtrack_app.commands.terminal.progress import (
     Stop,
     say,
@@ -81,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         say("note: --size-later has no effect: the hand's size is given, and not fitted.")
     with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
         if args.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop)
+            first = found_first_pose(session, overrides, frames, stop, args.yes)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given)
         run_ = None if stop() else _opened(session, overrides, first, fits and not later, stop)
@@ -191,8 +196,9 @@ def _save(
     notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *doubts, *_doubts(results)]
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
+        begun = _begun_at(run_)
         print(
-            f"{len(results)} of {len(frames)} frames: {by_status}. Saved to {place}",
+            f"{len(results)} of {len(frames)} frames{begun}: {by_status}. Saved to {place}",
             flush=True,
         )
     else:
@@ -213,6 +219,14 @@ def _save(
         )
         return _INTERRUPTED
     return 0
+
+
+def _begun_at(run_: TrackingRun) -> str:
+    """Return how sure the first pose was, in words, where it was not."""
+    sure = None if run_.first is None else run_.first.confidence
+    return (
+        "" if sure is None or sure >= SURE else f", from a first pose that was {percent(sure)} sure"
+    )
 
 
 def _write(out: Path, track: TrackResult) -> tuple[Path, str]:

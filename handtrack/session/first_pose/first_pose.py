@@ -48,6 +48,8 @@ class FirstPose:
     """by camera, in the image as it was taken [px], NaN rows where unknown."""
     scale: HandScale | None = None
     """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
+    confidence: float | None = None
+    """how sure a pose is that the program found, 0 to 1; None: it was given"""
 
 
 def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:

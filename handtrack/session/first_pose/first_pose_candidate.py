@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,10 +44,11 @@ class FirstPoseCandidate:
     def first_pose(self) -> FirstPose:
         """The pose as init.json holds it."""
         if self.given is not None:
-            return self.given
+            return replace(self.given, confidence=self.confidence)
         joint = self.model.joint_params(self.params)
         names = self.model.parameter_names
-        return FirstPose(self.frame, dict(zip(names, joint.tolist(), strict=True)))
+        values = dict(zip(names, joint.tolist(), strict=True))
+        return FirstPose(self.frame, values, confidence=self.confidence)
 
 
 def differs(best: FirstPoseCandidate, other: FirstPoseCandidate) -> str:

@@ -52,11 +52,12 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "hypothesis_weight": ("F", "H"),
     "hypothesis_parent": ("F", "H"),
     "hypothesis_origin": ("F", "H"),
+    "start_confidence": (),
     **dict.fromkeys(_TEXTS, ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
-_OPTIONAL = ("keypoints21", "energy_names", "energies", *_REASON, *_HYPOTHESES)
+_OPTIONAL = ("keypoints21", "start_confidence", "energy_names", "energies", *_REASON, *_HYPOTHESES)
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -160,7 +161,7 @@ def _value(path: Path, name: str, array: Array) -> object:
         return str(array)
     if name in _WORDS:
         return array
-    return array.astype(np.int64 if name in _WHOLE else float)
+    return float(array) if not array.ndim else array.astype(np.int64 if name in _WHOLE else float)
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, C, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.tracking.frame.constants import (
@@ -20,7 +21,13 @@ from handtrack.tracking.frame.constants import (
     LOST_OVERLAP,
 )
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.reason import NEAR_M, NEAR_SIGMAS, Reason
+from handtrack.tracking.frame.reason import (
+    LARGEST_HAND_MM,
+    NEAR_M,
+    NEAR_SIGMAS,
+    SMALLEST_HAND_MM,
+    Reason,
+)
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.cloud_terms import explained_share
 
@@ -33,6 +40,7 @@ _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
 )
 _DOUBTFUL = 2.0  # times the usual energy: say so
+_ODD_SHARES = 20.5  # χ² of five fingers' shares of a hand that one person in a thousand exceeds
 _FEWEST_JOINTS = 2  # of a part that say where it is: its direction, too
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
@@ -144,6 +152,26 @@ def what_is_open(
     named = " and ".join(filter(None, (", ".join(wide[:-1]), wide[-1])))
     kind = "" if wide == ["thumb"] else " finger"
     return Reason("open", f"{named}{kind}", number=off)
+
+
+@lru_cache(maxsize=8)
+def odd_size(model: ArticulatedModel) -> Reason | None:
+    """Return what of a hand no person has, its length or the share of a finger; None where somebody may."""
+    if model.kind != "hand" or not model.has_keypoints21:
+        return None
+    points = model.keypoints21(model.bones(model.params_from({})))[[0, 9, 10, 11, 12]]
+    length_mm = 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if not SMALLEST_HAND_MM <= length_mm <= LARGEST_HAND_MM:
+        return Reason("size", number=length_mm)
+    size = SizeParameters(model)
+    shares = {
+        n: d for n, d in zip(size.names, size.deviations(model.scale), strict=True) if n in FINGERS
+    }
+    if sum(d**2 for d in shares.values()) <= _ODD_SHARES:
+        return None
+    worst = max(shares, key=lambda name: abs(shares[name]))
+    finger = worst if worst == "thumb" else f"{worst} finger"
+    return Reason("size", finger, number=model.scale.parts[worst])
 
 
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:

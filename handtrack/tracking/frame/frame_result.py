@@ -13,7 +13,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.assessment import assess, what_is_open
+from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.prediction import inheriting_doubt
 from handtrack.tracking.frame.reason import Reason
@@ -55,7 +55,7 @@ def solved_result(
     status, reason = assess(terms, model.bones(params), system.cost, previous)
     if status == Status.TRACKED:
         most = terms.settings.tracker.doubtful_mm
-        reason = what_is_open(model, spread.joint_covariance, most)
+        reason = odd_size(model) or what_is_open(model, spread.joint_covariance, most)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
     std = spread.parameter_std
     found = posed_result(

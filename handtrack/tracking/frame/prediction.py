@@ -9,9 +9,11 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.solver.covariance import inherited_information
+from handtrack.solver.covariance import inherited_information, with_lasting_errors
 from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.result import FrameResult, Status
 
 _SPAN = 4  # frames; an older motion says nothing about the next one
@@ -48,9 +50,15 @@ def inheriting_doubt(
 
     hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
     None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
-    well known as after one frame. A mixture's prediction inherits by itself.
+    well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
     """
     terms = problem.parameter_terms
     motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
     told = Problem(problem.model, (), motion).linearize(params).hessian
-    return hessian - told + inherited_information(told, belief)
+    memory = inherited_information(told, belief)
+    sure = hessian - told + memory
+    seen = [t for t in problem.observation_terms if isinstance(t, KeypointTerm) and t.is_detected]
+    if not seen or not motion:
+        return sure
+    points = Problem(problem.model, seen).linearize(params).hessian
+    return with_lasting_errors(sure, memory, points, POINTS_LAST)

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 NEAR_M = 0.006
 """a cloud's point this near to the surface was measured on it: three times the usual error of a point"""
+SMALLEST_HAND_MM, LARGEST_HAND_MM = 100.0, 225.0
+"""from wrist to middle fingertip, of a child of two (Snyder et al. 1977) and of men: 3 standard deviations above the mean of 4,082 of
+them, 193 ± 10 (ANSUR II, Gordon et al. 2014)"""
 NEAR_SIGMAS = 4.0
 """a keypoint this near is where it was seen; twice that a normal error rarely is, for detectors err more often"""
 
@@ -45,6 +48,14 @@ def _poor_cloud(reason: Reason) -> str:
     return f"{text}; the palm alone is estimated ({reason.part}), the fingers are held"
 
 
+def _odd_size(reason: Reason) -> str:
+    if reason.part:
+        size = f"its {reason.part} is {reason.number:.2f} times as long as usual for its length"
+    else:
+        size = f"{reason.number:.0f} mm from wrist to fingertip, not {SMALLEST_HAND_MM:g} to {LARGEST_HAND_MM:g}"
+    return f"nobody has such a hand: {size}; unit, lenses (was a coefficient lost?) or the cameras' places may be wrong"
+
+
 KINDS: dict[str, Callable[[Reason], str]] = {
     "unseen": lambda r: "no camera saw anything in this frame",
     "cloud elsewhere": lambda r: (
@@ -69,6 +80,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "energy": lambda r: (
         f"the model fits {r.number:.1f} times worse than usual; a finger may be lost"
     ),
+    "size": _odd_size,
     "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
 }  # fmt: skip
 """what each kind says; the only place where a doubt is worded"""

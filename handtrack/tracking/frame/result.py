@@ -110,7 +110,12 @@ class FrameResult:
     @property
     def fits(self) -> bool:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
-        return self.status == Status.TRACKED or self.is_open
+        return self.status == Status.TRACKED or self.is_open or self.is_odd
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether it is doubtful only because nobody has such a hand."""
+        return self.reason is not None and self.reason.kind == "size"
 
     @property
     def is_open(self) -> bool:
@@ -132,6 +137,7 @@ class TrackLabels:
     session: str = ""
     settings: str = ""
     version: str = ""
+    start_confidence: float | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
@@ -195,6 +201,8 @@ class TrackResult:
     """(F, H) which of the frame before's each continues; −1 in a first frame and beyond the last"""
     hypothesis_origin: Array[F, K] | None = None
     """(F, H) how each was found"""
+    start_confidence: float | None = None
+    """how sure the first pose was, 0 to 1, where the program found it"""
 
     @classmethod
     def from_frames(
@@ -210,6 +218,7 @@ class TrackResult:
         session: str = "",
         settings: str = "",
         version: str = "",
+        start_confidence: float | None = None,
     ) -> TrackResult:
         """Return the frames stacked. They are in ascending order, each once, and at least one."""
         numbers = np.array([f.frame for f in frames], dtype=np.int64)
@@ -244,6 +253,7 @@ class TrackResult:
             session=session,
             settings=settings,
             version=version,
+            start_confidence=start_confidence,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **_stacked_reasons(frames),

@@ -12,7 +12,7 @@ import pytest
 
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack_app.commands.terminal.first_pose import described
+from handtrack_app.commands.terminal.first_pose import described, percent
 from tests.app.command_line import CommandLine
 
 
@@ -47,6 +47,28 @@ def test_a_recording_without_a_first_pose(
     assert "% sure (no forearm in view)." in ended.err
     assert "\n  or: " in ended.err
     assert worst_error_mm(out, session) < 1.0  # measured 0.1 mm
+    assert (read_npz(out).start_confidence or 0.0) > 0.7
+
+
+def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(
+    handtrack: CommandLine, session: Path, tmp_path: Path
+) -> None:
+    """One camera cannot tell a large hand from a near one: such a start is a few per cent sure."""
+    text = (session / "session.toml").read_text().split("[[camera]]")
+    (session / "session.toml").write_text("[[camera]]".join(text[:2]))
+    out = tmp_path / "poses.npz"
+    asked = ("track", session, "--init", "auto", "--frames", "0:1", "--out", out)
+    refused = handtrack(*asked)
+    assert refused.code == 2
+    assert "nothing was tracked from it" in refused.err
+    assert "--yes" in refused.err
+    assert not out.exists()
+    ended = handtrack(*asked, "--yes")
+    assert ended.code == 0
+    sure = read_npz(out).start_confidence
+    assert sure is not None
+    assert 0.0 < sure < 0.7
+    assert f"from a first pose that was {percent(sure)} sure" in ended.out
 
 
 def test_joints_in_images_as_the_first_pose(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 
+from handtrack.errors import HandtrackError
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses, no_hand_found
@@ -14,9 +16,11 @@ from handtrack_app.commands.terminal.progress import Stop, say
 
 
 def found_first_pose(
-    session: Session, overrides: Mapping[str, object], frames: range, stop: Stop
+    session: Session, overrides: Mapping[str, object], frames: range, stop: Stop, yes: bool
 ) -> FirstPose | None:
-    """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand."""
+    """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand, or the
+    surest is not sure and nobody says that it is to be taken. yes: it is.
+    """
     run = TrackingRun.open(session, overrides, use_init=False)
     begun: list[float] = []
 
@@ -32,7 +36,21 @@ def found_first_pose(
         raise no_hand_found(run)
     for line in described(found):
         say(line)
+    if found[0].confidence < SURE and not yes and not _confirmed():
+        raise HandtrackError(
+            f"{session.folder}: the surest first pose, in frame {found[0].frame}, is {percent(found[0].confidence)} sure, so "
+            "nothing was tracked from it. Look at it in the workbench (`handtrack open`), give joints (`handtrack detect`) or a "
+            "pose (--init FILE), name other frames with --frames, or take it all the same with --yes."
+        )
     return found[0].first_pose
+
+
+def _confirmed() -> bool:
+    """Ask at a terminal whether a pose that is not sure is to be taken; elsewhere it is not."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    say("Track from it all the same? [y/N]")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def first_pose_of_images(
@@ -48,8 +66,8 @@ def first_pose_of_images(
 def described(found: list[FirstPoseCandidate]) -> list[str]:
     """Return lines that say what was found, how sure it is, and what else it may be."""
     best, others = found[0], found[1:]
-    lines = [f"first pose: frame {best.frame}, {_percent(best.confidence)} sure ({best.note})."]
-    lines += [f"  or: {_percent(other.confidence)}, {other.note}" for other in others]
+    lines = [f"first pose: frame {best.frame}, {percent(best.confidence)} sure ({best.note})."]
+    lines += [f"  or: {percent(other.confidence)}, {other.note}" for other in others]
     if best.confidence < SURE:
         lines.append(
             "note: that is not sure. Look at it in the workbench (`handtrack open`), where another can be taken."
@@ -57,5 +75,6 @@ def described(found: list[FirstPoseCandidate]) -> list[str]:
     return lines
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """Return a share in words: never 0 % nor 100 %, which nobody knows."""
     return "below 1 %" if share < 0.01 else f"{100 * min(share, 0.99):.0f} %"
