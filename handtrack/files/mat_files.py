@@ -120,6 +120,8 @@ def _numbers(
         raise ValueError(f"numbers of an unknown kind {kind}")
     values = np.frombuffer(body, order + _NUMBERS[kind])
     if is_text:
+        if values.dtype.kind != "u":
+            raise ValueError("a text of numbers that are no signs")
         return "".join(map(chr, values.tolist()))
     if len(values) != count:
         raise ValueError(f"{len(values)} numbers where its size {shape} announces {count}")

@@ -120,7 +120,10 @@ def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> GivenJoi
     columns = _columns(
         body, [[places.get((n, k)) for k in ("x", "y", "likelihood")] for n in names], where
     )
-    frames = [_frame(row[max(first - 1, 0)] or row[0], i, where) for i, row in enumerate(body)]
+    frames = [
+        _frame((row + [""] * first)[max(first - 1, 0)] or row[0], i, where)
+        for i, row in enumerate(body)
+    ]
     return table_joints("DeepLabCut's CSV", names, columns, frames, where)
 
 
@@ -171,7 +174,10 @@ def _a_row_a_frame(rows: list[list[str]], where: str) -> GivenJoints | None:
     columns = _columns(
         rows[1:], [[places[n].get(k) for k in ("x", "y", "sure")] for n in names], where
     )
-    frames = [i if at is None else _frame(row[at], i, where) for i, row in enumerate(rows[1:])]
+    frames = [
+        i if at is None else _frame(row[at] if at < len(row) else "", i, where)
+        for i, row in enumerate(rows[1:])
+    ]
     if len(set(frames)) < len(frames):
         raise HandtrackError(f"{where}: a frame stands in two rows; expected one row a frame.")
     return table_joints("a CSV with a row a frame", names, columns, frames, where, _layout(names))

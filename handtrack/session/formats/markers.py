@@ -55,6 +55,8 @@ def read_markers(path: Path) -> Markers:
     if text.startswith("PathFileType"):
         return _trc(rows, path)
     rows = [row for row in rows if any(row)]
+    if not rows:
+        raise _unknown(path)
     head = [name.strip().lower() for name in rows[0]]
     return _long(rows, head, path) if {"x", "y", "z"} <= set(head) else _wide(rows, head, path)
 

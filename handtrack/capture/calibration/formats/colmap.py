@@ -79,7 +79,7 @@ def read_colmap(folder: Path) -> GivenRig:
 def _checked(read: Callable[[Path], _T], path: Path) -> _T:
     try:
         return read(path)
-    except (ValueError, IndexError, struct.error, UnicodeDecodeError, OverflowError) as error:
+    except (ValueError, IndexError, struct.error, OSError, OverflowError) as error:
         raise HandtrackError(
             f"{path}: not readable as COLMAP writes it ({error}). Export the model again."
         ) from None

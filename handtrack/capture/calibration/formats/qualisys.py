@@ -12,6 +12,7 @@ from handtrack.capture.calibration.formats.given_rig import GivenCamera, GivenRi
 from handtrack.errors import HandtrackError
 
 _PER_PIXEL = 64.0
+_MAY_LACK = ("skew", "radialDistortion3", "viewrotation")  # and are 0 then
 _UNIT_M = 1e-3
 _TO_OPENCV = np.diag([1.0, -1.0, -1.0])  # their cameras look along −z, y up
 
@@ -39,7 +40,7 @@ def _camera(element: Element, where: str) -> GivenCamera:
     intrinsic, transform, field = (element.find(n) for n in ("intrinsic", "transform", "fov_video"))
     assert intrinsic is not None
     assert transform is not None
-    if float(element.get("viewrotation", "0") or 0) % 360:
+    if _number(element, "viewrotation", where) % 360:
         raise HandtrackError(
             f"{where}: its view is turned by {element.get('viewrotation')}°, its calibration is not. Set the view rotation to "
             "0 in QTM, and export video and calibration again."
@@ -84,7 +85,7 @@ def _camera(element: Element, where: str) -> GivenCamera:
 
 
 def _number(element: Element, key: str, where: str) -> float:
-    text = element.get(key, "0" if key in ("skew", "radialDistortion3") else "")
+    text = element.get(key, "0" if key in _MAY_LACK else "")
     try:
         value = float(text)
     except ValueError:
