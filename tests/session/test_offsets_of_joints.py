@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,10 +11,12 @@ from handtrack.capture.images.openpose import write_hand
 from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model, write_scale
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.run import TrackingRun
+from handtrack.session.seen.joint_errors import joint_error_px
 from handtrack.session.session import Session
 from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
 
 OFFSETS = {
     "thumb_mcp": (4.0, 8.0, -4.0), "index_mcp": (0.0, -9.0, 6.0), "little_pip": (0.0, 8.0, 0.0)
@@ -68,3 +72,29 @@ def test_a_saved_hand_brings_its_offsets(folder):
     edit_toml(folder / "session.toml", {"hand.scale": "hand.json"}, "a session's settings")
     run = TrackingRun.open(Session.open(folder))
     assert (run.scale, run.size_is_open) == (saved, False)
+
+
+@pytest.mark.parametrize("noise", [0.5, 4.0])
+def test_joints_count_for_as_exact_as_cameras_agree(folder, rng, noise):
+    """The error in each direction is found from what triangulation leaves of it: from two cameras and from three."""
+    for count in (2, 3):
+        views = [_NoisyView(camera, noise, rng) for camera in simulated_rig(count).cameras]
+        assert joint_error_px(tuple(views)) == pytest.approx(noise, rel=0.15)
+    (sure, *_) = (
+        TrackingRun.open(Session.open(folder), {"model.fit_size": "false"}).seen(0).keypoints
+    )
+    assert sure.sigma_px == 5.0, "the setting, where they agree better"
+
+
+class _NoisyView:
+    """One camera that sees random points of a hand's breadth, the same in all cameras, with noise."""
+
+    keypoint_files = SimpleNamespace(frames=range(40))
+
+    def __init__(self, camera, noise, rng):
+        self.camera, self.noise, self.rng = camera.without_distortion(), noise, rng
+
+    def keypoints(self, frame, sigma_px):
+        points = np.random.default_rng(frame).normal(scale=0.04, size=(21, 3))
+        pixels = self.camera.project(points) + self.rng.normal(scale=self.noise, size=(21, 2))
+        return (ImageKeypoints(self.camera, keypoint_names(), pixels, sigma_px),)

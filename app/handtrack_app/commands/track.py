@@ -80,19 +80,19 @@ def run(args: argparse.Namespace) -> int:
     out = writable(args.out, session.folder)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
-    fits = session.hand_scale == "fit" and settings.model.fit_size != "false"
-    later = fits and settings.model.fit_size == "later"
-    if args.size_later and not later:
-        say("note: --size-later has no effect: the hand's size is given, and not fitted.")
+    fits = session.hand_scale == "fit" and settings.model.fit_size == "true"
     with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop, args.yes)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given)
-        run_ = None if stop() else _opened(session, overrides, first, fits and not later, stop)
+        run_ = None if stop() else _opened(session, overrides, first, fits, stop)
         if run_ is None:
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
+        later = settings.model.fit_size == "later" and run_.size_is_open
+        if args.size_later and not later:
+            say("note: --size-later has no effect: the hand's size is given, and not fitted.")
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)

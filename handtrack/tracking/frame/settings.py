@@ -182,7 +182,8 @@ class KeypointSettings:
     )  # fmt: skip
     sigma_px: float = setting(
         5.0,
-        "How far a detector's 2D joints are from the model's, where it is sure of them.",
+        "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
+        "disagree by more.",
         unit="px",
         above=0.0,
     )
