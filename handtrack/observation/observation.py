@@ -25,6 +25,8 @@ class Silhouette:
     little as what was not observed."""
     valid: Ints[H, D2]
     """int32: per row the half-open column span that was really observed; equal ends where none."""
+    off_px: float = 0.0
+    """how far the outline is off, beyond what outlines usually are, as the other cameras tell: it weighs less by that"""
 
     @property
     def known(self) -> Array[H, W]:

@@ -21,6 +21,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.model_file import load_model, scale_from
+from handtrack.observation.agreement import outlines_off
+from handtrack.observation.observation import Silhouette
+from handtrack.observation.undistortion import undistort_silhouette
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
 from handtrack.session.seen.views import View
 from handtrack.session.session import Session
@@ -44,6 +47,8 @@ class RefinedCamera:
     """share of the model's outline's inside, before the wrist, of which the mask says something"""
     agreement: float
     """overlap (IoU) of mask and model, where the mask says something"""
+    off_px: float
+    """how far the outline is off, as far as the other cameras' new masks contradict it [px]"""
 
 
 class MaskRefinement:
@@ -144,6 +149,15 @@ class MaskRefinement:
         share = (hand & known).sum() / max(hand.sum(), 1)
         return float(share), float(both.sum() / max(either.sum(), 1))
 
+    def outlines_off(self, frames: Sequence[int]) -> dict[str, float]:
+        """Return by camera how far outlines of the masks written are off as the others tell [px]; the median over frames."""
+        off: dict[str, list[float]] = {view.name: [] for view in self.views}
+        for frame in frames:
+            seen = [s for view in self.views if (s := self._written(view, frame)) is not None]
+            for silhouette, px in zip(seen, outlines_off(seen), strict=True):
+                off[silhouette.camera.name].append(float(px))
+        return {name: float(np.median(found)) if found else 0.0 for name, found in off.items()}
+
     def changes(self) -> dict[str, object]:
         """Return what session.toml is to say for these masks to be used, by dotted names."""
         named = {view.name for view in self.views}
@@ -153,6 +167,13 @@ class MaskRefinement:
                 found[f"camera.{number}.masks"] = f"{MASKS_FOLDER}/{glob.escape(camera.name)}/*.png"
                 found[f"camera.{number}.mask_unknown"] = UNKNOWN_LEVEL
         return found
+
+    def _written(self, view: View, frame: int) -> Silhouette | None:
+        mask = cv2.imread(str(self._folder(view) / f"{frame:06d}.png"), cv2.IMREAD_GRAYSCALE)
+        if mask is None:
+            return None
+        levels = np.asarray(mask, np.uint8)
+        return undistort_silhouette(view.camera, levels, view.settings.roi, UNKNOWN_LEVEL)
 
     def _folder(self, view: View) -> Path:
         return inside(self.session.folder, f"{MASKS_FOLDER}/{view.name}", str(self.session.folder))

@@ -21,6 +21,7 @@ from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import MODELS, load_model
+from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.formats.truth import Truth, read_truth
@@ -324,7 +325,7 @@ class Session:
             return self._with_cloud(self._kept(frame, silhouettes, False), None)
         views = self.views if silhouettes else ()
         seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
-        return Observation(frame, self.time_s(frame), seen)
+        return Observation(frame, self.time_s(frame), weighed(seen))
 
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None

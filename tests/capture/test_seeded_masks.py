@@ -65,7 +65,7 @@ def test_behind_the_wrist_nothing_is_said(rng: np.random.Generator) -> None:
     along = knuckles - joints["wrist"]
     column, row = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     before = (np.stack([column, row], -1) - joints["wrist"]) @ along / (along @ along)
-    assert (mask[before < -0.5] == UNKNOWN_LEVEL).all()
+    assert (mask[before < -0.8] == UNKNOWN_LEVEL).all()
     assert (mask[before > 0.2] != UNKNOWN_LEVEL).mean() > 0.95
 
 

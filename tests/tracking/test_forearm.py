@@ -10,7 +10,7 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import UNKNOWN, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
@@ -90,6 +90,24 @@ def test_a_forearm_is_noticed_from_around(length):
     joint = posed(flex=0.4)
     seen = seen_with_arm(joint, length, simulated_rig(3, (320, 240)).cameras)
     assert forearm_in_view(HAND, without_arm(joint), seen) is (length > 0)
+
+
+def test_where_nobody_knows_a_forearm_may_go_on():
+    """Masks that say nothing from 5 cm behind the wrist on show the whole arm; as background, they show its end there."""
+    views = list(seen_with_arm(posed(), 0.1, near_pair()).silhouettes)
+    bones, lengths = WHOLE.bones(WHOLE.transform.solver_params(posed())), []
+    for value in (UNKNOWN, 0.0):
+        cut = []
+        for seen in views:
+            near, far = seen.camera.project(
+                bones.to_world(ARM, np.array([[0, 0, 0], [0, 0.05, 0]]))
+            )
+            v, u = np.mgrid[: seen.mask.shape[0], : seen.mask.shape[1]]
+            beyond = (np.stack([u, v], axis=-1) - far) @ (near - far) < 0
+            cut.append(replace(seen, mask=np.where(beyond, value, seen.mask)))
+        lengths.append(forearm_length(HAND, HAND.bones(without_arm(posed())), cut))
+    assert lengths[0] > 0.09
+    assert lengths[1] < 0.06
 
 
 def test_no_silhouettes_show_no_forearm():

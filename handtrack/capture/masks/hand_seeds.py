@@ -29,8 +29,9 @@ _MARGIN_M = 0.045
 """the image is looked at this far around the joints; further out is no hand"""
 _JOINTS_OFF_M = 0.01
 """how far a detector's joints lie beside a model's (docs/detector.md: 10 to 15 mm at the worst joints)"""
-_ARM_M = 0.03
-"""behind the wrist nothing is said from here on: it may be arm, sleeve or desk"""
+_ARM_M = 0.06
+"""behind the wrist nothing is said from here on: it may be arm, sleeve or desk; 3 cm tell an arm's direction, and a detector's
+wrist lies up to as much inside of the palm"""
 _MOST = 4.0
 """log-odds: place alone is never surer than 50 to 1"""
 

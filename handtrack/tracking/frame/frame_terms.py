@@ -57,6 +57,8 @@ class FrameTerms:
     priors: tuple[ParameterTerm, ...]
     parts: tuple[ObservationTerm, ...] = ()
     """what keeps a body's parts out of each other"""
+    outlines_off_px: tuple[float, ...] = ()
+    """of each silhouette, as the other cameras tell, beyond the usual"""
 
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
@@ -127,12 +129,13 @@ class FrameTerms:
         """Return a weight for each camera that make the cost a negative log-likelihood.
 
         ½ Σ r² grows by d²/(4·band) for each pixel of outline that is shifted by d. An outline that is off by sigma,
-        the same error over a stretch of it, should cost ½ for each stretch.
+        the same error over a stretch of it, should cost ½ for each stretch. Sigma is the usual, and what other cameras contradict.
         """
         settings = self.settings.silhouettes
         scale = np.array(self.pixels_per_m) * _MM
         sigma, stretch = settings.outline_sigma_mm * scale, settings.outline_correlation_mm * scale
-        return (settings.weight * 2 * band_px / (stretch * sigma**2)).tolist()
+        variance = sigma**2 + np.square(self.outlines_off_px)
+        return (settings.weight * 2 * band_px / (stretch * variance)).tolist()
 
 
 def frame_terms(
@@ -173,6 +176,7 @@ def frame_terms(
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
         (CollisionTerm.of(model),) if model.kind == "body" and settings.prior.collision else (),
+        tuple(silhouette.off_px for silhouette in weighted),
     )
 
 

@@ -16,6 +16,8 @@ from handtrack.session.session import Session
 from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
 
 _INTERRUPTED = 130
+_COMPARED = 25
+"""frames in which cameras are compared"""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,7 +25,8 @@ def run(args: argparse.Namespace) -> int:
     session = Session.open(args.session)
     track = read_npz(args.poses or session.folder / POSES_FILE)
     refinement = MaskRefinement(session, track, args.camera)
-    frames, found = list(refinement.rows), []
+    frames = list(refinement.rows)
+    told: dict[str, tuple[int, float, float]] = {}
     with stoppable() as stop, progress_bar(len(frames) * len(refinement.views), "masks") as bar:
         for view in refinement.views:
             masks, rows = refinement.learn(view), []
@@ -34,7 +37,9 @@ def run(args: argparse.Namespace) -> int:
                 rows += [] if row is None else [row]
                 bar.update()
             known, agreement = np.median(rows, axis=0) if rows else (0.0, 0.0)
-            found.append(RefinedCamera(view.name, len(rows), float(known), float(agreement)))
+            told[view.name] = len(rows), float(known), float(agreement)
+    off = refinement.outlines_off(frames[:: max(len(frames) // _COMPARED, 1)])
+    found = [RefinedCamera(name, *row, off[name]) for name, row in told.items()]
     changes, said = refinement.changes(), ""
     if args.write and not stop.asked:
         said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
@@ -47,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     for row in found:
         print(
             f"{row.camera}: {row.masks} masks; {row.known:.0%} of the hand is known (median), and agrees with the model by "
-            f"{row.agreement:.2f} (IoU)."
+            f"{row.agreement:.2f} (IoU). The other cameras contradict {row.off_px:.1f} px of its outline."
         )
     print(f"Masks are in {session.folder / MASKS_FOLDER}.")
     if args.write and not stop.asked:
