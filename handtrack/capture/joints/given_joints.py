@@ -99,16 +99,18 @@ def frame_of(value: float, where: str) -> int:
     return int(value)
 
 
-def write_joints(
-    frames: Mapping[int, Hand],
-    side: str,
-    size: tuple[int, int] | None,
-    folder: Path,
-) -> None:
-    """Write a file a frame, as a session reads them. size: of the image [px], where points are shares of it."""
+def in_pixels(hand: Hand, size: tuple[int, int]) -> Hand:
+    """Return points given as shares of an image, from edge to edge, in pixels, which count from the first one's centre.
+
+    size: width, height [px].
+    """
+    points = hand.copy()
+    points[:, :2] = points[:, :2] * size - 0.5
+    return points
+
+
+def write_joints(frames: Mapping[int, Hand], side: str, folder: Path) -> None:
+    """Write a file a frame, as a session reads them, to a new folder. frames: in pixels."""
     folder.mkdir(parents=True)
     for frame, hand in frames.items():
-        points = hand.copy()
-        if size is not None:  # from edge to edge; ours count from the first pixel's centre
-            points[:, :2] = points[:, :2] * size - 0.5
-        write_hand(folder / f"{frame:06d}.json", np.nan_to_num(points), side, "handtrack new")
+        write_hand(folder / f"{frame:06d}.json", np.nan_to_num(hand), side, "handtrack new")

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from handtrack.capture.joints.given_joints import write_joints
+from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from tests.app.command_line import CommandLine, refused
+from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.writers import WITH_CONFIDENCE, WITHOUT, hand
+from tests.session.small_session import keypoints
 
 CALIBRATION = bundled_session() / "calibration.toml"
 
@@ -128,3 +134,30 @@ def test_hdf5_without_its_library_is_refused_in_a_sentence(
         f"cam0={tmp_path}/a.h5",
     ]
     refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack[joints]"])
+
+
+@pytest.mark.parametrize(("form", "factor", "said"), [
+    ("json", 100.0, "unit: in its unit, the joints make a hand 1"),
+    ("colmap text", 3.0, "unit: 0.4 m."),
+])  # fmt: skip
+def test_joints_tell_the_unit(
+    form: str, factor: float, said: str, handtrack: CommandLine, tmp_path: Path
+) -> None:
+    """Of a rig in centimetres, which cameras alone leave open; and of one that has no unit, a proposal that `--yes` takes."""
+    rig = rig_of_two()
+    hand_m = keypoints() - keypoints().mean(axis=0) + [0.0, 0.0, 0.5]
+    scaled = CameraRig(tuple(replace(c, translation=factor * c.translation) for c in rig))
+    words = ["new", "--fps", 30, "--calibration", WRITERS[form](tmp_path, scaled)]
+    for camera in rig:
+        points = np.column_stack([camera.project(hand_m), np.ones(21)])
+        folder = tmp_path / camera.name
+        write_joints({0: points, 1: points}, "right", folder)
+        words += ["--keypoints", f"{camera.name}={folder}"]
+    ended = handtrack(*words, "--out", tmp_path / "made", "--yes")
+    assert ended.code == 0, ended.err
+    assert said in ended.err
+    found = Session.open(tmp_path / "made").rig["cam1"].translation / rig["cam1"].translation
+    assert found == pytest.approx(1.0, abs=1e-9 if form == "json" else 0.25)
+
+    wrong = handtrack(*words, "--out", tmp_path / "wrong", "--world-unit-m", 1)
+    assert "expected 6 to 25 cm" in wrong.err

@@ -10,7 +10,7 @@ import pytest
 
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
-from handtrack.capture.joints.given_joints import write_joints
+from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
@@ -21,7 +21,8 @@ def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
     """Return what a session reads of a file's joints, and their side."""
     given = read_joints(str(text), "it")
     side, frames = given.hand(None, "it")
-    write_joints(frames, side or "right", SIZE if given.is_share else None, folder / "joints")
+    points = {f: in_pixels(h, SIZE) for f, h in frames.items()} if given.is_share else frames
+    write_joints(points, side or "right", folder / "joints")
     layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
     read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(FRAMES)]
     return np.array(read), side

@@ -7,9 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import Unit, named, sized, unit_of
+from handtrack.capture.calibration.formats.settle import (
+    Unit,
+    is_a_hand,
+    named,
+    sized,
+    unit_of,
+)
+from handtrack.capture.joints.hand_length import hand_length
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
+from handtrack_app.commands.new_session.joints import CameraJoints
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.commands.terminal.questions import can_ask, question
 
@@ -18,27 +26,40 @@ def given_rig(
     paths: Sequence[Path],
     sizes: Mapping[str, tuple[int, int]],
     cameras: Sequence[str],
+    joints: Mapping[str, CameraJoints],
     unit_m: float | None,
     yes: bool,
 ) -> tuple[CameraRig, list[str]]:
     """Return all cameras of a calibration, with the recording's names, in metres; and what was assumed, in sentences.
 
-    sizes: [px] of the recorded cameras' images, where there are some. unit_m: what the user said. yes: take proposals without
-    asking. Raises HandtrackError where something cannot be known.
+    sizes: [px] of the recorded cameras' images, where there are some. joints: of those that have some. unit_m: what the user
+    said. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
     """
     where = " and ".join(map(str, paths))
     try:
         given, assumed = named(read_calibration(paths), cameras, where)
         given = sized(given, sizes, where)
-        found = unit_of(given) if unit_m is None else Unit(unit_m, True, "")
-        chosen = found.unit_m if found.sure else _asked(found, where, yes)
-        rig = given.rig(chosen or 1.0)
+        in_units = given.rig(1.0)
+        pixels = {n: found.pixels(in_units[n].size) for n, found in joints.items() if n in in_units}
+        hand = hand_length(in_units, pixels)
+        found = unit_of(given, hand) if unit_m is None else Unit(unit_m, True, "")
+        chosen = found.unit_m if found.sure and found.unit_m else _asked(found, where, yes)
+        rig = given.rig(chosen)
     except HandtrackError as error:
         text = str(error)
         raise HandtrackError(
             text if any(str(p) in text for p in paths) else f"{where}: {text}"
         ) from None
-    return rig, [text for text in (assumed, f"unit: {found.why}" if found.why else "") if text]
+    notes = [
+        assumed,
+        f"unit: {found.why if found.sure else f'{chosen:g} m.'}" if unit_m is None else "",
+    ]
+    if hand is not None and not is_a_hand(hand * chosen):
+        notes.append(
+            f"note: with {chosen:g} m a unit, the joints make a hand {100 * hand * chosen:.3g} cm long; expected 6 to 25 cm. Is the "
+            "unit right, and do cameras, joints and frames belong together?"
+        )
+    return rig, [text for text in notes if text not in ("", "unit: ")]
 
 
 def _asked(found: Unit, where: str, yes: bool) -> float:

@@ -6,7 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from handtrack.capture.joints.given_joints import GivenJoints, Hand, write_joints
+from handtrack.capture.joints.given_joints import (
+    GivenJoints,
+    Hand,
+    in_pixels,
+    write_joints,
+)
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
 from handtrack_app.commands.new_session.sources import Recorded
@@ -27,9 +32,15 @@ class CameraJoints:
         """Return the session's keypoint_layout."""
         return self.given.layout or f"hand_{side}"
 
+    def pixels(self, size: tuple[int, int]) -> dict[int, Hand]:
+        """Return the hand by frame, [px] of images of a size."""
+        if not self.given.is_share:
+            return dict(self.frames)
+        return {frame: in_pixels(hand, size) for frame, hand in self.frames.items()}
+
     def write(self, folder: Path, side: str, size: tuple[int, int]) -> None:
         """Write a file a frame to a new folder, and say what was taken. size: of the camera's images [px]."""
-        write_joints(self.frames, side, size if self.given.is_share else None, folder)
+        write_joints(self.pixels(size), side, folder)
         left = ", ".join(self.given.unknown[:8])
         more = f"; not a hand's, so left out: {left}" if left else ""
         say(f"{self.where}: {self.given.family}, a hand in {len(self.frames)} frames{more}.")

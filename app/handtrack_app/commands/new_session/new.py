@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     missing = check_detector(args.detector)
     seen = [name for name, cam in recorded.items() if cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-    rig, notes = given_rig(args.calibration, sizes, list(recorded), unit_m, args.yes)
+    rig, notes = given_rig(args.calibration, sizes, list(recorded), joints, unit_m, args.yes)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}

@@ -12,7 +12,8 @@ from handtrack.geometry.camera import CameraRig
 
 UNITS_M = {1.0: "metres", 0.001: "millimetres"}
 """those that calibrations are written in and that cannot be taken for one another; others must be said"""
-_HAND_M = 0.18  # of an adult, wrist to middle fingertip
+USUAL_HAND_M = 0.18
+"""of an adult, wrist to middle fingertip"""
 _SEEN = (0.05, 1.5)  # of the image's smaller side: less is too small to track, more does not fit in
 _SIDE_BY_SIDE_M = (0.01, 0.6)  # between cameras that look one way, so that both see a hand
 _PARALLEL = 0.005  # least eigenvalue of Σ(1 − a aᵀ)/C: below, axes within some 6° meet nowhere
@@ -28,7 +29,7 @@ def likely_units(rig: CameraRig) -> list[float]:
     if depths is None:
         low, high = _SIDE_BY_SIDE_M
         return [unit for unit in UNITS_M if low <= max(apart) * unit <= high]
-    spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * _HAND_M
+    spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * USUAL_HAND_M
     share = float(np.median(spans / depths))
     return [unit for unit in UNITS_M if _SEEN[0] <= share / unit <= _SEEN[1]]
 
