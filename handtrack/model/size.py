@@ -16,7 +16,7 @@ _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Vi
 _ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
 # a detector's points lie 10 to 15 mm from the joints at the thumb's base and the knuckles, less elsewhere (measured with
-# MediaPipe's on two real hands): 10 mm root mean square, in three directions
+# MediaPipe's on real hands): 10 mm root mean square, in three directions
 _OFFSET_SIGMA_M = 0.010 / np.sqrt(3.0)
 _SEGMENT_SIGMA = 0.06  # a segment's share of stature: about ±4 % (de Leva 1996), and markers differ
 
