@@ -7,15 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, C, Floats
+from handtrack.arrays import D3, Array, C, Floats, H, W
+from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 
-_SAMPLES = 250
-"""pixels of a mask that are asked about: a share of a hundredth is seen"""
+_SAMPLES = 100
+"""pixels of a mask that are asked about: a share of some hundredths is seen"""
 _REACH_M = 0.12
 """a hand reaches so far from its middle, along a line of sight, too"""
 _STEP_M = 0.004
 """along it: a quarter of a finger's breadth"""
+_DEPTHS_M = np.arange(-_REACH_M, _REACH_M + _STEP_M / 2, _STEP_M)
 
 
 def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
@@ -37,48 +39,53 @@ def outlines_off(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     contradicted area over the outline's length is a distance. Who of two is wrong cannot be told, so both get the mean;
     whom any other camera confirms is right.
     """
-    hands = [np.argwhere((s.mask > 0.5) & s.known)[:, ::-1].astype(float) for s in silhouettes]
+    known = [s.known for s in silhouettes]
+    covered = [s.mask > 0.5 for s in silhouettes]
+    hands = [np.argwhere(c & k)[:, ::-1].astype(float) for c, k in zip(covered, known, strict=True)]
+    empty = [k & ~c for c, k in zip(covered, known, strict=True)]
+    lengths = [_outline_px(c) for c in covered]
     count = len(silhouettes)
     off = np.full((count, count), np.nan)
     for i in range(count):
         for j in range(count):
             if i != j and len(hands[i]) and len(hands[j]):
-                off[i, j] = _contradicted(silhouettes[i], silhouettes[j], hands[i], hands[j])
+                one, other = silhouettes[i], silhouettes[j]
+                share = _contradicted(one.camera, other.camera, hands[i], hands[j], empty[j])
+                off[i, j] = share * len(hands[i]) / max(lengths[i], 1.0)
     both = (off + off.T) / 2
     return np.nan_to_num(np.where(np.isnan(both), np.inf, both).min(axis=1), posinf=0.0)
 
 
-def _contradicted(one: Silhouette, other: Silhouette, hand: Floats, others: Floats) -> float:
-    """Return the area of one hand's pixels (N, 2) that the other camera contradicts, by its outline's length [px]."""
+def _contradicted(
+    one: Camera, other: Camera, hand: Floats, others: Floats, empty: Array[H, W]
+) -> float:
+    """Return the share of one hand's pixels (N, 2) whose lines of sight meet nothing but what is `empty` in the other camera.
+
+    others: the other's hand (M, 2).
+    """
     middle = _meeting_point(one, np.median(hand, axis=0), other, np.median(others, axis=0))
-    chosen = hand[:: max(len(hand) // _SAMPLES, 1)]
-    ways = one.camera.rays(chosen)
-    at = (middle - one.camera.centre) @ ways.T
-    along = at[:, None] + np.arange(-_REACH_M, _REACH_M + _STEP_M / 2, _STEP_M)
-    points = one.camera.centre + along[..., None] * ways[:, None]
-    pixels = other.camera.project(points)
+    ways = one.rays(hand[:: max(len(hand) // _SAMPLES, 1)])
+    along = ((middle - one.centre) @ ways.T)[:, None] + _DEPTHS_M
+    pixels = other.project(one.centre + along[..., None] * ways[:, None])
     rounded = np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(int)
-    width, height = other.camera.size
+    width, height = other.size
     inside = ((rounded >= 0) & (rounded < (width, height))).all(axis=-1)
     column = np.clip(rounded[..., 0], 0, width - 1)
     row = np.clip(rounded[..., 1], 0, height - 1)
-    empty = (inside & (other.mask <= 0.5)[row, column] & other.known[row, column]).all(axis=1)
-    return float(empty.mean()) * len(hand) / max(_outline_px(one), 1.0)
+    return float((inside & empty[row, column]).all(axis=1).mean())
 
 
-def _outline_px(silhouette: Silhouette) -> float:
+def _outline_px(mask: Array[H, W]) -> float:
     """Return how long the outline is [px]: Crofton, by crossings of rows and columns."""
-    mask = silhouette.mask > 0.5
-    down = mask[1:] != mask[:-1]
-    across = mask[:, 1:] != mask[:, :-1]
-    return 0.25 * np.pi * float(down.sum() + across.sum())
+    down, across = mask[1:] != mask[:-1], mask[:, 1:] != mask[:, :-1]
+    return 0.25 * np.pi * float(np.count_nonzero(down) + np.count_nonzero(across))
 
 
-def _meeting_point(one: Silhouette, here: Floats, other: Silhouette, there: Floats) -> Floats[D3]:
+def _meeting_point(one: Camera, here: Floats, other: Camera, there: Floats) -> Floats[D3]:
     """Return the point nearest to two lines of sight, world [m]."""
     sums, sides = np.zeros((3, 3)), np.zeros(3)
-    for silhouette, pixel in ((one, here), (other, there)):
-        way = silhouette.camera.rays(pixel)
+    for camera, pixel in ((one, here), (other, there)):
+        way = camera.rays(pixel)
         across = np.eye(3) - np.outer(way, way)
-        sums, sides = sums + across, sides + across @ silhouette.camera.centre
+        sums, sides = sums + across, sides + across @ camera.centre
     return np.linalg.lstsq(sums, sides, rcond=None)[0]

@@ -22,13 +22,14 @@ _PALM_M = 0.09
 _FINGER_M = 0.008
 """half a finger's breadth"""
 _PALM_FLESH_M = 0.015
-"""of the palm beyond the joints at its edges: heel, ball of the thumb and the little finger's side"""
+"""of the palm beyond the joints at its edges: heel, ball of the thumb and the little finger's side; as the finger's until a look
+at desk_two_view showed palms cut"""
 _CORE_M = 0.003
 """this near to bones, and this deep in the palm, is hand where the joints are right"""
 _MARGIN_M = 0.045
 """the image is looked at this far around the joints; further out is no hand"""
 _JOINTS_OFF_M = 0.01
-"""how far a detector's joints lie beside a model's (docs/detector.md: 10 to 15 mm at the worst joints)"""
+"""how far a detector's joints lie beside a model's (docs/detector.md: 10 to 15 mm at the worst joints); 6 mm until a look at desk_two_view"""
 _ARM_M = 0.06
 """behind the wrist nothing is said from here on: it may be arm, sleeve or desk; 3 cm tell an arm's direction, and a detector's
 wrist lies up to as much inside of the palm"""

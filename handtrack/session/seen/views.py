@@ -205,7 +205,7 @@ class View:
         files = self.keypoint_files
         if files is None:
             raise HandtrackError(
-                f"{self._where}: mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
+                "mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
                 "`handtrack detect SESSION --write` finds them."
             )
         return JointSeeds(files)
