@@ -10,7 +10,7 @@ from handtrack.bench.registry import BENCHMARKS
 from handtrack.bench.report import REPORTS, main, report
 from handtrack.errors import HandtrackError
 
-OTHERS = {"recordings", "capture", "ellipsoid_distances", "mutations"}
+OTHERS = {"recordings", "capture", "ellipsoid_distances", "mutations", "seeded_masks"}
 """pages of figures that other commands give, named there"""
 
 

@@ -168,7 +168,7 @@ def test_a_camera_with_nothing_is_only_drawn(folder: Path) -> None:
     assert [s.camera.name for s in session.observation(0).silhouettes] == ["cam0"]
     assert (
         "note",
-        "camera 'cam1': no images, masks or depth; it is only drawn.",
+        "camera 'cam1': no images, masks, depth or joints; it is only drawn.",
     ) in examine(session)
 
 
