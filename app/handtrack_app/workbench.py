@@ -114,6 +114,7 @@ class Workbench:
         )
         self.server.on_client_connect(self.editing.welcome)
         self.server.on_client_disconnect(self.editing.leave)
+        self.server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
         self.player.start()
         self.worker.start()
         return self

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -114,7 +115,16 @@ def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
         eventually(lambda: _shown(other, "/cameras"), "free again")
         eventually(lambda: _shown(other, "/screen") is False, "without the picture")
         assert value_of(other, view.through) == "free view" and _shown(editor, "/screen")
+        other.set_value(view.through, "side")
+        eventually(lambda: len(wished(bench)) == 2, "two pictures")
+    eventually(lambda: wished(bench) == (), "of pages that went none is painted")
     assert bench.door.gate.refused == 0
+
+
+def wished(bench: Workbench) -> tuple[tuple[str, str], ...]:
+    wish = bench._wished[commands.WantPictures]
+    assert isinstance(wish, commands.WantPictures)
+    return wish.screens
 
 
 def _shown(client: WireClient, node: str) -> bool | None:
