@@ -27,7 +27,8 @@ _WORK_PX_A_M = 700.0
 _SMOOTH_M = 0.004
 """what one pixel says, its neighbours as far as a quarter of a finger's breadth say too"""
 _COLOURED = 6.0
-"""distance of a or b of Lab from grey [8 bit] that is reached nowhere in images without colour: infrared"""
+"""distance of a or b of Lab from grey [8 bit] that is reached nowhere in images without colour: infrared; set with desk_two_view
+in view"""
 _AWAY = -2.0
 """log-odds by place below which the hand is not, for the image of the background alone"""
 _LEAST_SAMPLES = 3

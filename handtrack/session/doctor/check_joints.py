@@ -16,7 +16,6 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.session.doctor.check_hand import PALM_M, check_palm, check_side_of
 from handtrack.session.doctor.check_outlines import MOST_EXCHANGED, inverse
 from handtrack.session.doctor.finding import Finding, ok, warning
-from handtrack.session.seen.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
@@ -77,41 +76,28 @@ _NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size,
 
 def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
     """Return joints' names, and where cameras saw them in the first frames in which two did."""
-    views = [view for view in session.views if view.keypoint_files is not None]
-    names: tuple[str, ...] = ()
-    read: dict[str, dict[int, Floats]] = {view.name: {} for view in views}
+    files = {view: view.keypoint_files for view in session.views if view.keypoint_files}
+    names = tuple(dict.fromkeys(name for one in files.values() for name in one.layout.points))
+    rows: list[dict[str, dict[str, Floats[D2]]]] = []
     found = 0
     for frame in range(session.frame_count):
-        rows = {view.name: row for view in views if (row := _row(view, frame)) is not None}
-        for name, (own, pixels) in rows.items():
-            names = names or own
-            if own == names:
-                read[name][frame] = pixels
-        found += len(rows) > 1
+        row = {}
+        for view, one in files.items():
+            own = frame if view.times is None else view.times.own_frame(frame)
+            row[view.name] = {} if own is None else one.as_taken(own)
+        rows.append(row)
+        found += sum(map(bool, row.values())) > 1
         if found >= _STRETCH:
             break
-    frames = sorted(set().union(*read.values())) if read else []
-    if not frames:
-        return (), []
-    first, stop = frames[0], frames[-1] + 1
     seen = []
-    for view in views:
-        pixels = np.full((stop - first, len(names), 2), np.nan)
-        for frame, row in read[view.name].items():
-            pixels[frame - first] = row
+    for view in files:
+        pixels = np.full((len(rows), len(names), 2), np.nan)
+        for at, row in enumerate(rows):
+            for name, pixel in row[view.name].items():
+                pixels[at, names.index(name)] = pixel
         if np.isfinite(pixels).any():
             seen.append(_Seen(view.camera, pixels))
     return names, seen
-
-
-def _row(view: View, frame: int) -> tuple[tuple[str, ...], Floats[J, D2]] | None:
-    sets = view.keypoints(frame, 1.0)
-    if not sets:
-        return None
-    pixels = sets[0].pixels.copy()
-    for more in sets[1:]:
-        pixels = np.where(np.isfinite(pixels), pixels, more.pixels)
-    return sets[0].names, view.camera.distort_points(pixels)
 
 
 def _match(seen: Sequence[_Seen]) -> _Match | None:
