@@ -57,17 +57,18 @@ def _twice_angle_by_sine(w: float, x: float, y: float, z: float) -> float:
     return angle / math.sin(angle / 2.0)
 
 
-def left_jacobian(rotvec: Floats[D3]) -> Floats[D3, D3]:
+def left_jacobian(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
     """Return J with: rotvec + δ turns like exp(J δ) · exp(rotvec), to first order in δ.
 
     rotvec: [rad]. Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
     """
-    angle = float(np.linalg.norm(rotvec))
+    rotvec = np.asarray(rotvec, dtype=float)
+    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    small = angle < _SERIES_BELOW
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1.0 / 6.0, (safe - np.sin(safe)) / safe**3)
     cross = skew(rotvec)
-    if angle < _SERIES_BELOW:
-        return np.eye(3) + 0.5 * cross + (cross @ cross) / 6
-    a = (1 - np.cos(angle)) / angle**2
-    b = (angle - np.sin(angle)) / angle**3
     return np.eye(3) + a * cross + b * (cross @ cross)
 
 

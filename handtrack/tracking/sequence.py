@@ -13,6 +13,7 @@ from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
 from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.refined import refined
 
 
 def track_frames(
@@ -40,6 +41,8 @@ def track_frames(
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
     begun: list[Step] = []
+    refines = tracker.settings.refines
+    found = {frame: step.result for frame, step in known.items() if frame in frames and refines}
     for path in (forward, backward):
         steps = [*begun, *_already(known, path)]
         state = TrackerState.beginning_at(start_params)
@@ -52,12 +55,17 @@ def track_frames(
             if control.on_step is not None:
                 control.on_step(after.step)
             if result.frame in frames:
+                if refines:
+                    found[result.frame] = result
                 yield result
         if control.should_stop():
             return
         if tracker.settings.chooses_at_the_end:
             yield from _chosen(tracker, steps[path is backward :], frames)
         begun = steps[:1]
+    if refines:
+        tracked = [found[frame] for frame in sorted(found)]
+        yield from refined(tracker.model, tracker.settings, observe, tracked, control)
 
 
 def _shown_within(frames: range, control: Control) -> Control:

@@ -37,9 +37,12 @@ ARROWS: dict[str, set[str]] = {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
         "tracking.size",
     },
+    "tracking.whole": {
+        "geometry", "observation", "model", "terms", "solver", "tracking.frame", "tracking.search",
+    },
     "tracking": {
         "geometry", "observation", "model", "sampling", "tracking.frame", "tracking.search",
-        "tracking.hypotheses",
+        "tracking.hypotheses", "tracking.whole",
     },
     "detector": {"files", "geometry"},
     "diagnostics": {"geometry", "model", "observation", "terms", "tracking.frame"},

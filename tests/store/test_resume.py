@@ -71,6 +71,14 @@ def test_a1_both_ways_from_inside_and_outside_of_the_range(tmp_path, start, fram
     check_every_cut(tmp_path, Tracker(SCENE.model), SCENE.observations, poses, start, frames)
 
 
+def test_a1_a_refined_recording_is_refined_again(tmp_path) -> None:
+    poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
+    whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
+    tracker = Tracker(SCENE.model, whole)
+    results = check_every_cut(tmp_path, tracker, SCENE.observations, poses, 1, range(4))
+    assert len(results) == 8
+
+
 @pytest.mark.parametrize("sequence", ["best", "smooth"])
 def test_a1_hypotheses_are_carried_on(tmp_path, sequence: str) -> None:
     ball = load_model("ball6")

@@ -14,6 +14,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
+from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.state import TrackerState
@@ -34,7 +35,7 @@ def test_points_count_by_the_surface_they_measure(rng, scale, count):
     mesh = surface_mesh(MetaballSurface.of(model), bones)
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    patch = scale * 1e-3 * TrackerSettings().cloud.patch_mm
+    patch = scale * 1e-3 * CLOUD_PATCH_MM
     assert seen.share * count == pytest.approx(area / patch**2, rel=0.2)
 
 

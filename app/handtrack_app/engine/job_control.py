@@ -360,7 +360,7 @@ class JobControl:
             self._publish(ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        quiet = job.kind in ("sizing", "finding") and not job.paused
+        quiet = not job.paused and (job.kind in ("sizing", "finding") or job.share > 0)
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words

@@ -166,8 +166,11 @@ class TrackingJob(BackgroundJob):
     def work(self) -> None:
         run = self._run
         recorded = run.session.live is None
-        control = Control(self.should_stop, on_early=self._early, waits=recorded)
+        control = Control(
+            self.should_stop, on_early=self._early, on_refined=self._refining, waits=recorded
+        )
         for leg in self._path:
+            self.share = 0.0
             for result in run.track_with(control, leg.frames, leg.first, leg.params):
                 self._post(Tracked(self.number, result))
                 if self._watch is not None:
@@ -176,6 +179,9 @@ class TrackingJob(BackgroundJob):
                     return
             if self.should_stop():
                 return
+
+    def _refining(self, share: float) -> None:
+        self.tell(share, "Refining all frames together …")
 
     def _early(self, result: FrameResult) -> None:
         self._solved.add(result.frame)  # frames may come again

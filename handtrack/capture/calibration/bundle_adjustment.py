@@ -254,8 +254,8 @@ def _blocks(state: RigState, corners: Corners) -> Floats:
     # a rotation vector r + δ turns by J δ more: d(R X)/dδ = −[R X] J
     camera_turned = seen - state.camera[corners.camera, 3:]
     view_turned = world - state.view[corners.view, 3:]
-    camera_j = np.stack([left_jacobian(r) for r in state.camera[:, :3]])[corners.camera]
-    view_j = np.stack([left_jacobian(r) for r in state.view[:, :3]])[corners.view]
+    camera_j = left_jacobian(state.camera[:, :3])[corners.camera]
+    view_j = left_jacobian(state.view[:, :3])[corners.view]
     return np.concatenate(
         [
             by_lens,

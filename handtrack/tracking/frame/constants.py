@@ -13,6 +13,10 @@ TEXTURE_SMOOTH_PX = (4.0, 2.0, 1.0)
 TEXTURE_CORRELATION_PX = 6.0
 """[px] over how much of the image a texture's error stays the same; chosen by hand"""
 
+CLOUD_PATCH_MM = 20.0
+"""[mm] over how much of a mean adult's surface a cloud's error stays the same: the breadth of a finger, since a hand's own shape is
+most of it and a sensor's noise the least"""
+
 SEARCH_EVERY = 16
 """[frames] after which lost fingers are looked for however well a frame fits, since a finger hidden in a fist may settle
 wrongly (docs/experiments.md, recordings of other hands)"""

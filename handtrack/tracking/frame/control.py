@@ -17,6 +17,10 @@ def _never() -> bool:
     return False
 
 
+def _unheard(share: float) -> None:
+    """Nobody listens."""
+
+
 @dataclass(frozen=True)
 class Control:
     """Handed down from whoever started the work."""
@@ -32,6 +36,8 @@ class Control:
     on_early: Callable[[Any], None] | None = None
     """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
     it. What holds is yielded later"""
+    on_refined: Callable[[float], None] = _unheard
+    """called with the share that is done, 0 to 1, while all frames are refined together"""
     ahead: int = FRAMES_AHEAD
     """frames that are solved at most beyond one whose search beside isn't done"""
     waits: bool = True

@@ -52,11 +52,7 @@ def solved_result(
     alone = Problem(model, last.observation_terms).linearize(params)
     sure = inheriting_doubt(last, params, known.hessian, belief)
     spread = uncertainty(model, params, sure, alone.hessian)
-    status, reason = assess(terms, model.bones(params), system.cost, previous)
-    if status == Status.TRACKED:
-        most = terms.settings.tracker.doubtful_mm
-        reason = odd_size(model) or what_is_open(model, spread.joint_covariance, most)
-        status = Status.TRACKED if reason is None else Status.DOUBTFUL
+    status, reason = judged(terms, params, system.cost, spread.joint_covariance, previous)
     std = spread.parameter_std
     found = posed_result(
         model, observation, params, status, reason,
@@ -66,6 +62,23 @@ def solved_result(
         joint_covariance=spread.joint_covariance,
     )  # fmt: skip
     return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
+
+
+def judged(
+    terms: FrameTerms,
+    params: Floats[P],
+    energy: float,
+    joint_covariance: Floats[J, D3, D3],
+    previous: Sequence[FrameResult],
+) -> tuple[Status, Reason | None]:
+    """Return a frame's status at solver parameters and, unless it is tracked, the reason."""
+    model = terms.model
+    status, reason = assess(terms, model.bones(params), energy, previous)
+    if status != Status.TRACKED:
+        return status, reason
+    most = terms.settings.tracker.doubtful_mm
+    reason = odd_size(model) or what_is_open(model, joint_covariance, most)
+    return (Status.TRACKED if reason is None else Status.DOUBTFUL), reason
 
 
 def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:

@@ -22,6 +22,7 @@ CONSTANTS: dict[str, tuple[str, Any]] = {
         ("edges.correlation_px", "EDGE_CORRELATION_PX"),
         ("intensity.smooth_px", "TEXTURE_SMOOTH_PX"),
         ("intensity.correlation_px", "TEXTURE_CORRELATION_PX"),
+        ("cloud.patch_mm", "CLOUD_PATCH_MM"),
         ("tracker.escape_every", "SEARCH_EVERY"),
         ("tracker.doubtful_overlap", "DOUBTFUL_OVERLAP"),
         ("tracker.lost_overlap", "LOST_OVERLAP"),

@@ -119,10 +119,6 @@ class CloudTermSettings:
         "is found to lie nearer counts for as exact as it lies.", label="Point error mm", level="user", unit="mm",
         above=0.0, slider=(0.2, 10.0, 0.1),
     )  # fmt: skip
-    patch_mm: float = setting(
-        20.0, "Over how much of the surface that error stays the same: the breadth of a finger, since a hand's own shape is "
-        "most of it and a sensor's noise the least; of a mean adult's hand.", unit="mm", above=0.0,
-    )  # fmt: skip
     doubt_depth: bool = setting(
         False, "Believe of each point only that the hand lies on its line of sight; its depth is right or anywhere, as where "
         "a stereo pair mismatches. Clouds of one depth camera or one pair.",
@@ -235,6 +231,11 @@ class FollowSettings:
         True, "Look for a hand that is in doubt or lost again, near where it was last and with fingers flipped; taken only "
         "where it fits clearly better.", label="Recovery", level="user",
     )  # fmt: skip
+    estimate: Literal["forward", "whole"] = setting(
+        "forward", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
+        "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
+        level="user", words={"forward": "as frames come", "whole": "whole recording"},
+    )  # fmt: skip
     hypotheses: int = setting(
         1, "How many poses are carried along where one view leaves several open; 1: only the best, without sampling.",
         label="Hypotheses", level="user", low=1, slider=(1, 16, 1),
@@ -290,6 +291,11 @@ class TrackerSettings:
     def looks_at_images(self) -> bool:
         """Whether a frame's images are needed, beside masks and clouds."""
         return self.edges.weight > 0 or self.intensity.weight > 0
+
+    @property
+    def refines(self) -> bool:
+        """Whether all frames are looked at together once they are tracked."""
+        return self.tracker.estimate == "whole" and self.tracker.hypotheses == 1
 
     @property
     def chooses_at_the_end(self) -> bool:

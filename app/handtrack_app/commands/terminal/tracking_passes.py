@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
@@ -39,8 +40,13 @@ class TrackingPasses:
         problem, known = "", run.session.known_frames
         with progress_bar(len(frames), "tracking") as bar:
             bar.update(len(results))
+
+            def refining(share: float) -> None:
+                bar.set_description(f"refining {share:.0%}")
+
+            control = replace(self._control, on_refined=refining)
             try:
-                for result in run.track_with(self._control, frames, start_frame, start, done):
+                for result in run.track_with(control, frames, start_frame, start, done):
                     is_new = result.frame not in results
                     results[result.frame] = result
                     if not is_new:

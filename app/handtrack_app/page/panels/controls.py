@@ -26,7 +26,12 @@ _FOLDERS = {
     "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
     "Point cloud": ("cloud.sigma_mm",),
     "Keypoints": ("keypoints.sigma_mm",),
-    "Motion": ("tracker.smoothing", "prior.motion_sigma_deg", "prior.rest_sigma_deg"),
+    "Motion": (
+        "tracker.estimate",
+        "tracker.smoothing",
+        "prior.motion_sigma_deg",
+        "prior.rest_sigma_deg",
+    ),
     "Other poses": ("tracker.recovery", "tracker.hypotheses"),
     "Solver": ("solver.iterations",),
 }

@@ -18,6 +18,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.loss import GemanMcClure, Loss, UniformOutliers
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _MM = 1e-3
@@ -92,7 +93,7 @@ def see_cloud(
         points = points[along < settings.silhouettes.forearm_seen_mm * _MM]
     if len(points) < _FEWEST:
         return None
-    patches = _area(points) / _patch_area(model, settings)
+    patches = _area(points) / _patch_area(model)
     emptiness = None
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
@@ -134,9 +135,9 @@ def _area(points: Floats) -> float:
     return len(np.unique(flat)) * _CELL_AREA
 
 
-def _patch_area(model: ArticulatedModel, settings: TrackerSettings) -> float:
+def _patch_area(model: ArticulatedModel) -> float:
     """Return the surface [m²] over which the error is the same; a larger hand's parts are broader."""
-    return (settings.cloud.patch_mm * _MM * model.scale.overall) ** 2
+    return (CLOUD_PATCH_MM * _MM * model.scale.overall) ** 2
 
 
 def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptinessTerm:
@@ -182,7 +183,7 @@ def _empty(
     """Return E2, or nothing where only the cloud's side is asked for."""
     if seen.emptiness is None:
         return []
-    share = min(1.0, _CELL_AREA / _patch_area(model, settings))
+    share = min(1.0, _CELL_AREA / _patch_area(model))
     term = replace(
         seen.emptiness,
         sigma_m=settings.cloud.sigma_mm * _MM,

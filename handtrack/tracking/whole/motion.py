@@ -1,0 +1,144 @@
+"""How poses follow one another in a whole recording: a velocity that persists for a while, and is pushed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import D3, F, Floats, K, L, M, N, P
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
+from handtrack.solver.block_banded import BlockBanded
+from handtrack.tracking.frame.settings import PriorSettings
+
+PLACE, TURN, ANGLES = slice(0, 3), slice(3, 6), slice(6, None)
+"""of solver parameters: the root's place; its turn, whose changes are small turns in world axes whatever vector it is
+written as; the joints' angles"""
+_USUAL_FRAMES = 0.01
+"""frames for which the usual pushes count beside those that were seen: they keep what never moves from being known to"""
+_LASTS_S = 0.2
+"""[s] after which e⁻¹ of a velocity is left: a movement of half a second, as reaching and grasping take, begins and ends in twice
+that. It isn't estimated: beside the pushes, of hidden joints' angles neither can be told from the other"""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """x₊ − x = kept · (x − x₋) + N(0, pushes), of solver parameters a frame: an Ornstein–Uhlenbeck velocity.
+
+    Where nothing is seen the hand goes on, and comes to rest; what it may do meanwhile is bounded and known. Joints are
+    pushed together: fingers that close as one where they are seen do so where one of them is hidden. A first velocity is as
+    large as velocities are that last, of variance pushes / (1 − kept²).
+    """
+
+    kept: float
+    """share of the velocity that is left a frame later, 0 … 1"""
+    pushes: Floats[P, P]
+    """[m², rad²] covariance; place and turn go on their own"""
+
+    @classmethod
+    def usual(cls, prior: PriorSettings, size: int, seconds: float) -> Motion:
+        """Return what is assumed before anything is known of a recording: what `prior` says of the next frame, so many seconds
+        later.
+        """
+        push = np.full(size, np.deg2rad(prior.motion_sigma_deg))
+        push[PLACE] = prior.motion_sigma_mm * 1e-3
+        return cls(float(np.exp(-seconds / _LASTS_S)), np.diag(push**2))
+
+    def cost(self, poses: Floats[F, P]) -> float:
+        """Return ½ Σ rᵀ r of all pushes and of the first velocity, in standard deviations."""
+        steps = changes(poses)
+        pushed = steps[1:] - self.kept * steps[:-1]
+        first = steps[:1] * np.sqrt(1.0 - self.kept**2)
+        return 0.5 * sum(float(((part @ self._known) * part).sum()) for part in (first, pushed))
+
+    def add_to(self, system: BlockBanded, gradient: Floats[F, P], poses: Floats[F, P]) -> None:
+        """Add the Gauss-Newton system, by changes of the poses (`moved`), in place."""
+        if len(poses) < 2:
+            return
+        steps, kept, size = changes(poses), self.kept, poses.shape[1]
+        ahead = _moves(size, 1.0, np.linalg.inv(left_jacobian(steps[:, TURN])))
+        behind = _moves(size, -1.0, -np.linalg.inv(left_jacobian(-steps[:, TURN])))
+        slow = np.sqrt(1.0 - kept**2)
+        self._add(system, gradient, slow * steps[:1], [slow * behind[:1], slow * ahead[:1]])
+        pushed = steps[1:] - kept * steps[:-1]
+        self._add(
+            system, gradient, pushed,
+            [-kept * behind[:-1], behind[1:] - kept * ahead[:-1], ahead[1:]],
+        )  # fmt: skip
+
+    def estimated(self, poses: Floats[F, P], inverse: Floats[F, L, P, P], usual: Motion) -> Motion:
+        """Return the motion that makes the poses most probable, as far as they are known: one step of EM.
+
+        inverse: the poses' covariance (F, 3, P, P) as `BandedFactor.inverse` gives it; usual: what counts as some frames more.
+        """
+        if len(poses) < 3:
+            return self
+        steps, size = changes(poses), poses.shape[1]
+        own, one, two = (inverse[:, k].sum(axis=0) for k in range(3))
+        # sums over frames of covariances between x₋, x, x₊; [k] of `inverse` is the later with the earlier frame
+        earlier, middle, later = (
+            own - inverse[-2:, 0].sum(0),
+            own - inverse[0, 0] - inverse[-1, 0],
+            own - inverse[:2, 0].sum(0),
+        )
+        first, second = one - inverse[-2, 1], one - inverse[0, 1]
+        before = steps[:-1].T @ steps[:-1] + middle + earlier - first - first.T
+        after = steps[1:].T @ steps[1:] + later + middle - second - second.T
+        both = steps[1:].T @ steps[:-1] + second - two - middle + first
+        kept = self.kept
+        pushed = after - kept * (both + both.T) + kept**2 * before
+        pushed = 0.5 * (pushed + pushed.T)
+        count = len(steps) - 1
+        together = np.eye(size)
+        together[6:, 6:] += (count / (count + size) - together[6:, 6:]) * (1 - together[6:, 6:])
+        pushed = (pushed + _USUAL_FRAMES * usual.pushes) / (count + _USUAL_FRAMES)
+        return Motion(kept, pushed * together)
+
+    @cached_property
+    def _known(self) -> Floats[P, P]:
+        return np.linalg.inv(self.pushes)
+
+    def _add(
+        self,
+        system: BlockBanded,
+        gradient: Floats[F, P],
+        residual: Floats[M, P],
+        moves: list[Floats[M, P, P]],
+    ) -> None:
+        """Add residuals, the m-th of frames m and those after it. moves: by what it changes with each of these."""
+        count = len(residual)
+        pull = residual @ self._known
+        for a, by_a in enumerate(moves):
+            gradient[a : a + count] += np.einsum("mqp,mq->mp", by_a, pull)
+            known = np.swapaxes(by_a, 1, 2) @ self._known
+            for b, by_b in enumerate(moves[: a + 1]):
+                system.blocks[b : b + count, a - b] += known @ by_b
+
+
+def changes(poses: Floats[F, P]) -> Floats[N, P]:
+    """Return what leads from each pose to the next (F − 1, P), the root's turn as a turn in world axes [rad]."""
+    steps = np.diff(poses, axis=0)
+    turns = rotation_matrix(poses[:, TURN])
+    steps[:, TURN] = rotation_vector(turns[1:] @ np.swapaxes(turns[:-1], 1, 2))
+    return steps
+
+
+def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
+    """Return poses changed by a step: the root's turn by a turn in world axes, all else by adding."""
+    found = poses + step
+    turned = rotation_matrix(step[:, TURN]) @ rotation_matrix(poses[:, TURN])
+    found[:, TURN] = rotation_vector(turned)
+    return found
+
+
+def by_change(pose: Floats[P]) -> Floats[D3, D3]:
+    """Return how the root's rotation vector changes with a turn in world axes."""
+    return np.linalg.inv(left_jacobian(pose[TURN]))
+
+
+def _moves(size: int, own: float, turn: Floats[M, D3, D3]) -> Floats[M, K, P]:
+    """Return matrices (M, P, P) that are diagonal but for the root's turn."""
+    found = np.tile(own * np.eye(size), (len(turn), 1, 1))
+    found[:, TURN, TURN] = turn
+    return found

@@ -1,0 +1,83 @@
+"""The system of many frames: solved as the dense one is, and its inverse where it has blocks."""
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.solver.block_banded import REACH, BlockBanded, Bordered
+
+
+def _system(frames, size, seed=0):
+    """Return a banded matrix that has a factor, and the same as a dense one."""
+    rng = np.random.default_rng(seed)
+    banded = BlockBanded.zero(frames, size)
+    dense = np.zeros((frames * size, frames * size))
+    for t in range(frames):
+        for count in range(1, REACH + 2):
+            if t + count > frames:
+                continue
+            rows = rng.normal(size=(size + 2, count * size))
+            matrix = rows.T @ rows + 0.1 * np.eye(count * size)
+            banded.add(np.arange(t, t + count), matrix)
+            part = slice(t * size, (t + count) * size)
+            dense[part, part] += matrix
+    return banded, dense
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 12])
+def test_it_solves_as_the_dense_system_does(frames):
+    banded, dense = _system(frames, 4)
+    right = np.random.default_rng(1).normal(size=(frames, 4, 3))
+    found = banded.factor().solve(right)
+    np.testing.assert_allclose(
+        found.reshape(frames * 4, 3), np.linalg.solve(dense, right.reshape(frames * 4, 3)), rtol=1e-8, atol=1e-10
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 12])
+def test_the_inverse_has_the_dense_one_s_blocks(frames):
+    banded, dense = _system(frames, 4)
+    inverse = np.linalg.inv(dense).reshape(frames, 4, frames, 4)
+    found = banded.factor().inverse
+    for t in range(frames):
+        for k in range(min(REACH + 1, frames - t)):
+            np.testing.assert_allclose(found[t, k], inverse[t + k, :, t], rtol=1e-7, atol=1e-10)
+
+
+def test_rounding_does_not_grow_along_a_long_recording():
+    """Steady motion seen through few combinations: errors that are not symmetric grew threefold a frame."""
+    rng = np.random.default_rng(3)
+    frames, size = 120, 8
+    banded = BlockBanded.zero(frames, size)
+    mixing = rng.normal(size=(size, size))
+    known = np.linalg.inv(mixing @ mixing.T + 0.1 * np.eye(size)) * 1e4
+    weights = np.array([0.98, -1.98, 1.0])
+    for t in range(frames - 2):
+        banded.add(np.arange(t, t + 3), np.kron(np.outer(weights, weights), known))
+    for t in range(frames):
+        seen = rng.normal(size=(3, size))
+        banded.blocks[t, 0] += seen.T @ seen + 1e-3 * np.eye(size)
+    found = banded.factor().inverse
+    for t in range(0, frames, 10):
+        unit = np.zeros((frames, size, size))
+        unit[t] = np.eye(size)
+        exact = banded.factor().solve(unit)[t]
+        np.testing.assert_allclose(found[t, 0], exact, atol=1e-6 * np.abs(exact).max())
+
+
+def test_a_border_is_solved_as_in_the_dense_system():
+    banded, dense = _system(9, 3)
+    rng = np.random.default_rng(2)
+    border = rng.normal(size=(9, 3, 4))
+    shared = 50.0 * np.eye(4) + np.einsum("fpk,fpl->kl", border, border)
+    whole = np.block([[dense, border.reshape(27, 4)], [border.reshape(27, 4).T, shared]])
+    right, rest = rng.normal(size=(9, 3)), rng.normal(size=4)
+    found, common = Bordered(banded.factor(), border, shared).solve(right, rest)
+    expected = np.linalg.solve(whole, np.concatenate([right.ravel(), rest]))
+    np.testing.assert_allclose(found.ravel(), expected[:27], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(common, expected[27:], rtol=1e-8, atol=1e-10)
+
+
+def test_what_nothing_holds_is_said():
+    with pytest.raises(HandtrackError, match="nothing holds"):
+        BlockBanded.zero(5, 3).factor()
