@@ -15,6 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
+from handtrack.model.size import hand_length_mm
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -274,12 +275,13 @@ class TrackingRun:
     @property
     def labels(self) -> TrackLabels:
         """What the numbers of this run's results mean, and where they come from."""
-        model = self.model
+        model, std_mm = self.model, self.scale.std.get("length_mm")
         return TrackLabels(
             model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
             model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
             json.dumps(self.settings.flat(), sort_keys=True), _version(),
             None if self.first is None else self.first.confidence,
+            None if std_mm is None else hand_length_mm(model), std_mm,
         )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
 from handtrack.session.side import doubt_of_side
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -194,11 +195,12 @@ def _save(
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
     notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *doubts, *_doubts(results)]
+    hand = hand_words(run_.model)
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
         begun = _begun_at(run_)
         print(
-            f"{len(results)} of {len(frames)} frames{begun}: {by_status}. Saved to {place}",
+            f"{len(results)} of {len(frames)} frames{begun}: {by_status}{hand and f'; {hand}'}. Saved to {place}",
             flush=True,
         )
     else:
