@@ -25,6 +25,7 @@ from handtrack_app.engine.jobs import (
     FindingJob,
     Found,
     Leg,
+    Questioned,
     Report,
     Sized,
     SizingJob,
@@ -226,6 +227,8 @@ class JobControl:
                 self._sized(job, report)
             case Found():
                 self._found(report)
+            case Questioned():
+                self._publish(Notice("warning", "A camera contradicts the others", report.text))
             case Ended():
                 self._ended(job, report)
 
