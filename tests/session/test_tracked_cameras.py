@@ -23,7 +23,6 @@ from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
 
 
-
 def recorded(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) -> Path:
     """A hand before small cameras: its masks, or joints with so much noise."""
     what = Simulation(
@@ -52,9 +51,7 @@ def with_joints(folder: Path, seed: int, noise_px: float) -> Path:
 def turned(folder: Path, number: int, degrees: tuple[float, float, float]) -> None:
     cameras = list(Session.open(folder).rig.cameras)
     one, turn = cameras[number], rotation_matrix(np.deg2rad(degrees))
-    cameras[number] = replace(
-        one, rotation=turn @ one.rotation, translation=turn @ one.translation
-    )
+    cameras[number] = replace(one, rotation=turn @ one.rotation, translation=turn @ one.translation)
     write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
 
 
@@ -62,11 +59,12 @@ def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
     """Return what is said after tracking, and the run."""
     run = TrackingRun.open(Session.open(folder), QUICK | use)
     results = list(run.track(run.session.frame_range, *run.initial()))
-    (folder / POSES_FILE).parent.mkdir()
+    (folder / POSES_FILE).parent.mkdir(exist_ok=True)
     write_result(folder / POSES_FILE, run.result(results))
     return doubt_of_cameras(run, results), run
 
 
+LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
 QUICK: dict[str, object] = {"model.fit_size": "false", "tracker.escape": False}
 JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0, "keypoints.sigma_px": 1.0}
 
@@ -100,3 +98,22 @@ def test_of_two_cameras_with_joints_both_are_named(tmp_path: Path) -> None:
     turned(folder, 1, (1.0, 0.0, 0.0))
     said, _ = tracked(folder, JOINTS_ALONE)
     assert "'cam0'" in said and "'cam1'" in said and "turned by" in said, said
+
+
+@pytest.mark.parametrize(("cameras", "lost"), [(3, [1]), (2, [0, 1])])
+def test_a_lens_that_lost_its_k3_is_named(tmp_path: Path, cameras: int, lost: list[int]) -> None:
+    """The hand is seen beside the middle, where the coefficient counts; the same with the whole lens is no fault."""
+    folder = recorded(tmp_path / "session", 1, cameras)
+    rig = []
+    for number, one in enumerate(Session.open(folder).rig.cameras):
+        turn = rotation_matrix(np.deg2rad([0.0, 14.0 * (-1) ** number, 0.0]))
+        pose = turn @ one.rotation, turn @ one.translation
+        rig.append(replace(one, rotation=pose[0], translation=pose[1], distortions=np.array(LENS)))
+    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    with_joints(folder, 1, 1.0)
+    assert tracked(folder, JOINTS_ALONE)[0] == ""
+    for number in lost:
+        rig[number] = replace(rig[number], distortions=np.array([*LENS[:4], 0.0]))
+    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    said, _ = tracked(folder, JOINTS_ALONE)
+    assert "camera 'cam1'" in said and "with another lens" in said, said

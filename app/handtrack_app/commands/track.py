@@ -196,7 +196,11 @@ def _save(
     if not problem:
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
-    notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *filter(None, doubts), *_doubts(results)]
+    notes = [
+        *dict.fromkeys([*run_.session.warnings, *run_.notes]),
+        *filter(None, doubts),
+        *_doubts(results),
+    ]
     hand = hand_words(run_.model)
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))

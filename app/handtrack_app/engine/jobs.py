@@ -189,7 +189,11 @@ class TrackingJob(BackgroundJob):
                     return
             if self.should_stop():
                 return
-        if recorded and isinstance(run, TrackingRun) and (text := doubt_of_cameras(run, self._some)):
+        if (
+            recorded
+            and isinstance(run, TrackingRun)
+            and (text := doubt_of_cameras(run, self._some))
+        ):
             self._post(Questioned(self.number, text))
 
     def _early(self, result: FrameResult) -> None:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from handtrack.session.session import Session
 
 _FEWEST, _LOOKS = 4, 8  # frames, evenly spread
-# log-likelihood, and share of what is left unexplained, that a camera's change must bring: clean scenes bring 0.4 to 1.5 and
-# 0.00, another hand's shape up to 92 and 0.01, a camera turned by 1° 12 to 1,400 and 0.11 to 0.3 (docs/reliability.md)
+# log-likelihood, and share of what is left unexplained, that a camera's change must bring; measured on simulated scenes, and on
+# recordings of hands of other shape: docs/derivations/size.md
 _LEAST_GAIN, _LEAST_SHARE = (12.0, 0.03)
 _ALIKE = 0.7  # of the gain: another camera that would do as well
 
@@ -63,7 +63,9 @@ def doubt_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
 
 def _words(found: Sequence[CameraDoubt], odd: str) -> str:
     worst = found[0]
-    others = [f"'{d.camera}'" for d in found[1:] if d.gain > _ALIKE * worst.gain and d.kind == worst.kind]
+    others = [
+        f"'{d.camera}'" for d in found[1:] if d.gain > _ALIKE * worst.gain and d.kind == worst.kind
+    ]
     or_others = f" (or {' or '.join(others)})" if others else ""
     share = f"{100 * worst.share:.0f} % of what is left unexplained would go"
     if worst.kind == "direction":
@@ -71,7 +73,9 @@ def _words(found: Sequence[CameraDoubt], odd: str) -> str:
         asked = "Was it moved after the calibration, or are its rotation and translation another's?"
     else:
         found_in = f"with another lens, {worst.off_px:.1f} px different at the hand"
-        asked = "Did a coefficient, such as k3, get lost, or does the lens belong to another camera?"
+        asked = (
+            "Did a coefficient, such as k3, get lost, or does the lens belong to another camera?"
+        )
     too = f"; the {odd}" if odd else ""
     return (
         f"camera '{worst.camera}'{or_others} contradicts the others: {found_in}, {share}{too}. {asked} `handtrack calibrate` "

@@ -9,11 +9,10 @@ from functools import reduce
 import numpy as np
 
 from handtrack.arrays import D7, B, Floats, K, P
-from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.term import GrowingTerm
@@ -72,7 +71,8 @@ class _Look:
     bones: BonePoses
     moves: Floats[B, D7, K]
     """what pose (P) and overall size (1) add to the bones' twists and growth"""
-    cameras: dict[str, Camera]
+    views: dict[str, Silhouette | ImageKeypoints]
+    """of each camera one, by its name"""
     seen: dict[str, BoneSystem]
     """what each camera says, by its name"""
     prior: JointSystem
@@ -95,10 +95,10 @@ class _Look:
             tracker=replace(settings.tracker, smoothing=0.0),
         )
         joints = [seen for seen in observed.keypoints if isinstance(seen, ImageKeypoints)]
-        cameras = {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
+        views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
         seen: dict[str, BoneSystem] = {}
         priors = frame_terms(model, alone, observed, bones, None).priors
-        for name in cameras:
+        for name in views:
             own = Observation(
                 observed.frame,
                 observed.time_s,
@@ -110,7 +110,7 @@ class _Look:
             seen[name] = reduce(BoneSystem.__add__, told, BoneSystem.zero(len(bones.position), 7))
         prior = Problem(model, (), priors).linearize(pose)
         moves = np.concatenate([twists, growth], axis=2)
-        return cls(model, pose, bones, moves, cameras, seen, prior)
+        return cls(model, pose, bones, moves, views, seen, prior)
 
     def without_pose(self, name: str, kind: str) -> JointSystem:
         """Return the system of the overall size (1) and of a camera's change (K), the pose following."""
@@ -151,10 +151,11 @@ class _Look:
         direction: three angles [rad] about world axes. lens: two coefficients, of the square and the fourth power of
         the distance from its axis, taken where the bones' middles are.
         """
-        camera, bones = self.cameras.get(name), self.bones
+        bones, view = self.bones, self.views.get(name)
         moved = np.zeros((len(bones.position), 7, 3 if kind == "direction" else 2))
-        if camera is None:
+        if view is None:
             return moved
+        camera = view.camera
         if kind == "direction":
             moved[:, 3:6] = np.eye(3)
             moved[:, :3] = np.cross(np.eye(3), bones.reference - camera.centre).T
@@ -168,9 +169,10 @@ class _Look:
 
     def off_px(self, name: str, kind: str, change: Floats[K]) -> Floats[B]:
         """Return by how much a camera's change moves the bones' middles in its images [px]; none where it saw nothing."""
-        camera, twist = self.cameras.get(name), self.changes(name, kind) @ change
-        if camera is None:
+        view, twist = self.views.get(name), self.changes(name, kind) @ change
+        if view is None:
             return np.zeros(0)
+        camera = view.camera
         middle = self._middles
         moved = middle + twist[:, :3] + np.cross(twist[:, 3:6], middle - self.bones.reference)
         return np.linalg.norm(camera.project(moved) - camera.project(middle), axis=1)
