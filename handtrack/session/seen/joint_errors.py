@@ -44,7 +44,9 @@ def joint_errors(views: tuple[View, ...]) -> JointErrors:
     without, variance = _likelihood(found, np.ones(len(found)))
     best, graded = without + _DECISIVE, JointErrors(float(np.sqrt(variance)), None, usual)
     for power in _POWERS:
-        relative = np.array([float(np.mean((sure / usual) ** (-2 * power))) for sure in confidences])
+        relative = np.array(
+            [float(np.mean((sure / usual) ** (-2 * power))) for sure in confidences]
+        )
         likelihood, variance = _likelihood(found, relative)
         if likelihood > best:
             best, graded = likelihood, JointErrors(float(np.sqrt(variance)), power, usual)
