@@ -37,6 +37,8 @@ class HandScale:
     """of a body, by name: where hips, clavicles and skull sit, in standard deviations of adults; 0 where absent"""
     offsets_mm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     """by joint: where a detector sees it, from the joint, in its bone's frame [mm of the mean adult's right hand]; 0 where absent"""
+    std: dict[str, float] = field(default_factory=dict, compare=False)
+    """where it was fitted, standard deviations: of `length_mm` [mm], and of the logarithms of `overall` and each part"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""

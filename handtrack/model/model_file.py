@@ -76,13 +76,16 @@ def read_scale(path: Path) -> HandScale:
 def scale_from(data: Any, path: Path) -> HandScale:
     """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
-        odd = sorted(set(data) - {"overall", "parts", "proportions", "offsets_mm"})
+        odd = sorted(set(data) - {"overall", "parts", "proportions", "offsets_mm", "std"})
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
         proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
         offsets = {str(k): _vector(v) for k, v in data.get("offsets_mm", {}).items()}
-        size = HandScale(float(data["overall"]), parts, proportions, offsets)
+        std = {str(k): float(v) for k, v in data.get("std", {}).items()}
+        if not all(0 <= value < np.inf for value in std.values()):
+            raise ValueError("its standard deviations are not all numbers from 0")
+        size = HandScale(float(data["overall"]), parts, proportions, offsets, std)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
@@ -106,10 +109,13 @@ def write_scale(path: Path, scale: HandScale) -> None:
 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:
-    """Return what is saved of a person's size; a hand has no proportions, and offsets only where a detector saw it."""
+    """Return what is saved of a person's size; a hand has no proportions, offsets only where a detector saw it, doubts where it was
+    fitted.
+    """
     table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
     table |= {"proportions": scale.proportions} if scale.proportions else {}
-    return table | ({"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {})
+    table |= {"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {}
+    return table | ({"std": scale.std} if scale.std else {})
 
 
 @lru_cache(maxsize=8)

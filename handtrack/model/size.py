@@ -26,6 +26,14 @@ _PARTS = {
 }
 
 
+def hand_length_mm(model: ArticulatedModel) -> float:
+    """Return how far it is from the wrist along the middle finger to its tip; NaN for bodies and simpler hands."""
+    if model.kind != "hand" or not model.has_keypoints21:
+        return float("nan")
+    points = model.keypoints21(model.bones(model.params_from({})))[[0, 9, 10, 11, 12]]
+    return 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
 @dataclass(frozen=True, eq=False)
 class SizeParameters:
     """Deviations (N,) of a person from the mean adult: overall, of each part, of each internal proportion; then of the places
@@ -45,6 +53,15 @@ class SizeParameters:
         """(N,)"""
         offsets = (f"{joint} {axis}" for joint in self.seen for axis in "xyz")
         return ("overall", *self._sigmas, *self.model.proportion_names, *offsets)
+
+    @property
+    def units(self) -> Floats[N]:
+        """One deviation of each: of a logarithm, of a proportion in its own, of an offset [m]."""
+        whole = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
+        own = [1.0] * len(self.model.proportion_names)
+        return np.array(
+            [whole, *self._sigmas.values(), *own, *[_OFFSET_SIGMA_M] * (3 * len(self.seen))]
+        )
 
     def deviations(self, scale: HandScale) -> Floats[N]:
         """Return how unusual a person is among adults; the inverse of `scale`."""

@@ -65,6 +65,8 @@ class ImageKeypoints:
     pixels: Floats[J, D2]
     """[px], NaN where unknown."""
     sigma_px: float
+    confidence: Floats[J] | None = None
+    """as the detector states it, 0 to 1; None where it was not kept"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,14 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
+from handtrack.model.size import hand_length_mm
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
 from handtrack.session.idle_settings import idle_settings
-from handtrack.session.seen.joint_errors import joint_error_px
+from handtrack.session.seen.joint_errors import joint_errors
 from handtrack.session.seen.look_ahead import LookAhead
 from handtrack.session.seen.seen_keypoints import of_model
 from handtrack.session.session import Session
@@ -274,12 +275,13 @@ class TrackingRun:
     @property
     def labels(self) -> TrackLabels:
         """What the numbers of this run's results mean, and where they come from."""
-        model = self.model
+        model, std_mm = self.model, self.scale.std.get("length_mm")
         return TrackLabels(
             model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
             model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
             json.dumps(self.settings.flat(), sort_keys=True), _version(),
             None if self.first is None else self.first.confidence,
+            None if std_mm is None else hand_length_mm(model), std_mm,
         )  # fmt: skip
 
 
@@ -307,8 +309,8 @@ def _seen(
     silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
     seen = session.observation(frame, silhouettes, cloud, near)
     if settings.keypoints.weight > 0:
-        sigma = max(settings.keypoints.sigma_px, joint_error_px(tuple(session.views)))
-        points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
+        errors, least = joint_errors(tuple(session.views)), settings.keypoints.sigma_px
+        points = tuple(p for view in session.views for p in view.keypoints(frame, least, errors))
         seen = replace(seen, keypoints=points) if points else seen
     return replace(seen, images=session.images(frame)) if settings.looks_at_images else seen
 

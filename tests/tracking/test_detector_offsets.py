@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model, scale_from, scale_table
-from handtrack.model.size import SizeParameters
+from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import solve
@@ -28,21 +29,23 @@ OFFSETS = {
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
 
 
-def frames(rng, side="right", count=6, noise_px=0.5):
+def frames(rng, side="right", count=6, noise_px=0.5, lasts=False, offsets=OFFSETS):
     """Problems of the mean hand around what a detector with offsets sees of a larger one; the poses they are from."""
-    filmed = load_model("hand26", side, HandScale(1.06, {}, {}, OFFSETS))
+    filmed = load_model("hand26", side, HandScale(1.06, {}, {}, offsets))
+    noise = rng.normal(scale=noise_px, size=(count, len(CAMERAS), len(NAMES), 2))
+    noise = np.broadcast_to(noise[0], noise.shape) if lasts else noise
     model, sigma = load_model("hand26", side), np.full(26, 0.7)
     sigma[:6] = np.inf
     problems, poses = [], []
-    for _ in range(count):
+    for errors in noise:
         joint = filmed.rest + rng.normal(scale=0.4, size=26)
         joint[:3] = rng.normal(scale=0.02, size=3)
         pose = filmed.clipped(filmed.transform.solver_params(joint))
         points = filmed.bones(pose).to_world(filmed.joint_bone, filmed.seen_point)
         rows = [filmed.joint_names.index(name) for name in NAMES]
         terms = [
-            KeypointTerm(model, ImageKeypoints(c, NAMES, pixels + rng.normal(scale=noise_px, size=(21, 2)), 1.0))
-            for c in CAMERAS
+            KeypointTerm(model, ImageKeypoints(c, NAMES, pixels + error, max(noise_px, 1.0)))
+            for c, error in zip(CAMERAS, errors, strict=True)
             for pixels in [c.project(points[rows])]
         ]  # fmt: skip
         problems.append(Problem(model, terms, [GaussianPrior(model.rest, sigma)]))
@@ -105,3 +108,29 @@ def missed(problems, poses, scale):
         params = solve(Problem(model, terms, problem.parameter_terms), pose).params
         total += sum(t.cost(model.bones(params)) for t in terms)
     return total
+
+
+@pytest.mark.parametrize("lasts", [False, True], ids=["new in each frame", "the same in all"])
+def test_the_stated_doubt_of_a_length_is_the_true_one(lasts):
+    """With errors of its sigma, new in each of six frames, and with one error in all of them, which counts once."""
+    off, repeated = [], 6.0 if lasts else 1.0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        problems, poses = frames(rng, noise_px=4.0, lasts=lasts, offsets={})
+        scale, _ = fit_size(problems, poses, repeated=repeated)
+        true = hand_length_mm(load_model(scale=HandScale(1.06)))
+        off.append((hand_length_mm(load_model(scale=scale)) - true) / scale.std["length_mm"])
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_what_of_a_size_is_not_fitted_is_as_uncertain_as_before(rng):
+    problems, poses = frames(rng)
+    names = SizeParameters(problems[0].model).names
+    scale, _ = fit_size(problems, poses, np.array([name == "overall" for name in names]))
+    assert scale.std["middle"] == pytest.approx(0.04)
+    assert scale.std["overall"] < 0.02
+    length = hand_length_mm(load_model(scale=scale))
+    assert scale_from(scale_table(scale), Path("hand.json")).std == scale.std
+    with pytest.raises(HandtrackError, match=r"hand\.json: .* standard deviations are not all"):
+        scale_from({"overall": 1.0, "std": {"overall": -0.1}}, Path("hand.json"))
+    assert 0.01 * length < scale.std["length_mm"] < 0.03 * length, "half of it is the finger"

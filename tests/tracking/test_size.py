@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from handtrack.bench.silhouettes.binary_fist import Scene, scene
-from handtrack.model.articulated import HandScale
+from handtrack.model.articulated import HAND_PARTS, HandScale
 from handtrack.model.model_file import load_model
+from handtrack.model.size import hand_length_mm
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.size import refine_scale
 from handtrack.tracking.state import TrackerState
@@ -44,6 +45,11 @@ def test_a_larger_hand_is_found(larger, coupling):
     assert scale.overall == pytest.approx(LARGER, rel=0.015)
     for finger in ("index", "middle", "ring", "little"):
         assert scale.overall * scale.parts[finger] == pytest.approx(LARGER, rel=0.02)
+    off_mm = hand_length_mm(load_model(scale=scale)) - hand_length_mm(larger.model)
+    assert 0.2 < scale.std["length_mm"] < 3.0
+    assert abs(off_mm) < 3 * scale.std["length_mm"]
+    assert set(scale.std) == {"length_mm", "overall", *HAND_PARTS}
+    assert scale.std["forearm"] == pytest.approx(0.12, rel=0.1), "nothing was seen of it"
 
 
 def test_it_stops_when_asked_with_the_best_so_far(larger):

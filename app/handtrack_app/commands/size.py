@@ -11,6 +11,7 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack_app.commands.terminal.first_pose import found_first_pose
 from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import (
@@ -67,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
     for note in dict.fromkeys(after.notes):
         say(f"note: {note}")
     write_scale(out, after.scale)
-    print(f"{_words(after.scale)} Saved to {out}")
+    hand = hand_words(after.model)
+    print(f"{_words(after.scale)}{hand and f' {hand.capitalize()}.'} Saved to {out}")
     if out.resolve().parent == session.folder.resolve():
         print(f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".')
     else:

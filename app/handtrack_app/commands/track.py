@@ -13,6 +13,7 @@ from pathlib import Path
 
 from handtrack.capture.images.frame_notes import listed
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
@@ -20,6 +21,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
 from handtrack.session.side import doubt_of_side
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -115,6 +117,7 @@ def run(args: argparse.Namespace) -> int:
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
             doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
+            doubts += [doubt_of_cameras(run_, results)] if not stop() else []
             code = _save(
                 run_, results, frames, out, stop(), problem, take, doubts,
                 began if args.json else None,
@@ -193,12 +196,17 @@ def _save(
     if not problem:
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
-    notes = [*dict.fromkeys([*run_.session.warnings, *run_.notes]), *doubts, *_doubts(results)]
+    notes = [
+        *dict.fromkeys([*run_.session.warnings, *run_.notes]),
+        *filter(None, doubts),
+        *_doubts(results),
+    ]
+    hand = hand_words(run_.model)
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
         begun = _begun_at(run_)
         print(
-            f"{len(results)} of {len(frames)} frames{begun}: {by_status}. Saved to {place}",
+            f"{len(results)} of {len(frames)} frames{begun}: {by_status}{hand and f'; {hand}'}. Saved to {place}",
             flush=True,
         )
     else:

@@ -10,6 +10,7 @@ from handtrack.arrays import D3, D21, Floats, K
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, drivers, params_of
 from handtrack_app.engine.timeline import TrackedRows
@@ -50,7 +51,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
     driving = {model.parameter_names[s] for s in drivers(model)}
-    flesh = model.flesh["fine"]
+    flesh, offered = model.flesh["fine"], document.offered_scale
     return SessionSnapshot(
         name=session.name,
         folder=str(session.folder),
@@ -80,7 +81,8 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         live=session.live is not None,
         size_pending=document.size_pending,
         size=model.scale.overall,
-        offered_size=None if document.offered_scale is None else document.offered_scale.overall,
+        offered_size=None if offered is None else offered.overall,
+        offered_words="" if offered is None else hand_words(document.run.with_scale(offered).model),
     )
 
 
@@ -245,7 +247,8 @@ def energy_parts(energies: Mapping[str, float]) -> dict[str, float]:
 def model_words(model: ArticulatedModel) -> str:
     """Return whose model it is, for the page."""
     whose = "" if model.kind == "body" else f", {model.side} hand"
-    return f"{model.name}{whose}, size {model.scale.overall:.2f}"
+    known = hand_words(model).removeprefix("hand ")
+    return f"{model.name}{whose}, size {model.scale.overall:.2f}{known and f': {known}'}"
 
 
 def model_reach(model: ArticulatedModel) -> float:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from handtrack.errors import HandtrackError
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
@@ -24,6 +25,7 @@ from handtrack_app.engine.jobs import (
     FindingJob,
     Found,
     Leg,
+    Questioned,
     Report,
     Sized,
     SizingJob,
@@ -225,6 +227,8 @@ class JobControl:
                 self._sized(job, report)
             case Found():
                 self._found(report)
+            case Questioned():
+                self._publish(Notice("warning", "A camera contradicts the others", report.text))
             case Ended():
                 self._ended(job, report)
 
@@ -341,7 +345,8 @@ class JobControl:
             )
         if isinstance(job, SizingJob) and job.is_late:
             return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
-        return f"The hand is {size:.2f} times an adult's mean."
+        known = hand_words(document.run.model).removeprefix("hand ")
+        return f"The hand is {size:.2f} times an adult's mean{known and f': {known}'}."
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""

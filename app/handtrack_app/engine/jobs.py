@@ -13,6 +13,7 @@ from typing import cast
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import HandScale
+from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
@@ -21,6 +22,8 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
+
+_KEPT = 64  # tracked frames, at most, by which cameras are judged
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,15 @@ class Found:
     candidates: list[FirstPoseCandidate]
 
 
-Report = Tracked | Sized | Found | Ended
+@dataclass(frozen=True)
+class Questioned:
+    """A camera that the others contradict by what was tracked, in words."""
+
+    job: int
+    text: str
+
+
+Report = Tracked | Sized | Found | Questioned | Ended
 Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
@@ -162,6 +173,7 @@ class TrackingJob(BackgroundJob):
         self._run, self._path, self._watch = run, path, watch
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
+        self._some: list[FrameResult] = []
 
     def work(self) -> None:
         run = self._run
@@ -173,12 +185,19 @@ class TrackingJob(BackgroundJob):
             self.share = 0.0
             for result in run.track_with(control, leg.frames, leg.first, leg.params):
                 self._post(Tracked(self.number, result))
+                self._some = [*self._some, result] if len(self._some) < _KEPT else self._some[::2]
                 if self._watch is not None:
                     self._watch(run, result)
                 if self.should_stop():
                     return
             if self.should_stop():
                 return
+        if (
+            recorded
+            and isinstance(run, TrackingRun)
+            and (text := doubt_of_cameras(run, self._some))
+        ):
+            self._post(Questioned(self.number, text))
 
     def _refining(self, share: float) -> None:
         self.tell(share, "Refining all frames together …")

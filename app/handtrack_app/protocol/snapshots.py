@@ -94,6 +94,8 @@ class SessionSnapshot:
     """of a mean adult's; that of the model in force"""
     offered_size: float | None = None
     """likewise, fitted after tracking and not taken yet"""
+    offered_words: str = ""
+    """its length, how well that is known, and whether people have such hands"""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
 _WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
+_HAND = ("start_confidence", "hand_length_mm", "hand_length_std_mm")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
     "time_s": ("F",),
@@ -52,12 +53,12 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "hypothesis_weight": ("F", "H"),
     "hypothesis_parent": ("F", "H"),
     "hypothesis_origin": ("F", "H"),
-    "start_confidence": (),
+    **dict.fromkeys(_HAND, ()),
     **dict.fromkeys(_TEXTS, ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
-_OPTIONAL = ("keypoints21", "start_confidence", "energy_names", "energies", *_REASON, *_HYPOTHESES)
+_OPTIONAL = ("keypoints21", "energy_names", "energies", *_HAND, *_REASON, *_HYPOTHESES)
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")

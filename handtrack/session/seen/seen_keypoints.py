@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from handtrack.session.layout import matching_files
 # confidences below which a point counts as missing, and with half its weight
 _LEAST, _SURE = (0.3, 0.6)
 _UNSURE = 2.0  # times sigma of points between the two
+_STEPS = 2.0  # in which sigma is graded, for each doubling
 
 
 def of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypoints:
@@ -26,6 +28,30 @@ def of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypoints:
     rows = [i for i, name in enumerate(seen.names) if name in model.joint_names]
     names = tuple(seen.names[i] for i in rows)
     return ImageKeypoints(seen.camera, names, seen.pixels[rows], seen.sigma_px)
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """How far a detector's joints are off, by the confidence that it states."""
+
+    px: float = 0.0
+    """standard deviation in each direction at the usual confidence; 0 where it is not known"""
+    power: float | None = None
+    """with which they grow as confidence falls, (confidence / usual)^−power; None where that is not known"""
+    usual: float = 1.0
+
+    def sigma_px(self, confidence: Floats[J], least_px: float) -> Floats[J]:
+        """Return each joint's standard deviation, `least_px` at least; in steps, so that few sets tell all of them."""
+        whole = max(least_px, self.px)
+        if self.power is None:
+            return np.where(confidence >= _SURE, whole, _UNSURE * whole)
+        ratio = self.px / least_px * (np.maximum(confidence, _LEAST) / self.usual) ** -self.power
+        steps = np.ceil(_STEPS * np.log2(np.maximum(ratio, 1.0)) - 0.5)
+        return least_px * 2.0 ** (steps / _STEPS)
+
+
+TWO_STEPS = JointErrors()
+"""of a detector whose errors are not known: sure joints, and others twice as far off"""
 
 
 class KeypointFiles:
@@ -50,10 +76,12 @@ class KeypointFiles:
         """What was odd so far, in plain sentences."""
         return self._notes.texts
 
-    def read(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
-        """Return the tallest person's joints in the undistorted image, none or two sets: sure ones, and others.
+    def read(
+        self, frame: int, least_px: float, errors: JointErrors = TWO_STEPS
+    ) -> tuple[ImageKeypoints, ...]:
+        """Return the tallest person's joints in the undistorted image, in sets of one sigma each, the surest first.
 
-        sigma_px: of the sure ones.
+        least_px: of the surest ones.
         """
         rows = self._rows(frame)
         if rows is None:
@@ -61,14 +89,11 @@ class KeypointFiles:
         names = tuple(self.layout.points)
         straight = self.camera.undistort_points(rows[:, :2])
         confidence = np.where(np.isfinite(straight).all(axis=1), rows[:, 2], 0.0)
+        sigma, known = errors.sigma_px(confidence, least_px), confidence >= _LEAST
         sets = []
-        for chosen, sigma in (
-            (confidence >= _SURE, sigma_px),
-            ((confidence >= _LEAST) & (confidence < _SURE), _UNSURE * sigma_px),
-        ):
-            if chosen.any():
-                pixels = np.where(chosen[:, None], straight, np.nan)
-                sets.append(ImageKeypoints(self.flat, names, pixels, sigma))
+        for one in np.unique(sigma[known]).tolist():
+            pixels = np.where((known & (sigma == one))[:, None], straight, np.nan)
+            sets.append(ImageKeypoints(self.flat, names, pixels, one, confidence))
         return tuple(sets)
 
     def as_taken(self, frame: int) -> dict[str, Floats[D2]]:

@@ -28,7 +28,7 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.seen.mask_seeds import JointSeeds
-from handtrack.session.seen.seen_keypoints import KeypointFiles
+from handtrack.session.seen.seen_keypoints import TWO_STEPS, JointErrors, KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings
 
@@ -169,11 +169,13 @@ class View:
         image = self.image(frame)
         return None if image is None else undistort_image(self.camera, image)
 
-    def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
-        """Return the frame's 2D joints in the undistorted image; none where none were found."""
+    def keypoints(
+        self, frame: int, least_px: float, errors: JointErrors = TWO_STEPS
+    ) -> tuple[ImageKeypoints, ...]:
+        """Return the frame's 2D joints in the undistorted image, as exact as `errors` say; none where none were found."""
         own = frame if self.times is None else self.times.own_frame(frame)
         files = self.keypoint_files
-        return () if files is None or own is None else files.read(own, sigma_px)
+        return () if files is None or own is None else files.read(own, least_px, errors)
 
     @property
     def _joint_count(self) -> int:

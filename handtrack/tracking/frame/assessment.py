@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, C, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.size import SizeParameters
+from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.tracking.frame.constants import (
@@ -157,10 +157,9 @@ def what_is_open(
 @lru_cache(maxsize=8)
 def odd_size(model: ArticulatedModel) -> Reason | None:
     """Return what of a hand no person has, its length or the share of a finger; None where somebody may."""
-    if model.kind != "hand" or not model.has_keypoints21:
+    length_mm = hand_length_mm(model)
+    if np.isnan(length_mm):
         return None
-    points = model.keypoints21(model.bones(model.params_from({})))[[0, 9, 10, 11, 12]]
-    length_mm = 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if not SMALLEST_HAND_MM <= length_mm <= LARGEST_HAND_MM:
         return Reason("size", number=length_mm)
     size = SizeParameters(model)
@@ -172,6 +171,20 @@ def odd_size(model: ArticulatedModel) -> Reason | None:
     worst = max(shares, key=lambda name: abs(shares[name]))
     finger = worst if worst == "thumb" else f"{worst} finger"
     return Reason("size", finger, number=model.scale.parts[worst])
+
+
+def hand_words(model: ArticulatedModel) -> str:
+    """Return how long a hand is, how well that is known and whether people have such, in a clause; empty where its size was given
+    and is not odd.
+    """
+    odd, std_mm = odd_size(model), model.scale.std.get("length_mm")
+    if odd is None and std_mm is None:
+        return ""
+    known = "" if std_mm is None else f" ± {max(std_mm, 1.0):.0f}"
+    people = "within what people have" if odd is None else "which nobody has"
+    if odd is not None and odd.part:
+        people = f"with a share of the {odd.part} that nobody has"
+    return f"hand {hand_length_mm(model):.0f} mm{known}, {people}"
 
 
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:

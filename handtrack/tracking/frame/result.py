@@ -138,6 +138,8 @@ class TrackLabels:
     settings: str = ""
     version: str = ""
     start_confidence: float | None = None
+    hand_length_mm: float | None = None
+    hand_length_std_mm: float | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
@@ -203,6 +205,10 @@ class TrackResult:
     """(F, H) how each was found"""
     start_confidence: float | None = None
     """how sure the first pose was, 0 to 1, where the program found it"""
+    hand_length_mm: float | None = None
+    """from the wrist to the middle finger's tip, where the size was fitted"""
+    hand_length_std_mm: float | None = None
+    """its standard deviation"""
 
     @classmethod
     def from_frames(
@@ -219,6 +225,8 @@ class TrackResult:
         settings: str = "",
         version: str = "",
         start_confidence: float | None = None,
+        hand_length_mm: float | None = None,
+        hand_length_std_mm: float | None = None,
     ) -> TrackResult:
         """Return the frames stacked. They are in ascending order, each once, and at least one."""
         numbers = np.array([f.frame for f in frames], dtype=np.int64)
@@ -254,6 +262,8 @@ class TrackResult:
             settings=settings,
             version=version,
             start_confidence=start_confidence,
+            hand_length_mm=hand_length_mm,
+            hand_length_std_mm=hand_length_std_mm,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **_stacked_reasons(frames),

@@ -13,6 +13,7 @@ from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.solver.problem import Problem
 from handtrack.terms.term import GrowingTerm
+from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.sized_problem import fit_size
@@ -62,9 +63,17 @@ def refine_scale(
         names = SizeParameters(model).names
         free = [sizes and (parts or name == "overall") for name in names] + [True] * (3 * len(seen))
         scale, current = fit_size(
-            problems, current, np.array(free), solver, should_stop, _LEAST_GAIN, fitted, seen
-        )
+            problems, current, np.array(free), solver, should_stop, _LEAST_GAIN, fitted, seen,
+            _repeated([observed.frame for observed in observations]),
+        )  # fmt: skip
     return scale
+
+
+def _repeated(frames: Sequence[int]) -> float:
+    """Return how often a detector's error comes again in some frames: (1 + r) / (1 − r), r its correlation from one to the next."""
+    gaps = np.abs(np.diff(np.sort(frames)))
+    lasting = POINTS_LAST ** float(np.median(gaps)) if len(gaps) else 0.0
+    return (1.0 + lasting) / (1.0 - lasting)
 
 
 def _problem(

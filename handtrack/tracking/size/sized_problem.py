@@ -17,6 +17,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.term import GrowingTerm, ObservationTerm
+from handtrack.tracking.size.size_doubt import doubt_of_size
 
 _FARTHEST = 4.0  # standard deviations from the mean adult
 _POSES = SolverSettings(iterations=15, damping=1e-3)
@@ -40,6 +41,7 @@ def fit_size(
     least_gain: float = 0.0,
     tell: Callable[[int], None] | None = None,
     seen: tuple[str, ...] = (),
+    repeated: float = 1.0,
 ) -> tuple[HandScale, list[Floats[P]]]:
     """Return the person who explains all frames best, and the poses of each frame.
 
@@ -47,6 +49,7 @@ def fit_size(
     model's `SizeParameters` may change; all unless given. Adults' spread is the prior. solver: of the poses.
     least_gain: [log-likelihood] a step that brings less is the last. tell: is called after each frame that was fitted to
     a size, with their number so far. seen: joints whose offsets, where a detector sees them, are found too.
+    repeated: how often a detector's error comes again, on average, in these frames; the doubt that is stated counts it once.
     """
     size = SizeParameters(problems[0].model, seen)
     start = size.deviations(size.model.scale)
@@ -55,7 +58,9 @@ def fit_size(
     share = least_gain / max(problem.cost(start[every]), 1e-12)
     sizes = replace(_SIZES, cost_tolerance=max(share, _SIZES.cost_tolerance))
     solve(problem, start[every], sizes, should_stop)
-    return size.scale(problem.best.deviations), problem.best.poses
+    best = problem.best
+    std = doubt_of_size(size, best.deviations, every, problem.covariance(repeated))
+    return replace(size.scale(best.deviations), std=std), best.poses
 
 
 class _Solved(NamedTuple):
@@ -131,6 +136,27 @@ class SizedProblem:
             gradient = gradient + system.gradient[split:] + mixed.T @ moved[:, -1]
         self._expansion = _Expansion(solved.deviations, solved.poses, follow)
         return JointSystem(solved.cost, gradient, 0.5 * (hessian + hessian.T))
+
+    def covariance(self, repeated: float = 1.0) -> Floats[K, K]:
+        """Return that of the free deviations where they fit best: what the estimator makes of errors as they come.
+
+        repeated: a detector's errors have so many times the weight of errors that are new in each frame.
+        """
+        best = self._last = self.best
+        inverse = np.linalg.inv(self.linearize(best.deviations[self.free]).hessian)
+        model, more = self.size.grown(best.deviations), np.zeros_like(inverse)
+        follows = zip(self.problems, best.poses, self._expansion.follow, strict=True)
+        for problem, pose, follow in follows if repeated > 1.0 else ():
+            seen = [
+                term
+                for term in problem.observation_terms
+                if isinstance(term, KeypointTerm) and term.is_detected
+            ]
+            points = Problem(problem.model, seen)
+            told = linearize_sized(points, model, self.size, self.free, pose).hessian
+            along = np.vstack([follow, np.eye(len(inverse))])
+            more += along.T @ told @ along
+        return inverse + (repeated - 1.0) * inverse @ more @ inverse
 
     def _solved(self, params: Floats) -> _Solved:
         deviations = self.size.deviations(self.size.model.scale)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from handtrack.model.model_file import read_scale
+from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.size import hand_length_mm
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.simulate import Simulation, simulate
@@ -19,6 +21,7 @@ from tests.app.command_line import CommandLine, refused
 from tests.session.small_session import edit
 
 LARGER = 1.06
+MEAN_MM = hand_length_mm(load_model())
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +42,9 @@ def larger(made: Path, tmp_path: Path) -> Path:
 
 def test_a_size_is_saved_and_used(handtrack: CommandLine, larger: Path) -> None:
     def error() -> float:
-        assert handtrack("track", larger, "--frames", "0:4").code == 0
+        ended = handtrack("track", larger, "--frames", "0:4")
+        assert ended.code == 0
+        assert ("mm ±" in ended.out) == (larger / "hand.json").exists(), ended.out
         words = ["evaluate", larger / "tracks/poses.npz", "--truth", larger / "truth.npz", "--json"]
         return json.loads(handtrack(*words).out)["mpjpe_tracked_mm"]
 
@@ -47,10 +52,14 @@ def test_a_size_is_saved_and_used(handtrack: CommandLine, larger: Path) -> None:
     ended = handtrack("size", larger, "--count", "4", "--frames", "0:5")
     assert ended.code == 0, ended.err
     assert f"Saved to {larger / 'hand.json'}" in ended.out
+    assert re.search(r"Hand 19[789] mm ± [12], within what people have\.", ended.out)
     assert 'To use it: in session.toml, [hand], scale = "hand.json".' in ended.out
     assert read_scale(larger / "hand.json").overall == pytest.approx(LARGER, rel=0.015)
     edit(larger / "session.toml", "scale = 1.0", 'scale = "hand.json"')
     after = error()
+    track = read_npz(larger / "tracks/poses.npz")
+    assert track.hand_length_mm == pytest.approx(LARGER * MEAN_MM, rel=0.01)
+    assert 0 < (track.hand_length_std_mm or 0) < 3
     assert after < 0.5 * before
     assert after < 1.0  # mm
 

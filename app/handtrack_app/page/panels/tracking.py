@@ -170,7 +170,7 @@ class TrackingPanel:
         put(self.again, visible=offered is not None and not busy)
         put(self.sized, visible=offered is not None)
         if offered is not None:
-            put(self.sized, content=size_words(session.size, offered))
+            put(self.sized, content=size_words(session.size, offered, session.offered_words))
 
     def _put_off(self, on: bool) -> None:
         words = "Fit the hand's size later" if on else "Fit the hand's size first"
@@ -290,11 +290,12 @@ def progress_words(progress: ProgressSnapshot) -> str:
     return words
 
 
-def size_words(before: float, after: float) -> str:
-    """Return what is offered once the hand's size is fitted after tracking."""
+def size_words(before: float, after: float, known: str) -> str:
+    """Return what is offered once the hand's size is fitted after tracking. known: its length, and how well that is known."""
+    known = f" ({html.escape(known)})" if known else ""
     return (
         "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>The hand's size is fitted: "
-        f"<b>{after:.3f}</b> of a mean adult's. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
+        f"<b>{after:.3f}</b> of a mean adult's{known}. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
         "by hand stay.</div>"
     )
 

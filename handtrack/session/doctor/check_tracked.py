@@ -1,0 +1,83 @@
+"""The doctor's look at what was tracked: whether one camera contradicts the others, by its direction or its lens."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from handtrack.model.model_file import scale_from
+from handtrack.session.doctor.finding import Finding, warning
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import POSES_FILE
+from handtrack.session.run import TrackingRun
+from handtrack.tracking.frame.assessment import hand_words, odd_size
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.size.camera_doubt import CameraDoubt, camera_doubts
+
+if TYPE_CHECKING:
+    from handtrack.session.session import Session
+
+_FEWEST, _LOOKS = 4, 8  # frames, evenly spread
+# log-likelihood, and share of what is left unexplained, that a camera's change must bring; measured on simulated scenes, and on
+# recordings of hands of other shape: docs/derivations/size.md
+_LEAST_GAIN, _LEAST_SHARE = (12.0, 0.03)
+_ALIKE = 0.7  # of the gain: another camera that would do as well
+
+
+def check_tracked_cameras(session: Session) -> Iterator[Finding]:
+    """Yield that one camera contradicts the others, where there is a result."""
+    path = session.folder / POSES_FILE
+    if not path.is_file():
+        return
+    track = read_npz(path)
+    values = {"model.fit_size": "false"}
+    run = TrackingRun.open(session, values, use_init=False)
+    run = run.with_scale(scale_from(json.loads(track.scale), path))
+    if run.model.parameter_names != track.parameter_names:
+        run = run.with_forearm(not run.forearm)
+    if run.model.parameter_names != track.parameter_names:
+        return
+    kept = [frame for frame in track.frames() if frame.frame in session.frame_range]
+    text = doubt_of_cameras(run, kept)
+    yield from [warning(f"{POSES_FILE}: {text}")] if text else []
+
+
+def doubt_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
+    """Return which camera the others contradict after tracking, in a sentence with figures; empty where none is to be blamed."""
+    posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
+    if len(posed) < _FEWEST or len(run.session.views) < 2:
+        return ""
+    rows = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
+    seen = [
+        (run.seen_at(posed[row]), run.model.transform.solver_params(posed[row].parameters))
+        for row in rows
+    ]
+    found = camera_doubts(run.model, run.settings, seen)
+    if not found or found[0].gain < _LEAST_GAIN or found[0].share < _LEAST_SHARE:
+        return ""
+    return _words(found, hand_words(run.model) if odd_size(run.model) else "")
+
+
+def _words(found: Sequence[CameraDoubt], odd: str) -> str:
+    worst = found[0]
+    others = [
+        f"'{d.camera}'" for d in found[1:] if d.gain > _ALIKE * worst.gain and d.kind == worst.kind
+    ]
+    or_others = f" (or {' or '.join(others)})" if others else ""
+    share = f"{100 * worst.share:.0f} % of what is left unexplained would go"
+    if worst.kind == "direction":
+        found_in = f"turned by {np.rad2deg(worst.turn_rad):.1f}°, {worst.off_px:.0f} px at the hand"
+        asked = "Was it moved after the calibration, or are its rotation and translation another's?"
+    else:
+        found_in = f"with another lens, {worst.off_px:.1f} px different at the hand"
+        asked = (
+            "Did a coefficient, such as k3, get lost, or does the lens belong to another camera?"
+        )
+    too = f"; the {odd}" if odd else ""
+    return (
+        f"camera '{worst.camera}'{or_others} contradicts the others: {found_in}, {share}{too}. {asked} `handtrack calibrate` "
+        "makes the calibration anew."
+    )

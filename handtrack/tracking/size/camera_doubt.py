@@ -1,0 +1,199 @@
+"""Which camera the others contradict, by its direction or its lens, where poses and the hand's size give way to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from handtrack.arrays import D7, B, Floats, K, P
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.size import SizeParameters
+from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.term import GrowingTerm
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.settings import TrackerSettings
+
+KINDS = ("direction", "lens")
+_BAND_MM = 12.0  # of outlines: a camera that is a degree off shifts a hand at half a metre by 9 mm
+_RIDGE = 1e-6  # for joints that nothing holds
+
+
+@dataclass(frozen=True)
+class CameraDoubt:
+    """What would make one camera agree with the others."""
+
+    camera: str
+    kind: str
+    """one of KINDS"""
+    gain: float
+    """by how much all frames would fit better [log-likelihood]"""
+    share: float
+    """of what was seen and is not explained, that this would explain"""
+    off_px: float
+    """by how much it moves the hand in the camera's images, root mean square"""
+    turn_rad: float
+    """by how much the camera is turned, 0 for its lens"""
+
+
+def camera_doubts(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    seen: Sequence[tuple[Observation, Floats[P]]],
+) -> list[CameraDoubt]:
+    """Return for each camera and kind what it would gain, the largest gain first; none for a single camera.
+
+    seen: frames, and the solver parameters at which they were tracked. One step of Gauss and Newton from there: the
+    camera's three angles, or two coefficients of its lens, together with all poses and the overall size, which are eliminated.
+    """
+    size = SizeParameters(model)
+    model = size.grown(size.deviations(model.scale))
+    looks = [_Look.of(model, settings, observed, pose) for observed, pose in seen]
+    names = dict.fromkeys(name for look in looks for name in look.seen)
+    if len(names) < 2:
+        return []
+    cost = sum(system.cost for look in looks for system in look.seen.values())
+    found = [_doubt(size, looks, name, kind, cost) for name in names for kind in KINDS]
+    return sorted(found, key=lambda one: -one.gain)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A frame as its cameras see it."""
+
+    model: ArticulatedModel
+    pose: Floats[P]
+    bones: BonePoses
+    moves: Floats[B, D7, K]
+    """what pose (P) and overall size (1) add to the bones' twists and growth"""
+    views: dict[str, Silhouette | ImageKeypoints]
+    """of each camera one, by its name"""
+    seen: dict[str, BoneSystem]
+    """what each camera says, by its name"""
+    prior: JointSystem
+    """what is known of the pose besides, in its P numbers"""
+
+    @classmethod
+    def of(
+        cls,
+        model: ArticulatedModel,
+        settings: TrackerSettings,
+        observed: Observation,
+        pose: Floats[P],
+    ) -> _Look:
+        bones, twists, _ = model.linearize(pose)
+        twists = np.pad(twists @ model.transform.matrix, ((0, 0), (0, 1), (0, 0)))
+        growth = SizeParameters(model).twists(bones)[:, :, :1]
+        alone = replace(
+            settings,
+            silhouettes=replace(settings.silhouettes, bands_mm=(_BAND_MM,)),
+            tracker=replace(settings.tracker, smoothing=0.0),
+        )
+        joints = [seen for seen in observed.keypoints if isinstance(seen, ImageKeypoints)]
+        views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
+        seen: dict[str, BoneSystem] = {}
+        priors = frame_terms(model, alone, observed, bones, None).priors
+        for name in views:
+            own = Observation(
+                observed.frame,
+                observed.time_s,
+                tuple(one for one in observed.silhouettes if one.camera.name == name),
+                keypoints=tuple(one for one in joints if one.camera.name == name),
+            )
+            terms = frame_terms(model, alone, own, bones, None).stage(0, bones)
+            told = [term.linearize_growth(bones) for term in terms if isinstance(term, GrowingTerm)]
+            seen[name] = reduce(BoneSystem.__add__, told, BoneSystem.zero(len(bones.position), 7))
+        prior = Problem(model, (), priors).linearize(pose)
+        moves = np.concatenate([twists, growth], axis=2)
+        return cls(model, pose, bones, moves, views, seen, prior)
+
+    def without_pose(self, name: str, kind: str) -> JointSystem:
+        """Return the system of the overall size (1) and of a camera's change (K), the pose following."""
+        own = self.changes(name, kind)
+        with_own, without = (
+            np.concatenate([self.moves, change], axis=2) for change in (own, 0.0 * own)
+        )
+        system = reduce(
+            JointSystem.__add__,
+            (
+                told.pull_back(with_own if camera == name else without)
+                for camera, told in self.seen.items()
+            ),
+        )
+        count = len(self.pose)
+        gradient, hessian = system.gradient.copy(), system.hessian.copy()
+        gradient[:count] += self.prior.gradient
+        hessian[:count, :count] += self.prior.hessian
+        low, high = self.model.bounds(self.pose).T
+        pushed = gradient[:count]
+        stopped = ((self.pose <= low + 1e-9) & (pushed > 0)) | (
+            (self.pose >= high - 1e-9) & (pushed < 0)
+        )
+        free, left = np.flatnonzero(~stopped), slice(count, None)
+        stiff = hessian[np.ix_(free, free)]
+        stiff = stiff + _RIDGE * np.diag(np.diag(stiff) + 1.0)
+        mixed = hessian[free, left]
+        follow = np.linalg.solve(stiff, np.column_stack([mixed, gradient[free]]))
+        return JointSystem(
+            system.cost,
+            gradient[left] - mixed.T @ follow[:, -1],
+            hessian[left, left] - mixed.T @ follow[:, :-1],
+        )
+
+    def changes(self, name: str, kind: str) -> Floats[B, D7, K]:
+        """Return how the bones would have to move to look as they do to a camera that changes by one of each.
+
+        direction: three angles [rad] about world axes. lens: two coefficients, of the square and the fourth power of
+        the distance from its axis, taken where the bones' middles are.
+        """
+        bones, view = self.bones, self.views.get(name)
+        moved = np.zeros((len(bones.position), 7, 3 if kind == "direction" else 2))
+        if view is None:
+            return moved
+        camera = view.camera
+        if kind == "direction":
+            moved[:, 3:6] = np.eye(3)
+            moved[:, :3] = np.cross(np.eye(3), bones.reference - camera.centre).T
+            return moved
+        there = camera.to_camera(self._middles)
+        ray = there[:, :2] / there[:, 2:]
+        for k in range(2):
+            off = ray * (ray**2).sum(axis=1)[:, None] ** (k + 1) * there[:, 2:]
+            moved[:, :3, k] = np.column_stack([off, np.zeros(len(off))]) @ camera.rotation
+        return moved
+
+    def off_px(self, name: str, kind: str, change: Floats[K]) -> Floats[B]:
+        """Return by how much a camera's change moves the bones' middles in its images [px]; none where it saw nothing."""
+        view, twist = self.views.get(name), self.changes(name, kind) @ change
+        if view is None:
+            return np.zeros(0)
+        camera = view.camera
+        middle = self._middles
+        moved = middle + twist[:, :3] + np.cross(twist[:, 3:6], middle - self.bones.reference)
+        return np.linalg.norm(camera.project(moved) - camera.project(middle), axis=1)
+
+    @property
+    def _middles(self) -> Floats:
+        half = 0.5 * self.model.skeleton.length[:, None]
+        return self.bones.position + half * self.bones.rotation[:, :, 1]
+
+
+def _doubt(
+    size: SizeParameters, looks: Sequence[_Look], name: str, kind: str, cost: float
+) -> CameraDoubt:
+    total = reduce(JointSystem.__add__, (look.without_pose(name, kind) for look in looks))
+    gradient, hessian = total.gradient.copy(), total.hessian.copy()
+    gradient[0] += size.deviations(size.model.scale)[0]
+    hessian[0, 0] += 1.0
+    step = -np.linalg.solve(hessian + 1e-9 * np.diag(np.diag(hessian) + 1e-9), gradient)
+    gain = -0.5 * float(gradient @ step) - 0.5 * float(gradient[0] ** 2 / hessian[0, 0])
+    off = np.concatenate([look.off_px(name, kind, step[1:]) for look in looks])
+    turn = float(np.linalg.norm(step[1:])) if kind == "direction" else 0.0
+    return CameraDoubt(
+        name, kind, gain, gain / max(cost, 1e-9), float(np.sqrt(np.nanmean(off**2))), turn
+    )
