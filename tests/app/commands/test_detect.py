@@ -108,11 +108,14 @@ def test_without_write_the_lines_are_printed(handtrack: CommandLine, folder: Pat
 
 
 def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
-    handtrack: CommandLine, folder: Path, scene: Scene
+    handtrack: CommandLine, folder: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ):
     skin = 'masks = { method = "skin_ycrcb", open_px = 3 }'
     edit(folder / "session.toml", 'masks = "masks/cam1/*.png"', skin)
     named = [camera.masks for camera in Session.open(folder).file.cameras]
+    with monkeypatch.context() as blind:
+        blind.setattr(Scene, "_hands", lambda *_: [])
+        assert "Masks" not in handtrack("detect", folder, "--write", "--masks").out
     told = handtrack("detect", folder, "--write")
     assert 'give --masks, too, or write masks = { method = "seeded" }.' in told.out
     assert [camera.masks for camera in Session.open(folder).file.cameras] == named

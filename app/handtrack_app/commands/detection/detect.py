@@ -24,6 +24,8 @@ from handtrack_app.commands.terminal.progress import progress_bar, say, stoppabl
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _INTERRUPTED = 130
+_MOST = 0.5
+"""share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""
 _SEEDED = '{ method = "seeded" }'
 
 
@@ -47,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
     seconds = time.monotonic() - started
     where = [row.camera for row in found if row.found]
     changes: dict[str, Any] = {**session_changes(session, where)}
-    masks = mask_changes(session, where)
+    often = [row.camera for row in found if row.found >= _MOST * row.images]
+    masks = mask_changes(session, [name for name in often if name in where])
     if args.masks:
         changes |= masks
     said = ""
