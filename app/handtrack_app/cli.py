@@ -187,9 +187,9 @@ COMMANDS: dict[str, _Command] = {
         _option("--link", action="store_true", help="leave recordings where they are, for you and on this computer alone; no copies"),
         _option("--yes", action="store_true", help="take every proposal without asking"),
         _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
-        _option("--masks", default="skin_ycrcb",
-                choices=("skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
-                help="how silhouettes are found; settings in session.toml (default: skin_ycrcb, by skin colour)"),
+        _option("--masks", choices=("seeded", "skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
+                help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
+                "else skin_ycrcb, by skin colour)"),
     )),
     "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
         _SESSION, _INIT, _YES, _FRAMES,
@@ -256,6 +256,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--camera", action="append", default=[], metavar="NAME",
                 help="look at this camera only; may be repeated (default: all that have images)"),
         _option("--write", action="store_true", help="also write into session.toml that these joints are to be used"),
+        _option("--masks", action="store_true", help="and that masks are to be made by them (method seeded), where they are no files"),
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
         _JSON,
     )),

@@ -7,11 +7,14 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.images.openpose import write_hand, written_by
+from handtrack.capture.masks.seeded import Seeded
+from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, log_odds, our_hands
@@ -203,6 +206,21 @@ def session_changes(session: Session, cameras: Sequence[str]) -> dict[str, str]:
             changes[f"camera.{number}.keypoints"] = pattern
         if camera.keypoint_layout != LAYOUT:
             changes[f"camera.{number}.keypoint_layout"] = LAYOUT
+    return changes
+
+
+def mask_changes(session: Session, cameras: Sequence[str]) -> dict[str, Any]:
+    """Return what session.toml lacks for masks of these cameras to be made by their joints, by dotted names; nothing of those
+    that have files of masks.
+    """
+    changes: dict[str, Any] = {}
+    for number, camera in enumerate(session.file.cameras):
+        masks = camera.masks
+        if camera.name not in cameras or isinstance(masks, str | Seeded):
+            continue
+        at, table = f"camera.{number}.masks", {"method": Seeded.name}
+        left = {} if masks is None else mask_method_table(masks).keys() - table.keys()
+        changes |= {f"{at}.{key}": None for key in sorted(left)} | {at: table}
     return changes
 
 

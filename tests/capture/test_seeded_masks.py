@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -36,15 +37,25 @@ def figures(drawn: Recording, masks: list[np.ndarray]) -> tuple[float, float]:
     return wrong / area, known / area
 
 
-MOST_WRONG = {"even": 0.02, "shadows": 0.04, "wood": 0.06, "backlight": 0.07, "infrared": 0.08}
+def before_wrist(drawn: Recording, frame: int) -> np.ndarray:
+    """Return how far pixels lie before the wrist, the knuckles at 1."""
+    joints = drawn.joints[frame]
+    knuckles = np.mean([joints[f"{f}_mcp"] for f in ("index", "middle", "ring", "little")], axis=0)
+    along = knuckles - joints["wrist"]
+    column, row = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    return (np.stack([column, row], -1) - joints["wrist"]) @ along / (along @ along)
+
+
+MOST_WRONG = {"even": 0.05, "shadows": 0.06, "wood": 0.06, "backlight": 0.08, "infrared": 0.10}
 LEAST_KNOWN = {"even": 0.95, "shadows": 0.9, "wood": 0.4, "backlight": 0.9, "infrared": 0.75}
 
 
 @pytest.mark.parametrize("light", LIGHTS)
 def test_what_is_said_is_right(light: str, rng: np.random.Generator) -> None:
-    """Found: 1, 3, 4, 5 and 6 % of the hand's area wrong; skin colour 29 % in even light, wood as a whole, else no hand at all.
+    """Found: 4, 4, 5, 6 and 8 % of the hand's area wrong; skin colour 29 % in even light, wood as a whole, else no hand at all.
 
-    Most of it lies in the shade between fingers, where joints are off by as much as the gap is wide.
+    Most of it lies in the shade between fingers, where joints are off by as much as the gap is wide, and along the outline,
+    where half a pixel is 2 %.
     """
     drawn = recording(light, rng)
     masks = learned(drawn)
@@ -56,15 +67,24 @@ def test_what_is_said_is_right(light: str, rng: np.random.Generator) -> None:
     assert by_skin > 0.2
 
 
+def test_the_outline_is_known_where_hand_and_background_are(rng: np.random.Generator) -> None:
+    """Found: 99 % of the outline's pixels; 81 % while smoothing made them unknown."""
+    drawn = recording("even", rng)
+    masks = learned(drawn)
+    known = []
+    for frame in TESTED:
+        truth = drawn.truth[frame].astype(np.uint8)
+        outline = truth - cv2.erode(truth, np.ones((3, 3)), borderValue=0) > 0
+        mask = masks.mask(drawn.images[frame], seeds_in(drawn, frame))
+        known.append((mask[outline & (before_wrist(drawn, frame) > 0.2)] != UNKNOWN_LEVEL).mean())
+    assert np.mean(known) > 0.95
+
+
 def test_behind_the_wrist_nothing_is_said(rng: np.random.Generator) -> None:
     drawn = recording("even", rng)
     frame = 5
     mask = learned(drawn).mask(drawn.images[frame], seeds_in(drawn, frame))
-    joints = drawn.joints[frame]
-    knuckles = np.mean([joints[f"{f}_mcp"] for f in ("index", "middle", "ring", "little")], axis=0)
-    along = knuckles - joints["wrist"]
-    column, row = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
-    before = (np.stack([column, row], -1) - joints["wrist"]) @ along / (along @ along)
+    before = before_wrist(drawn, frame)
     assert (mask[before < -0.8] == UNKNOWN_LEVEL).all()
     assert (mask[before > 0.2] != UNKNOWN_LEVEL).mean() > 0.95
 

@@ -23,7 +23,10 @@ from handtrack_app.start.recent import recent_sessions
 from handtrack_app.start.rig_view import first_image, show_rig
 
 log = logging.getLogger(__name__)
+_AS_FOUND = "joints, where there are some"
 _MASKS = {
+    _AS_FOUND: None,
+    "joints": "seeded",
     "skin colour": "skin_ycrcb",
     "skin colour, adapting": "skin_adaptive",
     "background": "background_median",
@@ -144,7 +147,8 @@ class StartPage:
         args = ["new", "--out", str(out), "--calibration", str(found.calibration)]
         for name, path in found.videos.items():
             args += ["--video", f"{name}={path}"]
-        args += ["--masks", _MASKS[self.masks.value]]
+        masks = _MASKS[self.masks.value]
+        args += [] if masks is None else ["--masks", masks]
         args += [] if self.side.value == _AS_SEEN else ["--side", self.side.value]
         unit = self.unit.value.strip()
         args += [f"--world-unit-m={unit}"] if unit else []

@@ -26,6 +26,8 @@ _WORK_PX_A_M = 700.0
 """images are looked at this coarse: a finger is 11 pixels wide; bounds the cost"""
 _SMOOTH_M = 0.004
 """what one pixel says, its neighbours as far as a quarter of a finger's breadth say too"""
+_BLUR_M = 2 * _SMOOTH_M
+"""so far apart sure hand and sure background may be by that smoothing alone, which makes no outline unknown"""
 _COLOURED = 6.0
 """distance of a or b of Lab from grey [8 bit] that is reached nowhere in images without colour: infrared; set with desk_two_view
 in view"""
@@ -102,6 +104,8 @@ class SeededMasks:
         part = np.full((height, width), UNKNOWN_LEVEL, np.uint8)
         part[odds > self._limit] = 255
         part[odds < -self._limit] = 0
+        between = _between(part, seeds.px_per_m)
+        part[between] = np.where(odds[between] > 0, 255, 0)
         part = _connected(part, seeds.core)
         part[seeds.arm] = UNKNOWN_LEVEL
         mask = np.zeros(image.shape[:2], np.uint8)
@@ -258,6 +262,16 @@ def _textured(image: Array) -> Array:
 
 def _reduced(image: Array, size: tuple[int, int]) -> Array:
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _between(part: Bytes[H, W], px_per_m: float) -> Array[H, W]:
+    """Return which unknown pixels lie where sure hand and sure background meet: that the outline is there is known."""
+    unknown = part == UNKNOWN_LEVEL
+    apart = sum(
+        cv2.distanceTransform((part != level).astype(np.uint8), cv2.DIST_L2, 5)
+        for level in (0, 255)
+    )
+    return unknown & (np.asarray(apart) <= _BLUR_M * px_per_m)
 
 
 def _connected(part: Bytes[H, W], core: Array[H, W]) -> Bytes[H, W]:

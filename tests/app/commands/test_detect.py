@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import D3, Array, H, W
+from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.regions import Region, region_of_hand
 from handtrack.session.session import Session
@@ -104,6 +105,27 @@ def test_without_write_the_lines_are_printed(handtrack: CommandLine, folder: Pat
         "000001.json",
         "000002.json",
     ]
+
+
+def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
+    handtrack: CommandLine, folder: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+):
+    skin = 'masks = { method = "skin_ycrcb", open_px = 3 }'
+    edit(folder / "session.toml", 'masks = "masks/cam1/*.png"', skin)
+    named = [camera.masks for camera in Session.open(folder).file.cameras]
+    with monkeypatch.context() as blind:
+        blind.setattr(Scene, "_hands", lambda *_: [])
+        assert "Masks" not in handtrack("detect", folder, "--write", "--masks").out
+    told = handtrack("detect", folder, "--write")
+    assert 'give --masks, too, or write masks = { method = "seeded" }.' in told.out
+    assert [camera.masks for camera in Session.open(folder).file.cameras] == named
+    shown = handtrack("detect", folder, "--masks")
+    assert '[[camera]] "cam1": masks = { method = "seeded" }' in shown.out
+    ended = handtrack("detect", folder, "--write", "--masks")
+    assert "Masks are made by them (method seeded)." in ended.out
+    masks = [camera.masks for camera in Session.open(folder).file.cameras]
+    assert masks == [named[0], Seeded()]  # files of masks stay
+    assert "seeded" not in handtrack("detect", folder, "--write", "--masks").out
 
 
 def test_of_two_hands_the_sessions_is_written(handtrack: CommandLine, folder: Path, scene: Scene):

@@ -205,7 +205,9 @@ def test_the_side_is_seen_and_what_follows_is_done(
     done: list[list[str]] = []
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
     monkeypatch.setattr(
-        detect, "run", lambda args: done.append(["detect", str(args.session), args.write])
+        detect,
+        "run",
+        lambda args: done.append(["detect", str(args.session), args.write, args.masks]),
     )
     monkeypatch.setattr(
         track, "run", lambda args: done.append(["track", str(args.session), args.init])
@@ -218,13 +220,20 @@ def test_the_side_is_seen_and_what_follows_is_done(
     assert ended.code == 0
     assert "side: left, 97 % sure (a hand is seen in 2 of 3 images)." in ended.err
     assert Session.open(tmp_path / "a").file.hand.side == "left"
-    assert done == [["detect", str(tmp_path / "a"), True], ["track", str(tmp_path / "a"), "auto"]]
+    assert done == [
+        ["detect", str(tmp_path / "a"), True, True],
+        ["track", str(tmp_path / "a"), "auto"],
+    ]
 
     monkeypatch.setattr(OneHand, "right", 0.6)
-    assert "side: right, 60 % sure" in handtrack(*words, "--out", tmp_path / "b").err
+    made = handtrack(*words, "--out", tmp_path / "b")
+    assert "side: right, 60 % sure" in made.err
+    assert f"masks by them, are found with: handtrack detect {tmp_path / 'b'} --write" in made.err
     assert "which hand" not in handtrack(*words, "--out", tmp_path / "c", "--side", "left").err
     assert Session.open(tmp_path / "c").file.hand.side == "left"
     assert len(done) == 2
+    handtrack(*words, "--out", tmp_path / "d", "--track", "--masks", "skin_ycrcb")
+    assert done[2] == ["detect", str(tmp_path / "d"), True, False]
 
 
 def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_must_be_some(
@@ -246,6 +255,7 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
         "--track",
     ]
     refused(handtrack, tmp_path, [*words, "--detector", calibration], ["calibration.toml"])
+    refused(handtrack, tmp_path, [*words, "--masks", "seeded"], ["--masks seeded", "no weights"])
     ended = handtrack(*words)
     assert (ended.code, done) == (0, ["auto"])
     assert "note: the hand detector has no weights" in ended.err

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from handtrack.capture.joints.given_joints import write_joints
+from handtrack.capture.masks.seeded import Seeded
+from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
@@ -37,6 +40,31 @@ def test_a_session_of_joints_alone(handtrack: CommandLine, tmp_path: Path) -> No
     first, second = (session.view(name).keypoints(2, 1.0)[0] for name in ("cam0", "cam1"))
     assert first.names == second.names
     assert first.pixels.shape == (21, 2)
+
+
+def test_masks_are_made_by_the_joints_of_most_images(
+    handtrack: CommandLine, tmp_path: Path
+) -> None:
+    size = Session.open(bundled_session()).rig["cam0"].size
+    joints = WITH_CONFIDENCE["openpose"](tmp_path, hand())
+    words = ["new", "--calibration", CALIBRATION, "--fps", 30]
+    for number, count in enumerate((6, 7)):  # joints are in 3
+        (tmp_path / f"{count}").mkdir()
+        for frame in range(count):
+            cv2.imwrite(str(tmp_path / f"{count}" / f"{frame}.png"), np.zeros(size[::-1], np.uint8))
+        words += [
+            *("--images", f"cam{number}={tmp_path / str(count)}"),
+            *("--keypoints", f"cam{number}={joints}"),
+        ]
+    ended = handtrack(*words, "--out", tmp_path / "made")
+    assert ended.code == 0, ended.err
+    assert "masks of cam0: by the joints (method seeded)." in ended.err
+    first, second = Session.open(tmp_path / "made").file.cameras
+    assert isinstance(first.masks, Seeded)
+    assert isinstance(second.masks, SkinYCrCb)
+    assert handtrack(*words, "--out", tmp_path / "named", "--masks", "skin_ycrcb").code == 0
+    named = Session.open(tmp_path / "named").file.cameras
+    assert all(isinstance(camera.masks, SkinYCrCb) for camera in named)
 
 
 def test_shares_are_of_the_camera_s_image(handtrack: CommandLine, tmp_path: Path) -> None:

@@ -7,12 +7,14 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.detection import (
     CameraDetection,
     JointDetection,
+    mask_changes,
     other_joints,
     session_changes,
 )
@@ -22,6 +24,9 @@ from handtrack_app.commands.terminal.progress import progress_bar, say, stoppabl
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _INTERRUPTED = 130
+_MOST = 0.5
+"""share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""
+_SEEDED = '{ method = "seeded" }'
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,7 +47,12 @@ def run(args: argparse.Namespace) -> int:
         stop.shielded = True
         found = detection.write()
     seconds = time.monotonic() - started
-    changes = session_changes(session, [row.camera for row in found if row.found])
+    where = [row.camera for row in found if row.found]
+    changes: dict[str, Any] = {**session_changes(session, where)}
+    often = [row.camera for row in found if row.found >= _MOST * row.images]
+    masks = mask_changes(session, [name for name in often if name in where])
+    if args.masks:
+        changes |= masks
     said = ""
     if args.write and changes:
         said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
@@ -54,11 +64,15 @@ def run(args: argparse.Namespace) -> int:
                           "backend": detector.backend, "interrupted": stop.asked}))  # fmt: skip
     else:
         _print(session, found, changes, said if args.write else None)
+        if masks and not args.masks:
+            print(
+                f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
+            )
     return _INTERRUPTED if stop.asked else 0
 
 
 def _print(
-    session: Session, found: Sequence[CameraDetection], changes: dict[str, str], said: str | None
+    session: Session, found: Sequence[CameraDetection], changes: dict[str, Any], said: str | None
 ) -> None:
     """said: about session.toml, which was changed; None where it was not."""
     for row in found:
@@ -66,13 +80,19 @@ def _print(
         print(f"{row.camera}: found in {row.found} of {row.images} images ({share:.1f} %).")
     print(f"Joints are in {session.folder / KEYPOINTS_FOLDER}.")
     if said is not None and changes:
-        print(f"{SESSION_FILE} says so now.{said} `handtrack track` takes them beside all else.")
+        masks = any(name.endswith(".masks") for name in changes)
+        by = " Masks are made by them (method seeded)." if masks else ""
+        print(
+            f"{SESSION_FILE} says so now.{said}{by} `handtrack track` takes them beside all else."
+        )
     elif changes:
         print(f"To use them, write in {SESSION_FILE}, or give --write:")
         for key, value in changes.items():
-            _, number, name = key.split(".")
+            _, number, name = key.split(".", 2)
             camera = session.file.cameras[int(number)].name
-            print(f'  [[camera]] "{camera}": {name} = "{value}"')
+            if value is not None:
+                shown = _SEEDED if name == "masks" else f'"{value}"'
+                print(f'  [[camera]] "{camera}": {name} = {shown}')
 
 
 def _notes(session: Session, found: Sequence[CameraDetection]) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_table
@@ -25,7 +26,7 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
-from handtrack_app.commands.new_session.joints import camera_joints
+from handtrack_app.commands.new_session.joints import CameraJoints, camera_joints
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
@@ -40,6 +41,9 @@ from handtrack_app.commands.terminal.output import check_new, new_folder
 from handtrack_app.commands.terminal.progress import say
 
 _RATE_TOLERANCE = 0.01
+_MOST = 0.5
+"""share of a camera's images in which its joints must be for its masks to be made by them"""
+_WITHOUT_JOINTS = "skin_ycrcb"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,7 +64,11 @@ def run(args: argparse.Namespace) -> int:
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
-    masks = mask_method(args.masks)
+    if args.masks == Seeded.name and args.track and seen and missing:
+        raise HandtrackError(
+            f"--masks {args.masks}: masks by joints, and there are none: {missing}"
+        )
+    masks = mask_method(args.masks or _WITHOUT_JOINTS)
     files, roots = dict[str, Path](), list[Path]()
 
     def setting(given: Given | None, place: str) -> str | None:
@@ -113,11 +121,17 @@ def run(args: argparse.Namespace) -> int:
         if side is None and seen and not joints and not missing:
             found = side_of_hand(session, args.detector, args.yes)
             file = replace(file, hand=replace(hand, side=found))
-            write_session_file(folder / SESSION_FILE, file)
+        if args.masks is None:
+            file = _with_masks_by_joints(file, session, joints)
+        write_session_file(folder / SESSION_FILE, file)
     if roots:
         allow_links(args.out, roots)
     made = f"session of {len(cameras)} cameras and {count} frames in {args.out}."
     if not args.track:
+        if seen and args.masks in (None, Seeded.name) and not missing:
+            say(
+                f"Joints, and masks by them, are found with: handtrack detect {args.out} --write --masks"
+            )
         print(
             f"{made} Look at it with: handtrack doctor {args.out}; then pose the hand in its first frame with: handtrack open "
             f"{args.out}"
@@ -130,8 +144,26 @@ def run(args: argparse.Namespace) -> int:
     elif seen:
         weights = [] if args.detector is None else ["--weights", str(args.detector)]
         chosen = [word for name in seen for word in ("--camera", name)]
-        args.then.insert(0, ["detect", str(args.out), "--write", *chosen, *weights])
+        masks = ["--masks"] if args.masks is None else []
+        args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
     return 0
+
+
+def _with_masks_by_joints(
+    file: SessionFile, session: Session, joints: Mapping[str, CameraJoints]
+) -> SessionFile:
+    """Return a session's settings with masks seeded by the joints of each camera that has them in most of its images."""
+
+    def has_joints(camera: CameraSettings) -> bool:
+        if camera.images is None or camera.name not in joints:
+            return False
+        return len(joints[camera.name].frames) >= _MOST * session.view(camera.name).frame_count
+
+    by = [camera.name for camera in file.cameras if has_joints(camera)]
+    if by:
+        say(f"masks of {', '.join(by)}: by the joints (method {Seeded.name}).")
+    changed = (replace(c, masks=Seeded()) if c.name in by else c for c in file.cameras)
+    return replace(file, cameras=tuple(changed))
 
 
 def mask_method(name: str) -> MaskMethod | None:
