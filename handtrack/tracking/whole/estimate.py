@@ -122,8 +122,7 @@ def estimate_whole(
                 break
     except _StoppedError:
         return None
-    lasting = _with_lasting_errors(evidence, frames, best)
-    covariance = _factor(model, lasting, motion)[0].inverse[:, 0]
+    covariance = _stated_covariance(evidence, frames, best, motion)
     return WholeEstimate(best.poses, covariance, motion, best.costs, sweep, why)
 
 
@@ -131,13 +130,19 @@ class _StoppedError(Exception):
     """Asked to."""
 
 
-def _with_lasting_errors(evidence: Evidence, frames: Sequence[int], swept: _Swept) -> _Swept:
-    """Return what all frames say where what was seen errs alike from frame to frame: for slow motion one frame in
-    (1 + ρ)/(1 − ρ) is new. A model's own flesh, and where a detector sees its joints, are wrong in the next frame too.
+def _stated_covariance(
+    evidence: Evidence, frames: Sequence[int], swept: _Swept, motion: Motion
+) -> Floats[F, P, P]:
+    """Return each pose's covariance where what was seen errs alike from frame to frame: of its own frame it counts whole, of the
+    others one frame in (1 + ρ)/(1 − ρ) is new. A model's own flesh, and where a detector sees its joints, are wrong in the
+    next frame too.
     """
     old = 2.0 * POINTS_LAST / (1.0 + POINTS_LAST)
-    known = [evidence.of(frame).seen(pose) for frame, pose in zip(frames, swept.poses, strict=True)]
-    return replace(swept, hessian=swept.hessian - old * np.array(known))
+    seen = [evidence.of(frame).seen(pose) for frame, pose in zip(frames, swept.poses, strict=True)]
+    known = old * np.stack(seen)
+    others = replace(swept, hessian=swept.hessian - known)
+    factor, _ = _factor(evidence.model, others, motion)
+    return np.linalg.inv(np.linalg.inv(factor.inverse[:, 0]) + known)
 
 
 def _factor(
