@@ -255,6 +255,7 @@ COMMANDS: dict[str, _Command] = {
                 help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
         _option("--camera", action="append", default=[], metavar="NAME",
                 help="look at this camera only; may be repeated (default: all that have images)"),
+        _option("--every", type=int, default=1, metavar="N", help="look at every N-th frame only (default: each)"),
         _option("--write", action="store_true", help="also write into session.toml that these joints are to be used"),
         _option("--masks", action="store_true", help="and that masks are to be made by them (method seeded), where they are no files"),
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),

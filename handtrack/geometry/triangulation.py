@@ -12,10 +12,13 @@ from handtrack.geometry.camera import Camera
 _LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
 
 
-def triangulated(cameras: Sequence[Camera], pixels: Floats[C, N, D2]) -> Floats[N, D3]:
+def triangulated(
+    cameras: Sequence[Camera], pixels: Floats[C, N, D2], least_angle: float = _LEAST_ANGLE
+) -> Floats[N, D3]:
     """Return points nearest to their lines of sight, world [m]; NaN where fewer than two cameras see one, or from one side.
 
-    pixels: of the undistorted images, NaN where unknown. Least squares over the distances from the lines.
+    pixels: of the undistorted images, NaN where unknown. least_angle: between two of the lines [rad]. Least squares over the
+    distances from the lines.
     """
     ways = np.stack([one.rays(seen) for one, seen in zip(cameras, pixels, strict=True)])
     known = np.asarray(np.isfinite(ways).all(axis=2))
@@ -24,7 +27,7 @@ def triangulated(cameras: Sequence[Camera], pixels: Floats[C, N, D2]) -> Floats[
     centres = np.stack([camera.centre for camera in cameras])
     total = across.sum(axis=0)
     # the smallest eigenvalue of two lines' matrix is 1 − cos of their angle
-    narrow = np.linalg.eigvalsh(total)[:, 0] < 1.0 - np.cos(_LEAST_ANGLE)
+    narrow = np.linalg.eigvalsh(total)[:, 0] < 1.0 - np.cos(least_angle)
     total[narrow] = np.eye(3)
     points = np.linalg.solve(total, np.einsum("cnij,cj->ni", across, centres)[..., None])[..., 0]
     points[narrow] = np.nan

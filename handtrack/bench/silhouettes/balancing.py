@@ -19,6 +19,7 @@ from handtrack.arrays import D2, D3, Floats, J, N
 from handtrack.bench.measuring import data_folder, mean_mm
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.observation import ImageKeypoints
@@ -81,20 +82,8 @@ def write_session(folder: Path, cameras: Sequence[str]) -> Session:
 
 def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats[J, D3]]:
     """Return joint names and positions world [m] from all cameras that see each, NaN where fewer than two do."""
-    names = seen[0].names
-    positions = np.full((len(names), 3), np.nan)
-    for j in range(len(names)):
-        rows = []
-        for view in seen:
-            u, v = view.pixels[j]
-            if np.isfinite(u):
-                p = view.camera.projection
-                rows += [(u * p[2] - p[0]) / view.sigma_px, (v * p[2] - p[1]) / view.sigma_px]
-        if len(rows) >= 4:
-            scaled = np.array(rows)
-            point = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))[2][-1]
-            positions[j] = point[:3] / point[3]
-    return names, positions
+    pixels = np.stack([view.pixels for view in seen])
+    return seen[0].names, lines_meet([view.camera for view in seen], pixels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,6 @@
-"""Benchmark: in how many images of two real recordings the hand detector finds a hand, and the processor time of all threads."""
+"""Benchmark: in how many images of two real recordings the hand detector finds a hand, the processor time of all threads, and what
+looking at every n-th image only costs.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, H, W
+from handtrack.arrays import D3, Array, Floats, H, W
 from handtrack.bench.measuring import data_folder, recording
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.hand_follower import HandFollower
@@ -18,6 +20,8 @@ _RUN, _EVERY = (
     3,
     30,
 )  # images in a row: the first is searched, the others are followed; a run begins every so often
+_SKIPS = (1, 2, 4)  # images from one that is looked at to the next
+_STRETCH, _APART = 9, 60  # images in a row for that, and from one row's begin to the next's
 _IN_BOTH = range(18, 367)  # frames of desk_two_view in which the hand is in both views
 
 
@@ -36,6 +40,7 @@ def detector() -> dict[str, float | str]:
                 found = _found(network, images, spent)
                 figures[f"{backend}_{name}_found_percent"] = 100 * float(np.mean(found))
                 figures[f"{backend}_{name}_images"] = float(len(found))
+            figures |= _skipping(network, backend)
             for kind, times in spent.items():
                 figures[f"{backend}_{kind}_ms"] = 1e3 * float(np.median(times))
     finally:
@@ -59,24 +64,77 @@ def _found(
     return found
 
 
-def _recordings() -> Iterator[tuple[str, Iterator[list[Array[H, W, D3]]]]]:
+def _skipping(network: HandDetector, backend: str) -> dict[str, float | str]:
+    """Return for each skip how often a hand is found where it is looked for [%], how far points between (interpolated) are from those
+    that looking at each image finds (the median and 90 % of them) [px], and the processor time an image, looked at or not [ms].
+    """
+    found: dict[int, list[bool]] = {skip: [] for skip in _SKIPS}
+    off: dict[int, list[float]] = {skip: [] for skip in _SKIPS}
+    spent = dict.fromkeys(_SKIPS, 0.0)
+    images = 0
+    for _, rows in _recordings(_STRETCH, _APART):
+        for row in rows:
+            images += len(row) - 1
+            each = dict[int, Floats]()
+            for skip in _SKIPS:
+                follower, seen = HandFollower(network, 1), dict[int, Floats]()
+                for place in range(0, len(row), skip):
+                    start = time.process_time()
+                    hands = follower.step(row[place])
+                    spent[skip] += time.process_time() - start if place else 0.0
+                    found[skip].append(bool(hands))
+                    if hands:
+                        (seen[place],) = (hand.points for hand in hands.values())
+                each = each or seen
+                off[skip] += _interpolated_off(seen, each, skip)
+    figures: dict[str, float | str] = {}
+    for skip in _SKIPS:
+        name = f"{backend}_every_{skip}"
+        figures[f"{name}_found_percent"] = 100 * float(np.mean(found[skip]))
+        if skip > 1:
+            figures[f"{name}_between_px"] = float(np.median(off[skip]))
+            figures[f"{name}_between_90_px"] = float(np.percentile(off[skip], 90))
+        figures[f"{name}_ms_an_image"] = 1e3 * spent[skip] / images
+    return figures
+
+
+def _interpolated_off(seen: dict[int, Floats], each: dict[int, Floats], skip: int) -> list[float]:
+    off: list[float] = []
+    for first, points in seen.items():
+        after = seen.get(first + skip)
+        for place in range(first + 1, first + skip):
+            if after is not None and place in each:
+                share = (place - first) / skip
+                missed = (1 - share) * points + share * after - each[place]
+                off += np.linalg.norm(missed, axis=1).tolist()
+    return off
+
+
+def _recordings(
+    row: int = _RUN, every: int = _EVERY
+) -> Iterator[tuple[str, Iterator[list[Array[H, W, D3]]]]]:
+    """Yield recordings by name, as rows of so many images."""
     for view in recording("desk_two_view").views:
-        starts = range(_IN_BOTH.start, _IN_BOTH.stop - _RUN, _EVERY)
-        runs = ([view.image(start + k) for k in range(_RUN)] for start in starts)
+        starts = range(_IN_BOTH.start, _IN_BOTH.stop - row, every)
+        runs = ([view.image(start + k) for k in range(row)] for start in starts)
         yield f"desk_{view.name}", ([i for i in run if i is not None] for run in runs)
     yield (
         "wall",
-        _runs_of(cv2.VideoCapture(str(data_folder() / "hand_video_single/human_hand_video.mp4"))),
+        _runs_of(
+            cv2.VideoCapture(str(data_folder() / "hand_video_single/human_hand_video.mp4")),
+            row,
+            every,
+        ),
     )
 
 
-def _runs_of(video: cv2.VideoCapture) -> Iterator[list[Array[H, W, D3]]]:
+def _runs_of(video: cv2.VideoCapture, row: int, every: int) -> Iterator[list[Array[H, W, D3]]]:
     run: list[Array[H, W, D3]] = []
     number = 0
     while video.grab():
-        if number % _EVERY < _RUN:
+        if number % every < row:
             run.append(video.retrieve()[1])
-        if len(run) == _RUN:
+        if len(run) == row:
             yield run
             run = []
         number += 1

@@ -10,6 +10,8 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
+from handtrack.geometry.triangulation import missed_px
+from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints
@@ -40,28 +42,25 @@ def triangulated(seen: Sequence[ImageKeypoints]) -> Floats[D21, D3]:
     Least squares over the lines of sight; the worst line is dropped while more than two are left and it misses the
     point by far.
     """
-    points = np.full((len(keypoint_names()), 3), np.nan)
-    for row, name in enumerate(keypoint_names()):
-        views = [(s.camera, s.pixels[s.names.index(name)]) for s in seen if name in s.names]
-        views = [(camera, pixel) for camera, pixel in views if np.isfinite(pixel).all()]
-        while len(views) >= 2:
-            ways = np.stack([camera.rays(pixel) for camera, pixel in views])
-            if np.max(np.arccos(np.clip(ways @ ways.T, -1.0, 1.0))) < _LEAST_ANGLE:
-                break
-            across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
-            centres = np.stack([camera.centre for camera, _ in views])
-            point = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centres))
-            off = [
-                float(np.linalg.norm(camera.project(point) - pixel)) / _allowed(camera.size)
-                for camera, pixel in views
-            ]
-            if np.nanmax(off) <= 1.0 and np.isfinite(off).all():
-                points[row] = point
-                break
-            if len(views) == 2:
-                break
-            views.pop(int(np.argmax(np.nan_to_num(off, nan=np.inf))))
-    return points
+    names = keypoint_names()
+    cameras = [one.camera for one in seen]
+    if len(cameras) < 2:
+        return np.full((len(names), 3), np.nan)
+    pixels = np.full((len(seen), len(names), 2), np.nan)
+    for view, one in zip(pixels, seen, strict=True):
+        rows = [row for row, name in enumerate(names) if name in one.names]
+        view[rows] = one.pixels[[one.names.index(names[row]) for row in rows]]
+    allowed = np.array([_allowed(camera.size) for camera in cameras])
+    while True:
+        points = lines_meet(cameras, pixels, _LEAST_ANGLE)
+        off = missed_px(cameras, pixels, points) / allowed[:, None]
+        seen_by = np.isfinite(pixels).all(axis=2).sum(axis=0)
+        poor = np.flatnonzero(np.nan_to_num(off, nan=0.0).max(axis=0) > 1.0)
+        points[poor] = np.nan
+        poor = poor[seen_by[poor] > 2]
+        if not len(poor):
+            return points
+        pixels[np.nanargmax(off[:, poor], axis=0), poor] = np.nan
 
 
 def hands_from_images(

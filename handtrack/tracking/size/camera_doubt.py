@@ -54,6 +54,7 @@ def camera_doubts(
     size = SizeParameters(model)
     model = size.grown(size.deviations(model.scale))
     looks = [_Look.of(model, settings, observed, pose) for observed, pose in seen]
+    looks = [look for look in looks if look.seen]
     names = dict.fromkeys(name for look in looks for name in look.seen)
     if len(names) < 2:
         return []

@@ -248,3 +248,13 @@ def test_weights_are_installed_with_their_licence(
     assert ended.code == 0, ended.err
     assert "Licence of these weights: Apache License 2.0" in ended.out
     assert (tmp_path / "home/detector/hand_landmarker.task").read_bytes() == file.read_bytes()
+
+
+def test_every_second_frame_is_looked_at(handtrack: CommandLine, folder: Path, scene: Scene):
+    ended = handtrack("detect", folder, "--every", "2", "--write")
+    assert ended.code == 0, ended.err
+    written = sorted(path.name for path in (folder / "keypoints" / "cam0").iterdir())
+    assert written == [f"{frame:06d}.json" for frame in range(0, FRAMES, 2)]
+    view = Session.open(folder).view("cam0")
+    assert [bool(view.keypoints(frame, 1.0)) for frame in range(3)] == [True, False, True]
+    refused(handtrack, folder.parent, ["detect", folder, "--every", "0"], ["--every 0", "from 1"])

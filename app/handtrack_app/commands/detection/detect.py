@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from handtrack.detector.hand_detector import HandDetector
+from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.detection import (
     CameraDetection,
@@ -36,7 +37,9 @@ def run(args: argparse.Namespace) -> int:
     if not detector.weights.is_known:
         say(f"note: {detector.weights.path} is not the file that handtrack was tested with.")
     detection = JointDetection(session, detector, args.camera)
-    frames = parse_frames(args.frames, session.frame_range, session.folder)
+    if args.every < 1:
+        raise HandtrackError(f"--every {args.every}: expected a whole number from 1.")
+    frames = parse_frames(args.frames, session.frame_range, session.folder)[:: args.every]
     started = time.monotonic()
     with stoppable() as stop, progress_bar(len(frames), "detecting") as bar:
         for frame in frames:
