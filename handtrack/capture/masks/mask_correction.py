@@ -19,6 +19,8 @@ _ASTRAY_PX = 1.5
 """flow that does not lead back to where it came from, by more than this and a share of its length, is not believed (Sundaram,
 Brox & Keutzer 2010: 0.5 and 1 % of both squared; DIS at half size is coarser)"""
 _ASTRAY_SHARE = 0.1
+_CHANGED = 40
+"""8 bit levels by which the grey of what is followed may change from frame to frame: skin before a desk differs by more"""
 
 
 def empty_layer(size: tuple[int, int]) -> Bytes[H, W]:
@@ -53,7 +55,7 @@ def corrected(layer: Bytes[H, W], mask: Bytes[H, W] | None, unknown: int) -> Byt
 def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) -> Bytes[H, W]:
     """Return the layer of an image BGR moved to the next or previous one by optical flow.
 
-    Where the flow there and back do not agree, what was corrected is unknown.
+    Where the flow there and back do not agree, or what it leads to looks different, what was corrected is unknown.
     """
     height, width = layer.shape
     scale = min(1.0, _FLOW_PX / max(height, width))
@@ -69,13 +71,19 @@ def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) 
     led = cv2.remap(
         forth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
+    found = cv2.remap(
+        here, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    changed = cv2.blur(cv2.absdiff(found, there), (3, 3)) > _CHANGED
     away = np.linalg.norm(back + led, axis=-1)
     length = np.linalg.norm(back, axis=-1) + np.linalg.norm(led, axis=-1)
     astray = away > _ASTRAY_PX + _ASTRAY_SHARE * length
     outside = (at < -0.5).any(axis=-1) | (at > np.array(size) - 0.5).any(axis=-1)
     lost = (
         cv2.resize(
-            (astray | outside).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
+            (astray | changed | outside).astype(np.uint8),
+            (width, height),
+            interpolation=cv2.INTER_NEAREST,
         )
         > 0
     )
