@@ -53,23 +53,24 @@ class CorrectedMasks:
         layer = self.layer(frame)
         return mask if layer is None else corrected(layer, mask, unknown)
 
-    def write(self, frame: int, content: bytes | None, ours: bytes | None) -> None:
+    def write(self, frame: int, content: bytes | None, ours: bytes | None) -> bool:
         """Write or (None) remove the file of a correction. One that is not as `ours`, what was written here last, is kept in
-        versions/. Raises HandtrackError.
+        versions/. Return whether anything had to be done. Raises HandtrackError.
         """
         path = self.path(frame)
         try:
             stands = path.read_bytes() if path.is_file() else None
             if stands == content:
-                return
+                return False
             if stands is not None and stands != ours:
                 keep_version(path)
             if content is None:
                 path.unlink(missing_ok=True)
-                return
+                return True
             path.parent.mkdir(parents=True, exist_ok=True)
             with replacing(path) as part:
                 part.write_bytes(content)
+            return True
         except OSError as error:
             raise HandtrackError(
                 f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"

@@ -86,6 +86,7 @@ class View:
         recorded = self._source(folder, settings.images, COLOUR)
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
+        self._said_unknown = settings.mask_unknown
         self.mask_files = self._mask_files()
         self.depth = self._source(folder, settings.depth, DEPTH)
         self.keypoint_files = self._keypoint_files(folder)
@@ -98,7 +99,7 @@ class View:
         What was read, and corrections, are shared. Raises HandtrackError for what cannot be.
         """
         known, changed = self.settings, copy(self)
-        unknown = known.mask_unknown if isinstance(masks, str) else None
+        unknown = self._said_unknown if isinstance(masks, str) else None
         changed.settings = replace(known, masks=masks, roi=roi, mask_unknown=unknown)
         wrong = wrong_together(changed.settings)
         if wrong is not None:

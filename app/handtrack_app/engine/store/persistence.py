@@ -21,6 +21,7 @@ from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.masks.correction_files import CorrectionFiles
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
@@ -52,6 +53,7 @@ class Persistence:
     warning: str = ""
     _unwritten: list[Action] = field(default_factory=list)
     _take: OpenTake | None = None
+    _corrections: CorrectionFiles = field(default_factory=CorrectionFiles)
     _tag: str = ""
     _when: float = 0.0
     _first_waits: float | None = None
@@ -189,6 +191,9 @@ class Persistence:
         self._first_waits = None
         while self._unwritten:
             if self.store is not None:
+                self.check()
+                changes = self._unwritten[0].changes
+                self._corrections.write(self.document.run.session, changes)
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
 
@@ -279,6 +284,9 @@ class Persistence:
         document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
         self._apply_all(self.history.state)
         self._take_files()
+        session, state = document.run.session, dict(self.history.state)
+        for key, value in self._corrections.changed_elsewhere(session, state).items():
+            self.do("As the session's files have it", {key: value}, kind=NOTE)
         self._take_earlier_work()
         self._take_size_of_track()
         settings = [*document.decided(keys.SETTING), *document.decided(keys.LIMITS)]
