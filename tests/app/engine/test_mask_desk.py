@@ -51,7 +51,7 @@ def method(card: masks.MaskCard, camera: str = "cam0") -> str:
 
 
 def stroke(frame: int = 0, brush: str = "hand", camera: str = "cam0") -> commands.PaintMask:
-    return commands.PaintMask(frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, "1")
+    return commands.PaintMask(frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
 
 
 def held(worker: Worker) -> list[int]:
@@ -168,6 +168,27 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
     worker.send(commands.DropCorrection(0, "cam0"))
     eventually(lambda: not file_of(folder).exists(), "dropped")
     assert not versions(file_of(folder))  # all ours
+
+
+def test_a_slow_stroke_is_one_step_and_the_next_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("handtrack_app.engine.store.persistence._MERGE_S", 0.0)
+    worker, _, _ = begun(cloudy_session(tmp_path))
+    for x, tag in ((10.0, "1"), (20.0, "1"), (30.0, "1"), (60.0, "2")):
+        worker.send(commands.PaintMask(0, "cam0", "hand", ((x, 40.0),), 3.0, tag))
+    corrections = worker.document.run.session.view("cam0").corrections
+
+    def painted_at() -> list[bool]:
+        layer = corrections.layer(0)
+        return [] if layer is None else (layer[40, [10, 30, 60]] == HAND).tolist()
+
+    eventually(lambda: painted_at() == [True] * 3, "two strokes")
+    worker.send(commands.Undo(1))
+    eventually(lambda: painted_at() == [True, True, False], "the second is undone")
+    worker.send(commands.Undo(2))
+    eventually(lambda: painted_at() == [], "and the first as a whole")
+    worker.stop()
 
 
 def test_what_was_painted_comes_back(tmp_path: Path) -> None:

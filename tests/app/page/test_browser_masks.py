@@ -36,7 +36,7 @@ def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
     with browsing(bench) as view:
         page = view.page
         view.show_tab("Masks")
-        view.row("Masks from").get_by_role("textbox").click()
+        view.row("Masks from").locator("input:visible").click()
         page.get_by_role("option", name="skin, fixed colours").click()
         eventually(lambda: bench.layout.masks.correcting.words.content, "masks are shown")
         view.press("Paint over the mask")

@@ -134,7 +134,7 @@ class MaskService:
             case commands.PaintMask():
                 values = mask_edits.painting(document, change)
                 words = f"Mask of {change.camera}, frame {change.frame}"
-                store.do(words, values, f"{words} {change.tag}", waits=True)
+                store.do(words, values, f"{words} {change.tag}", waits=True, is_stroke=True)
             case commands.DropCorrection():
                 values = mask_edits.dropped(document, change.camera, change.frame)
                 store.do(f"Correction of {change.camera} dropped, frame {change.frame}", values)

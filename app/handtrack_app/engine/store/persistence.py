@@ -101,11 +101,12 @@ class Persistence:
         tag: str = "",
         kind: str = DO,
         waits: bool = False,
+        is_stroke: bool = False,
     ) -> bool:
         """Let values of the session's state hold from now on; return whether that changed anything.
 
         words: what is done, for undo. tag: of the control that is moved; what follows with the same is one step. waits: it
-        is written once edits rest. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
+        is written once edits rest. is_stroke: the tag is of this one drag, which is one step however long it takes. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
         written, and it stands, and is tried again.
         """
         document = self.document
@@ -119,7 +120,8 @@ class Persistence:
             return False
         document.apply(plain)
         now = time.monotonic()
-        follows = bool(tag) and tag == self._tag and now - self._when < _MERGE_S
+        soon = is_stroke or now - self._when < _MERGE_S
+        follows = bool(tag) and tag == self._tag and soon
         if kind == DO:
             self._tag, self._when = tag, now
         last = self._unwritten[-1] if follows and self._unwritten else None
