@@ -55,7 +55,7 @@ class MaskPanel:
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
         self.on = gui.add_checkbox(
-            "Over all images", page.state.display.masks,
+            "Show masks", page.state.display.masks,
             hint="Hand as it is, background dark; of what is purple nobody knows. Blue: corrected by hand.",
         )  # fmt: skip
         self.camera = gui.add_dropdown("Camera", (ALL, *names) if len(names) > 1 else names)
@@ -72,7 +72,6 @@ class MaskPanel:
                 )
             page.on(sample, lambda event: self._drag(event, "sample"))
         self._build_box(card)
-        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
         self.saved = gui.add_html("")
         self.save = gui.add_button(
             "Save to session.toml", icon=viser.Icon.DEVICE_FLOPPY, color="gray", visible=False,
@@ -82,6 +81,7 @@ class MaskPanel:
             "Back to what is saved", icon=viser.Icon.RESTORE, color="gray", visible=False,
             hint="Forget what was changed here since; corrections stay.",
         )  # fmt: skip
+        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
         page.on(self.on, lambda event: self._show_masks(bool(event.target.value)))
         page.on(self.camera, lambda _: self._show_chosen())
         page.on(self.method, lambda event: self._choose(str(event.target.value)))
