@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack.capture.masks.background import BackgroundMedian
 from handtrack.capture.masks.mask_correction import AS_IT_IS, HAND, empty_layer, painted
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
@@ -124,3 +125,19 @@ def test_masks_are_tried_without_touching_the_session(folder: Path) -> None:
     assert (folder / "session.toml").read_text() == said
     with pytest.raises(HandtrackError, match="reaches outside the image"):
         session.with_masks({"cam0": (dark, (10, 20, 2000, 150))})
+
+
+def test_other_thresholds_are_learned_from_the_same_images(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = opened(folder, SKIN)
+    tried = session.with_masks({"cam0": (BackgroundMedian(samples=5), None)})
+    first = tried.observation(2).silhouettes[0].mask
+    read = list[int]()
+    files = session.view("cam0").images
+    assert files is not None
+    usual = type(files).read
+    monkeypatch.setattr(type(files), "read", lambda f, n: read.append(n) or usual(f, n))
+    again = tried.with_masks({"cam0": (BackgroundMedian(samples=5, threshold=30.0), None)})
+    assert (again.observation(2).silhouettes[0].mask != first).any()
+    assert read == [2]

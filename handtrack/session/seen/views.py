@@ -31,7 +31,9 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.seen.corrected_masks import CorrectedMasks
+from handtrack.session.seen.lessons import Lessons
 from handtrack.session.seen.mask_seeds import JointSeeds
+from handtrack.session.seen.memory import Memory
 from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings, wrong_together
@@ -87,6 +89,8 @@ class View:
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
         self._said_unknown = settings.mask_unknown
+        self._lessons: dict[str, Memory[int, Array | None]] | None = None
+        """what methods learned from, images or depth, where several are tried"""
         self.mask_files = self._mask_files()
         self.depth = self._source(folder, settings.depth, DEPTH)
         self.keypoint_files = self._keypoint_files(folder)
@@ -107,6 +111,7 @@ class View:
         changed._check_roi()
         changed._learning = threading.Lock()
         changed.__dict__.pop("_learned", None)
+        changed._lessons = {} if self._lessons is None else self._lessons
         if masks != known.masks:
             changed.mask_files = changed._mask_files()
         return changed
@@ -266,6 +271,8 @@ class View:
         if self._taught_by is not None and source is self.images:
             source = self._taught_by
         assert source is not None
+        if self._lessons is not None:
+            source = Lessons(source, self._lessons.setdefault(method.needs, Memory()))
         try:
             if isinstance(method, Seeded):
                 return method.learned(source, self._seeds, self.settings.roi)

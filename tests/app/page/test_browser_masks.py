@@ -14,6 +14,7 @@ from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.page.test_browser import PROJECT, browsing, eventually
 from tests.app.page.test_browser_clouds import _seen_at
+from tests.app.wire import WireClient
 
 
 def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generator) -> None:
@@ -46,6 +47,11 @@ def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
         start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)
         view.drag(tuple(start), tuple(stop))
         eventually(lambda: _reach_is_off(bench, (8, 40, 40, 60)) < 3, "a round stroke of 10 px")
+        with WireClient(bench.url):
+            eventually(lambda: len(bench.server.get_clients()) == 2, "another page looks on")
+            other = bench.server.get_clients()[max(bench.server.get_clients())]
+            bench.stage.look("cam1", other)
+            assert bench.stage._marking, "its look is its own"
         view.press("Done painting")
         eventually(lambda: not bench.stage._marking, "the hand is back")
         bench.page.travel(back=True)

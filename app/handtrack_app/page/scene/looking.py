@@ -44,7 +44,9 @@ class Looking:
         self._page = page
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
-        self._heard: viser.ImageHandle | None = None
+        self._heard_image: viser.ImageHandle | None = None
+        self.heard: int | None = None
+        """the client whose drags over an image are listened to"""
 
     def fit(self, cards: dict[str, CameraCard]) -> None:
         """Take the cameras of a session."""
@@ -129,11 +131,11 @@ class Looking:
             through = np.asarray(event.ray_origin) + np.asarray(event.ray_direction)
             tell(tuple(through), "click")
 
-        self._heard = screen.image
+        self._heard_image, self.heard = screen.image, client.client_id
 
     def hush(self) -> None:
         """Listen no more: drags turn the view again."""
-        image, self._heard = self._heard, None
+        image, self._heard_image, self.heard = self._heard_image, None, None
         if image is not None:
             with suppress(RuntimeError):  # its page has gone
                 image.remove_drag_callback()

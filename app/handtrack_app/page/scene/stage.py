@@ -328,9 +328,11 @@ class Stage:
         marking: bool = False,
     ) -> None:
         """Let a page look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
-        self._marking = marking
-        self.looking.hush()
-        self.stopped_painting()
+        paints = self.looking.heard  # who looks on does not end it
+        if paints in (None, client.client_id) or paints != self.page.state.editor:
+            self._marking = marking
+            self.looking.hush()
+            self.stopped_painting()
         self.looking.set_through(client, camera)
         if self.looking.card(client.client_id) is None and self.session and self.pose is not None:
             view = overview if everything else hand_view
