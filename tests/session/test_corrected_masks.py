@@ -15,6 +15,7 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.errors import HandtrackError
 from handtrack.files.versions import versions
 from handtrack.session.seen.corrected_masks import encoded
+from handtrack.session.seen.views import View
 from handtrack.session.session import Session
 from tests.capture.seeded_scenes import SIZE
 from tests.session.test_seeded_session import JOINTS, folder, opened
@@ -141,3 +142,12 @@ def test_other_thresholds_are_learned_from_the_same_images(
     again = tried.with_masks({"cam0": (BackgroundMedian(samples=5, threshold=30.0), None)})
     assert (again.observation(2).silhouettes[0].mask != first).any()
     assert read == [2]
+
+
+def test_corrections_of_a_recording_are_none_of_a_running_camera(folder: Path) -> None:
+    write(folder, stroke())
+    recorded = opened(folder, SKIN).view("cam0")
+    assert recorded.images is not None
+    running = View(folder, recorded.settings, recorded.camera, live=recorded.images)
+    assert running.corrections.frames == []
+    np.testing.assert_array_equal(running.mask(2), recorded.given_mask(2))

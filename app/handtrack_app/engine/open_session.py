@@ -48,6 +48,7 @@ _KEEPS = (
     | commands.SaveMasks
     | commands.PaintMask
     | commands.CarryMasks
+    | commands.DropCorrection
     | commands.FitSize
     | commands.TakeSize
 )

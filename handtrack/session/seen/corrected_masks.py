@@ -19,9 +19,12 @@ from handtrack.session.layout import CORRECTED_FOLDER, inside
 class CorrectedMasks:
     """A camera's corrections by its own frames: files, and before them what is not in files yet. Safe from several threads."""
 
-    def __init__(self, folder: Path, camera: str, size: tuple[int, int]) -> None:
-        """size: width, height [px] of the camera's images."""
+    def __init__(
+        self, folder: Path, camera: str, size: tuple[int, int], has_files: bool = True
+    ) -> None:
+        """size: width, height [px] of the camera's images. has_files: those of a running camera are about a recording's frames."""
         self._root, self._camera, self._size = folder, camera, size
+        self._has_files = has_files
         self._held: dict[int, bytes | None] = {}
         self._lock = threading.Lock()
 
@@ -35,8 +38,8 @@ class CorrectedMasks:
         with self._lock:
             if frame in self._held:
                 return self._held[frame]
-        path = self.path(frame)
-        return path.read_bytes() if path.is_file() else None
+        path = self.path(frame) if self._has_files else None
+        return path.read_bytes() if path is not None and path.is_file() else None
 
     def layer(self, frame: int) -> Bytes[H, W] | None:
         """Return a frame's correction: 255 hand, 0 background, UNKNOWN_LEVEL nobody knows, AS_IT_IS not corrected; None where
@@ -85,8 +88,8 @@ class CorrectedMasks:
     @property
     def frames(self) -> list[int]:
         """The camera's own frames that are corrected."""
-        folder = self.path(0).parent
-        found = {int(p.stem) for p in folder.glob("*.png") if p.stem.isdigit()}
+        files = self.path(0).parent.glob("*.png") if self._has_files else ()
+        found = {int(path.stem) for path in files if path.stem.isdigit()}
         with self._lock:
             held = dict(self._held)
         return sorted(

@@ -81,7 +81,7 @@ class View:
         self.camera = camera
         self._folder = folder
         self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
-        self.corrections = CorrectedMasks(folder, settings.name, camera.size)
+        self.corrections = CorrectedMasks(folder, settings.name, camera.size, live is None)
         """of the masks, by the camera's own frames"""
         self._learning = threading.Lock()
         self._check_roi()
