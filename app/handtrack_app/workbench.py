@@ -209,6 +209,11 @@ class Workbench:
                 self.layout.cloud.fit(snapshot)
                 if not snapshot.source:
                     self.stage.forget_cloud()
+            case snapshots.MaskCard():
+                self.layout.masks.fit(snapshot)
+            case snapshots.MaskPicture():
+                self.stage.show_masks(snapshot)
+                self.layout.masks.show(snapshot)
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)

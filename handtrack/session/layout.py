@@ -25,9 +25,12 @@ KEYPOINTS_FOLDER = "keypoints"
 """what the hand detector writes: a folder for each camera"""
 MASKS_FOLDER = "masks_refined"
 """masks made again by tracked poses: a folder for each camera"""
+CORRECTED_FOLDER = "masks_corrected"
+"""what was painted over masks by hand: a folder for each camera"""
 _WRITTEN = (
     SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, WORK_FILE, JOURNAL_FILE, "versions",
     "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER, MASKS_FOLDER,
+    CORRECTED_FOLDER,
 )  # fmt: skip
 
 _WILD = "*?["

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -36,7 +34,8 @@ from handtrack.session.layout import (
 )
 from handtrack.session.seen.camera_times import SessionTimes, recording_of, session_times
 from handtrack.session.seen.clouds import CloudSource, cloud_source
-from handtrack.session.seen.views import View, scaled_camera
+from handtrack.session.seen.memory import Memory, most_clouds, most_observations
+from handtrack.session.seen.views import MaskChoice, View, scaled_camera
 from handtrack.session.session_file import (
     CloudSettings,
     SessionFile,
@@ -44,16 +43,9 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
-from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
-_K = TypeVar("_K")
-_FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
-_OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
-_CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
-_PIXELS_KEPT = 400_000_000  # of all masks kept
-_POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
 class Session:
@@ -82,9 +74,8 @@ class Session:
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
         self.check_init(self.known_frames)
-        self._observations: OrderedDict[tuple[int, bool, bool], Observation] = OrderedDict()
-        self._measured: OrderedDict[int, PointCloud | None] = OrderedDict()
-        self._lock = threading.Lock()
+        self._observations = Memory[tuple[int, bool, bool], Observation]()
+        self._measured = Memory[int, PointCloud | None]()
 
     @classmethod
     def open(cls, folder: Path | str) -> Session:
@@ -208,14 +199,8 @@ class Session:
         """Return the frame's cloud before any filter; None where none was taken."""
         if self._clouds is None:
             return None
-        with self._lock:
-            known, cloud = frame in self._measured, self._measured.get(frame)
-        if not known:
-            cloud = self._clouds.read(frame)
-        size = 1 if cloud is None else max(len(cloud), 1)
-        most = min(max(_POINTS_KEPT // size, 1), _CLOUDS_KEPT)
-        _remember(self._measured, frame, cloud, most, self._lock)
-        return cloud
+        read = self._clouds.read
+        return self._measured.value(frame, lambda: read(frame), most_clouds)
 
     def cloud(
         self,
@@ -249,10 +234,30 @@ class Session:
         changed.file = replace(self.file, clouds=clouds)
         if clouds is None or known is None or clouds.sources != known.sources:
             changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
-            changed._measured = OrderedDict()
+            changed._measured = Memory()
         changed.cloud_filters = changed._filters(self.cloud_filters.seed)
-        changed._observations = OrderedDict()
+        changed._observations = Memory()
         return changed
+
+    def with_masks(self, wanted: Mapping[str, MaskChoice]) -> Session:
+        """Return this session with other masks of some cameras, by name; session.toml stays as it is, and images are shared.
+
+        Raises HandtrackError when they cannot be used.
+        """
+        changed = copy(self)
+        changed.views = tuple(
+            view.with_masks(*wanted[view.name]) if view.name in wanted else view
+            for view in self.views
+        )
+        changed.file = replace(self.file, cameras=tuple(view.settings for view in changed.views))
+        changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, self.rig)
+        changed._measured, changed._observations = Memory(), Memory()
+        return changed
+
+    def look_again(self) -> None:
+        """Forget what was seen: masks were corrected, which may cut clouds, too."""
+        self._observations.clear()
+        self._measured.clear()
 
     def with_seed(self, seed: int) -> Session:
         """Return this session with another seed of what is random: which points of a cloud stay."""
@@ -260,7 +265,7 @@ class Session:
             return self
         changed = copy(self)
         changed.cloud_filters = self._filters(seed)
-        changed._observations = OrderedDict()
+        changed._observations = Memory()
         return changed
 
     def _views(self) -> tuple[View, ...]:
@@ -311,14 +316,7 @@ class Session:
     def _kept(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         """Return an observation without a crop, the same one as last time if it is still there."""
         key = (frame, silhouettes, cloud)
-        with self._lock:
-            known = self._observations.get(key)
-        if known is None:
-            known = self._observe(*key)
-        pixels = sum(silhouette.mask.size for silhouette in known.silhouettes)
-        most = min(_PIXELS_KEPT // max(pixels, 1) + 2, _OBSERVATIONS_KEPT)
-        _remember(self._observations, key, known, most, self._lock)
-        return known
+        return self._observations.value(key, lambda: self._observe(*key), most_observations)
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         if cloud:
@@ -383,14 +381,3 @@ def session_rig(folder: Path, file: SessionFile) -> CameraRig:
                 f"{CALIBRATION_FILE}; cameras there: {', '.join(everything.names)}."
             )
     return CameraRig(tuple(scaled_camera(everything[c.name], c, folder) for c in file.cameras))
-
-
-def _remember(
-    kept: OrderedDict[_K, _T], key: _K, value: _T, most: int, lock: threading.Lock
-) -> None:
-    """Keep a value, forgetting those longest not used."""
-    with lock:
-        kept[key] = value
-        kept.move_to_end(key)
-        while len(kept) > most:
-            kept.popitem(last=False)

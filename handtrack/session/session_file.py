@@ -231,13 +231,13 @@ def _camera(table: Any, path: Path, number: int) -> CameraSettings:
     if masks is not None and (not isinstance(masks, str) or not masks):
         masks = read_mask_method(masks, f"{where}, masks")
     camera = read_table(CameraSettings, table, where, masks=masks)
-    wrong = _wrong_together(camera)
+    wrong = wrong_together(camera)
     if wrong is not None:
         raise HandtrackError(f"{where}: {wrong}")
     return camera
 
 
-def _wrong_together(camera: CameraSettings) -> str | None:
+def wrong_together(camera: CameraSettings) -> str | None:
     """Return what a camera's settings lack of one another, in words; None where they go together."""
     masks, roi = camera.masks, camera.roi
     if masks is not None and not isinstance(masks, str) and getattr(camera, masks.needs) is None:

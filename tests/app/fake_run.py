@@ -19,12 +19,14 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model, scale_table
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import Observation, Silhouette
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.idle_settings import idle_settings
 from handtrack.session.run import TrackingRun
+from handtrack.session.seen.corrected_masks import CorrectedMasks
+from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -72,6 +74,16 @@ class FakeView:
     def hand_pixels(self, frame: int) -> Bytes | None:
         return None
 
+    @property
+    def corrections(self) -> CorrectedMasks:
+        return CorrectedMasks(Path(), self.name, self.camera.size)
+
+    def own_frame(self, frame: int) -> int | None:
+        return frame
+
+    def silhouette(self, frame: int) -> Silhouette | None:
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class FakeSession:
@@ -100,6 +112,12 @@ class FakeSession:
     def file(self) -> SessionFile:
         cameras = tuple(view.settings for view in self.views)
         return SessionFile(RecordingSettings(self.name, self.fps), HandSettings(), cameras)
+
+    def with_masks(self, wanted: Mapping[str, MaskChoice]) -> FakeSession:
+        raise HandtrackError("the fake session has no masks to be changed")
+
+    def look_again(self) -> None:
+        pass
 
     def view(self, camera: str) -> FakeView:
         return FakeView(self.rig[camera])

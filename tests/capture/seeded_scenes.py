@@ -43,8 +43,13 @@ class Recording:
         return self.images[frame] if frame in self.frames else None
 
 
-def recording(light: str, rng: np.random.Generator, frames: int = 24) -> Recording:
-    """Return frames of a right hand without a forearm, before a textured background, in one of LIGHTS."""
+def recording(
+    light: str, rng: np.random.Generator, frames: int = 24, of: int | None = None
+) -> Recording:
+    """Return frames of a right hand without a forearm, before a textured background, in one of LIGHTS.
+
+    of: how many frames its whole motion takes, if more than these.
+    """
     model = load_model("hand26")
     matrix = np.array([[420.0, 0, 180], [0, 420, 150], [0, 0, 1]])
     camera = Camera("cam0", SIZE, matrix, np.zeros(5), np.eye(3), np.array([0.0, -0.08, 0.55]))
@@ -52,7 +57,7 @@ def recording(light: str, rng: np.random.Generator, frames: int = 24) -> Recordi
     behind = _background(light, rng)
     out = Recording([], [], [], [])
     for frame in range(frames):
-        phase = 2 * np.pi * frame / frames
+        phase = 2 * np.pi * frame / (of or frames)
         curl = np.deg2rad(35 * (1 - np.cos(3 * phase)))
         angles = {
             f"{finger}_{joint}_flex": curl

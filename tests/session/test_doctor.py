@@ -247,7 +247,7 @@ def side_by_side(order: tuple[int, int]) -> str:
         outlines.append(mask)
     views = [
         SimpleNamespace(
-            camera=camera, has_masks=True, settings=SimpleNamespace(roi=None), name=camera.name, unknown=None,
+            camera=camera, has_masks=True, settings=SimpleNamespace(roi=None), name=camera.name, unknown_at=lambda _frame: None,
             mask=lambda _frame, shown=outlines[which]: shown,
         )
         for camera, which in zip(pair, order, strict=True)

@@ -102,7 +102,7 @@ def test_a_region_of_interest_limits_a_view(folder: Path) -> None:
 
 
 def test_the_last_observations_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("handtrack.session.session._OBSERVATIONS_KEPT", 2)
+    monkeypatch.setattr("handtrack.session.seen.memory._OBSERVATIONS_KEPT", 2)
     session = Session.open(folder)
     first = session.observation(0)
     assert session.observation(0) is first

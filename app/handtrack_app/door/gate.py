@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Container, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -75,7 +75,7 @@ class Gate:
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise NotForUs(str(error)) from None
         private = self._private_widgets(client)
-        kind, message = self._checked(message, private)
+        kind, message = self._checked(message, private, self._nodes(client))
         name = getattr(message, "uuid", None) or getattr(message, "name", "")
         if isinstance(message, words.GuiUpdateMessage) and name in self.own and client is not None:
             return kind, partial(self.own[name], client, message.updates.value)
@@ -117,7 +117,17 @@ class Gate:
         handle = self.server.get_clients().get(client)
         return {} if handle is None else handle.gui._gui_input_handle_from_uuid
 
-    def _checked(self, message: words.Message, private: _Widgets) -> tuple[Hashable, words.Message]:
+    def _nodes(self, client: int | None) -> Container[str]:
+        """Return the names of the scene's nodes, and of those that one client alone has."""
+        if self.server is None:
+            return ()
+        handle = None if client is None else self.server.get_clients().get(client)
+        own = {} if handle is None else handle.scene._handle_from_node_name
+        return {*self.server.scene._handle_from_node_name, *own}
+
+    def _checked(
+        self, message: words.Message, private: _Widgets, nodes: Container[str]
+    ) -> tuple[Hashable, words.Message]:
         once = object()  # like no other: each of these counts
         match message:
             case words.GuiUpdateMessage():
@@ -141,7 +151,7 @@ class Gate:
                 if message.event_type == "click" and not rays:
                     raise NotForUs("a click from nowhere")
                 return once, message
-        if self.server is None or message.name not in self.server.scene._handle_from_node_name:
+        if message.name not in nodes:
             raise NotForUs("an unknown node")
         match message:
             case words.TransformControlsUpdateMessage():

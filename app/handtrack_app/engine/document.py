@@ -9,16 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
+from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import scale_from, scale_table
 from handtrack.model.pose_library import pose_names
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.seen.views import MaskChoice
 from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
 from handtrack.store.store import spans_of
 from handtrack_app.engine.inverse_kinematics import tip_names
+from handtrack_app.engine.masks import mask_state
 from handtrack_app.engine.run import Run
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.shelf import TakeShelf
@@ -99,6 +102,8 @@ class Document:
         self.version = 0
         self.saved_clouds = self.clouds
         """the settings of [clouds] as session.toml has them"""
+        self.saved_masks = self.masks
+        """where each camera's masks come from, as session.toml has it"""
         self.size_pending = size_pending
         """the hand's size is to be fitted before the first tracking, or after it"""
         self.offered_scale: HandScale | None = None
@@ -119,6 +124,10 @@ class Document:
             return scale_table(self.run.scale) | {"pending": self.size_pending}
         if kind == keys.CLOUDS:
             return {"table": None if self.clouds is None else self.clouds.table}
+        if kind == keys.MASKS:
+            return mask_state.choice_value(self.masks[name])
+        if kind == keys.CORRECTION:
+            return mask_state.corrected_value(self.run.session, name, self.state.get(key))
         if kind == keys.POSE and key not in self.state and int(name) not in self.results:
             # what is seen there now, so that undo can come back to it
             seen = self.pose_at(int(name)).tolist()
@@ -136,6 +145,7 @@ class Document:
         """
         kinds = {keys.parts(key)[0] for key in values}
         run = self._run_with(values)
+        corrections = mask_state.corrections_in(run.session, values)
         for key, value in values.items():
             if value is None:
                 self.state.pop(key, None)
@@ -151,6 +161,10 @@ class Document:
             kind, name = keys.parts(key)
             if kind == keys.POSE:
                 self._derive_pose(int(name))
+        for correction in corrections:
+            correction.place.hold(correction.own_frame, correction.content)
+        if corrections:
+            self.run.session.look_again()
         if keys.START in values and self.run.first is None:
             self._start_at(values[keys.START])
 
@@ -174,7 +188,21 @@ class Document:
         if keys.CLOUDS in values:
             clouds = self._clouds_of(values[keys.CLOUDS])
             run = run if clouds == self.clouds else run.with_clouds(clouds)
+        masks = {
+            name: self._masks_of(name, value)
+            for key, value in values.items()
+            for kind, name in (keys.parts(key),)
+            if kind == keys.MASKS
+        }
+        if masks and masks != {name: self.masks[name] for name in masks}:
+            run = replace(run, session=run.session.with_masks(masks))
         return run
+
+    def _masks_of(self, camera: str, value: Value) -> MaskChoice:
+        if camera not in self.saved_masks:
+            raise unknown_name("camera", camera, tuple(self.saved_masks))
+        saved = self.saved_masks[camera]
+        return saved if value is None else mask_state.choice_from(value, camera)
 
     def _size_of(self, value: Value) -> tuple[HandScale, bool]:
         if value is None:
@@ -351,3 +379,15 @@ class Document:
         """Names of the settings of [clouds] that differ from session.toml."""
         now, saved = ((c or CloudSettings()).table for c in (self.clouds, self.saved_clouds))
         return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))
+
+    # ---- masks
+
+    @property
+    def masks(self) -> dict[str, MaskChoice]:
+        """Where each camera's masks come from."""
+        return {view.name: mask_state.choice_of(view) for view in self.run.session.views}
+
+    @property
+    def unsaved_masks(self) -> tuple[str, ...]:
+        """Names of the cameras whose masks come from elsewhere than session.toml says."""
+        return tuple(n for n, choice in self.masks.items() if choice != self.saved_masks[n])

@@ -21,6 +21,7 @@ from handtrack_app.engine.guesses import Guesses
 from handtrack_app.engine.job_words import Outcome, one_frame, summary
 from handtrack_app.engine.jobs import (
     BackgroundJob,
+    Carried,
     Ended,
     FindingJob,
     Found,
@@ -45,12 +46,17 @@ _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
 _COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still change
 _ENDLESS = 1 << 40  # frames
+_FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
+_BUSY = "Tracking is already running. Cancel it first."
+_QUIET = ("sizing", "finding", "carrying")
+"""jobs that count no frames"""
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
     "preparing": "Preparing the first frame …",
     "sizing": "Fitting the hand's size (once a session) …",
     "finding": "Looking for the hand …",
+    "carrying": "Carrying corrected masks on …",
 }
 
 
@@ -92,6 +98,11 @@ class JobControl:
     def busy(self) -> bool:
         return self._job is not None
 
+    def require_idle(self) -> None:
+        """Raise HandtrackError while a job runs."""
+        if self.busy:
+            raise HandtrackError(_FIXED)
+
     # ---- from any thread
 
     def cancel(self) -> None:
@@ -116,7 +127,7 @@ class JobControl:
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
         job = self._job
-        if job is not None and job.kind in ("sizing", "finding"):
+        if job is not None and job.kind in _QUIET:
             self._ended(job, Ended(job.number, cancelled=True))
 
     # ---- starting
@@ -190,6 +201,12 @@ class JobControl:
         anew = first == document.first_frame and first not in document.by_hand
         self.track(Track(document.frames.start, document.frames.stop, first, anew))
 
+    def begin(self, make: Callable[[int, Callable[[Report], None]], BackgroundJob]) -> None:
+        """Begin a job that needs nothing of what is tracked by; make(number, post) returns it. Raises HandtrackError."""
+        if self._job is not None:
+            raise HandtrackError(_BUSY)
+        self._begin(make(self._next(), self._post))
+
     def find(self, frame: int | None) -> None:
         """Begin to look for the hand, in a frame or in the surest of several."""
         self._refuse()
@@ -198,7 +215,7 @@ class JobControl:
     def _refuse(self) -> None:
         """Raise HandtrackError where no job can begin."""
         if self._job is not None:
-            raise HandtrackError("Tracking is already running. Cancel it first.")
+            raise HandtrackError(_BUSY)
         blind = nothing_seen(self._document.run)
         if blind:
             raise HandtrackError(blind)
@@ -229,6 +246,10 @@ class JobControl:
                 self._found(report)
             case Questioned():
                 self._publish(Notice("warning", "A camera contradicts the others", report.text))
+            case Carried():
+                self._store.do("Corrected masks carried on", report.values)
+                many = f"To {len(report.values)} frames; undo takes it back."
+                self._publish(Notice("done", "The correction is carried on", many))
             case Ended():
                 self._ended(job, report)
 
@@ -315,8 +336,9 @@ class JobControl:
         if end.internal:
             self._publish(Notice.of_mistake(end.error, "Internal error while tracking"))
         elif end.error:
-            self._publish(Notice("error", "Tracking stopped", end.error))
-        elif job.kind == "finding":
+            title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
+            self._publish(Notice("error", title, end.error))
+        elif job.kind in ("finding", "carrying"):
             if end.cancelled:
                 self._publish(Notice("done", "Cancelled", ""))
         elif job.kind == "sizing":
@@ -365,7 +387,7 @@ class JobControl:
             self._publish(ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        quiet = not job.paused and (job.kind in ("sizing", "finding") or job.share > 0)
+        quiet = not job.paused and (job.kind in _QUIET or job.share > 0)
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words

@@ -17,6 +17,7 @@ from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
+from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.run import Run
@@ -68,7 +69,16 @@ class Questioned:
     text: str
 
 
-Report = Tracked | Sized | Found | Questioned | Ended
+@dataclass(frozen=True)
+class Carried:
+    """Corrections of masks, carried to the frames beside."""
+
+    job: int
+    values: dict[str, Value]
+    """of the session's state"""
+
+
+Report = Tracked | Sized | Found | Questioned | Carried | Ended
 Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 

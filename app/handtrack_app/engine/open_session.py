@@ -18,6 +18,7 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
+from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
@@ -35,9 +36,6 @@ from handtrack_app.protocol.snapshots import (
 )
 
 Request = commands.Command | Report
-CloudChange = (
-    commands.SetClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
-)  # fmt: skip
 _EDITS = (
     commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
     | commands.Undo | commands.Redo
@@ -47,6 +45,10 @@ _KEEPS = (
     | commands.SaveTrack
     | commands.SaveSettings
     | commands.SaveClouds
+    | commands.SaveMasks
+    | commands.PaintMask
+    | commands.CarryMasks
+    | commands.DropCorrection
     | commands.FitSize
     | commands.TakeSize
 )
@@ -54,7 +56,6 @@ _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
     "hand', or pose it, then 'Track live'."
 )
-_FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 
 
 class OpenSession:
@@ -83,19 +84,21 @@ class OpenSession:
         self.jobs = JobControl(
             document, self.store, self._announce, post, watch, compiles, self._live
         )
-        self._clouds = CloudService(document, render_thread)
+        self._clouds = CloudService(document, self.store, self.jobs, render_thread, publish)
+        self._masks = MaskService(document, self.store, self.jobs, render_thread, publish)
         self._counted, self._told = False, set[str]()
         self._told_work: WorkSnapshot | None = None
         self._reads_errors = True  # of a long track, while nobody waits
 
-    def show_first(self, wishes: Sequence[commands.WantCloud | commands.WantSurface]) -> None:
+    def show_first(self, wishes: Sequence[commands.Command]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
         self._show_session()
-        self._publish(self._clouds.card())
+        self._clouds.tell()
+        self._masks.tell()
         document.show(document.first_frame)
         for wish in wishes:
-            self._clouds.want(wish)
+            self.serve(wish)
         self._show_all()
         if self._restored:
             say("info", "Welcome back", self._restored)
@@ -140,13 +143,14 @@ class OpenSession:
             case commands.Undo() | commands.Redo():
                 self._travel(request)
             case commands.RestoreTake():
-                self._require_idle()
+                self.jobs.require_idle()
                 if self.store.restore_take(request.number):
                     document.show(document.frame)
                     self._show_all()
                     self._say("done", f"Take {request.number} is the track again", "")
             case commands.WantPictures():
                 self.painter.want(request)
+                self._masks.want(request)
             case commands.Track():
                 self.store.write_what_rests(at_once=True)
                 if request.stop - request.start == 1 and document.frame == request.first:
@@ -173,7 +177,7 @@ class OpenSession:
             case commands.SetSetting() | commands.SetLimits():
                 self._change(request)
             case commands.SaveSettings():
-                self._require_idle()
+                self.jobs.require_idle()
                 self._say("done", "Settings saved", saving.save_settings(self.store))
                 self._show_session()
             case commands.WantCloud() | commands.WantSurface():
@@ -181,7 +185,14 @@ class OpenSession:
             case (
                 commands.SetClouds() | commands.SampleSkin() | commands.RestoreClouds() | commands.SaveClouds()
             ):  # fmt: skip
-                self._change_clouds(request)
+                self._clouds.serve(request)
+            case commands.WantMasks():
+                self._masks.want(request)
+            case (
+                commands.SetMasks() | commands.MarkMaskBox() | commands.SaveMasks() | commands.RestoreMasks()
+                | commands.PaintMask() | commands.DropCorrection() | commands.CarryMasks()
+            ):  # fmt: skip
+                self._masks.serve(request)
             case commands.SavePose():
                 self._see_arm()
                 self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
@@ -206,36 +217,10 @@ class OpenSession:
                     jobs.show_progress()  # a full disk at a job's end: it is over all the same
                     raise
 
-    def _require_idle(self) -> None:
-        if self.jobs.busy:
-            raise HandtrackError(_FIXED)
-
-    def _change_clouds(self, change: CloudChange) -> None:
-        clouds, store = self._clouds, self.store
-        try:
-            self._require_idle()
-            match change:
-                case commands.SetClouds():
-                    names = ", ".join(name for name, _ in change.values)
-                    settings = clouds.with_values(dict(change.values))
-                    store.do(f"Clouds: {names}", edits.clouds(settings), tag=names)
-                case commands.SampleSkin():
-                    settings, words = clouds.with_skin(change)
-                    store.do("Colour of skin", edits.clouds(settings), tag="skin")
-                    self._say("done", "The skin's colour is taken", words)
-                case commands.RestoreClouds():
-                    own = edits.clouds(self.document.saved_clouds)
-                    store.do("Filters of session.toml", own)
-                case commands.SaveClouds():
-                    self._say("done", "Clouds' settings saved", saving.save_clouds(store))
-            clouds.show()
-        finally:
-            self._publish(clouds.card())  # the page shows what holds
-
     def _change(self, change: commands.SetSetting | commands.SetLimits) -> None:
         document, store = self.document, self.store
         try:
-            self._require_idle()
+            self.jobs.require_idle()
             if isinstance(change, commands.SetLimits):
                 values = edits.limits(document, change.name, change.interval)
                 words = f"Limits of {change.name}"
@@ -268,7 +253,8 @@ class OpenSession:
         if len(frames) < len(kinds):
             self._say("info", f"{'Undone' if back else 'Redone'}: {action.words}", "")
             self._show_session()
-            self._publish(self._clouds.card())
+            self._clouds.tell()
+            self._masks.tell()
             self._say_notes(known)
         self._show_all()
 
@@ -332,6 +318,7 @@ class OpenSession:
             if guesses is not None:
                 self._publish(guesses)
             self._clouds.show(hurried=self.jobs.busy)
+            self._masks.show(hurried=self.jobs.busy)
 
     def _show_session(self) -> None:
         self._publish(session_snapshot(self.document))

@@ -76,7 +76,7 @@ class Worker:
         self._preview: Preview | None = None
         self._session: OpenSession | None = None
         self._compiles = CompileWatch(self._compiling)
-        self._wishes: dict[type, commands.WantCloud | commands.WantSurface] = {}
+        self._wishes: dict[type, commands.Command] = {}
 
     # ---- from the page
 
@@ -184,7 +184,7 @@ class Worker:
                 self._begin(request.document)
             case _ if session is not None:
                 session.serve(request)
-            case commands.WantCloud() | commands.WantSurface():
+            case commands.WantCloud() | commands.WantSurface() | commands.WantMasks():
                 self._wishes[type(request)] = request
             case commands.Cancel():
                 pass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import viser
 
+from handtrack_app.page.masks.mask_panel import MaskPanel
 from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
@@ -61,6 +62,7 @@ class PageLayout:
         self.live = LivePanel(page, self.tracking.tab)
         self.takes = TakesPanel(page, self.tracking.tab)
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
+        self.masks = MaskPanel(page, tabs.add_tab("Masks"), stage)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
         gui.main_panel.dock_right()

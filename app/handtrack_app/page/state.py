@@ -33,6 +33,8 @@ class Display:
     """`images`, `stereo` or `none`"""
     cloud_wide: bool = False
     stereo_pair: tuple[str, str] | None = None
+    masks: bool = False
+    """over all cameras' small pictures"""
     skin_box: tuple[str, tuple[int, int, int, int]] | None = None
     """camera and x, y, w, h [px] of the marked patch of skin"""
 

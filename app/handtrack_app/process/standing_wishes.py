@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,7 +12,9 @@ from handtrack_app.protocol import commands
 from handtrack_app.protocol.commands import Command
 from handtrack_app.protocol.snapshots import LiveSnapshot, PoseSnapshot, ProgressSnapshot, Snapshot
 
-_STANDING = (commands.WantPictures, commands.WantSurface, commands.WantCloud, commands.Follow)
+_STANDING = (
+    commands.WantPictures, commands.WantSurface, commands.WantCloud, commands.WantMasks, commands.Follow,
+)  # fmt: skip
 _UNWRITTEN_S = 2.0  # edits reach the disk within one second, and a busy engine is late
 _AT_WORK = ("tracking", "paused")
 
@@ -30,6 +33,7 @@ class StandingWishes:
         self._wishes: dict[type, Command] = {}
         self._frame: int | None = None
         self._edits: dict[int, tuple[float, commands.SetPose]] = {}
+        self._strokes: deque[tuple[float, commands.PaintMask]] = deque()
 
     def note(self, command: Command) -> None:
         """The page says this to the engine."""
@@ -57,12 +61,20 @@ class StandingWishes:
                 if now - when < _UNWRITTEN_S
             ]
             self._edits.clear()
-            return [*self._wishes.values(), *edits, *show]
+            # painting the same again, in order, changes nothing that was written
+            strokes = [stroke for when, stroke in self._strokes if now - when < _UNWRITTEN_S]
+            self._strokes.clear()
+            return [*self._wishes.values(), *edits, *strokes, *show]
 
     def _note(self, command: Command) -> None:
         match command:
             case commands.SetPose():
                 self._edits[command.frame] = (self._clock(), command)
+            case commands.PaintMask():
+                now = self._clock()
+                self._strokes.append((now, command))
+                while now - self._strokes[0][0] > _UNWRITTEN_S:
+                    self._strokes.popleft()
             case _ if isinstance(command, _STANDING):
                 self._wishes[type(command)] = command
             case commands.ShowFrame():

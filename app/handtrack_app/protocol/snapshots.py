@@ -12,6 +12,7 @@ from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.protocol.log_file import ENGINE_LOG
+from handtrack_app.protocol.masks import MaskCard, MaskPicture
 from handtrack_app.protocol.timeline import TimelineChange, TimelineSnapshot
 
 HAND_REACH_M = 0.11
@@ -151,7 +152,7 @@ class ProgressSnapshot:
     total: int = 0
     eta_s: float = 0.0
     job: str = ""
-    """`tracking`, `sizing` or `finding`, while one runs"""
+    """`tracking`, `sizing`, `finding` or `carrying`, while one runs"""
     frame: int | None = None
     """the frame that was tracked last"""
 
@@ -342,7 +343,7 @@ class WorkSnapshot:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
 
 

@@ -162,14 +162,14 @@ def _pixels_apart(first: _Seen, second: _Seen) -> float | None:
 
 
 def _outlines(view: View, frames: Sequence[int]) -> list[_Outline | None]:
-    masks = (view.mask(frame) for frame in frames)
-    return [None if mask is None else _outline(mask, view) for mask in masks]
+    masks = ((view.mask(frame), view.unknown_at(frame)) for frame in frames)
+    return [None if mask is None else _outline(mask, unknown, view) for mask, unknown in masks]
 
 
-def _outline(mask: Bytes, view: View) -> _Outline:
+def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
     found, _ = cv2.findContours(
-        ((mask >= 128) & (mask != view.unknown)).astype(np.uint8),
+        ((mask >= 128) & (mask != unknown)).astype(np.uint8),
         cv2.RETR_EXTERNAL,
         cv2.CHAIN_APPROX_NONE,
     )

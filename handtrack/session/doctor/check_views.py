@@ -212,7 +212,7 @@ def _looks(view: View) -> Iterator[_MaskLook]:
     for frame in spread(view.frame_count, most):
         mask = view.mask(frame)
         if mask is not None:
-            hand = (mask > 0) & (mask != (view.unknown or 0))
+            hand = (mask > 0) & (mask != (view.unknown_at(frame) or 0))
             inside = view.hand_pixels(frame)
             kept = hand if inside is None else hand & (inside > 0)
             outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -19,18 +21,25 @@ from handtrack.capture.images.frames import (
 )
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
+from handtrack.capture.masks.mask_cleaning import Roi
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
-from handtrack.capture.masks.segmentation import Segmenter
+from handtrack.capture.masks.segmentation import MaskMethod, Segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
+from handtrack.session.seen.corrected_masks import CorrectedMasks
+from handtrack.session.seen.lessons import Lessons
 from handtrack.session.seen.mask_seeds import JointSeeds
+from handtrack.session.seen.memory import Memory
 from handtrack.session.seen.seen_keypoints import TWO_STEPS, JointErrors, KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
-from handtrack.session.session_file import CameraSettings
+from handtrack.session.session_file import CameraSettings, wrong_together
+
+MaskChoice = tuple[str | MaskMethod | None, Roi | None]
+"""files, a method or none, and a region of interest"""
 
 
 def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Camera:
@@ -70,22 +79,50 @@ class View:
         """how the camera's own frames are joined to the session's; None: by their numbers"""
         self.settings = settings
         self.camera = camera
+        self._folder = folder
         self._where = f"{folder / SESSION_FILE}, camera '{settings.name}'"
+        self.corrections = CorrectedMasks(folder, settings.name, camera.size, live is None)
+        """of the masks, by the camera's own frames"""
         self._learning = threading.Lock()
         self._check_roi()
         recorded = self._source(folder, settings.images, COLOUR)
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
-        masks = settings.masks if isinstance(settings.masks, str) else None
-        self.mask_files = self._source(folder, masks, MASK)
+        self._said_unknown = settings.mask_unknown
+        self._lessons: dict[str, Memory[int, Array | None]] | None = None
+        """what methods learned from, images or depth, where several are tried"""
+        self.mask_files = self._mask_files()
         self.depth = self._source(folder, settings.depth, DEPTH)
         self.keypoint_files = self._keypoint_files(folder)
         for source in self.sources:
             source.size  # noqa: B018  reads one image, which checks its size
 
+    def with_masks(self, masks: str | MaskMethod | None, roi: Roi | None) -> View:
+        """Return the view with masks by another method or of other files, and another region of interest.
+
+        What was read, and corrections, are shared. Raises HandtrackError for what cannot be.
+        """
+        known, changed = self.settings, copy(self)
+        unknown = self._said_unknown if isinstance(masks, str) else None
+        changed.settings = replace(known, masks=masks, roi=roi, mask_unknown=unknown)
+        wrong = wrong_together(changed.settings)
+        if wrong is not None:
+            raise HandtrackError(f"{self._where}: {wrong}")
+        changed._check_roi()
+        changed._learning = threading.Lock()
+        changed.__dict__.pop("_learned", None)
+        changed._lessons = {} if self._lessons is None else self._lessons
+        if masks != known.masks:
+            changed.mask_files = changed._mask_files()
+        return changed
+
     @property
     def name(self) -> str:
         return self.settings.name
+
+    def own_frame(self, frame: int) -> int | None:
+        """Return the camera's own frame that shows a session's frame; None where none does."""
+        return frame if self.times is None else self.times.own_frame(frame)
 
     @property
     def sources(self) -> tuple[FrameSource, ...]:
@@ -117,7 +154,13 @@ class View:
         return None if self.images is None else self._read(self.images, frame)
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
-        """Return the frame's mask uint8, read or computed; None where missing. See `unknown`."""
+        """Return the frame's mask uint8, read or computed, and corrected; None where missing. See `unknown_at`."""
+        own = self.own_frame(frame)
+        mask, unknown = self.given_mask(frame), self.unknown_at(frame)
+        return mask if own is None or unknown is None else self.corrections.over(own, mask, unknown)
+
+    def given_mask(self, frame: int) -> Bytes[H, W] | None:
+        """Return the frame's mask uint8, read or computed, as it is without any correction; None where missing."""
         if self.mask_files is not None:
             return self._read(self.mask_files, frame)
         source = self._segmented_source
@@ -127,7 +170,7 @@ class View:
         segmenter = self._segmenter
         if not isinstance(segmenter, SeededMasks):
             return segmenter(image)
-        own = frame if self.times is None else self.times.own_frame(frame)
+        own = self.own_frame(frame)
         seeds = None if own is None else self._seeds(own)
         return None if seeds is None else segmenter.mask(image, seeds)
 
@@ -137,6 +180,12 @@ class View:
         if isinstance(self.settings.masks, Seeded):
             return UNKNOWN_LEVEL
         return self.settings.mask_unknown
+
+    def unknown_at(self, frame: int) -> int | None:
+        """Return the same for a frame's mask: a correction may say that nobody knows where the camera's masks never do."""
+        own = self.own_frame(frame)
+        is_corrected = own is not None and self.corrections.content(own) is not None
+        return UNKNOWN_LEVEL if self.unknown is None and is_corrected else self.unknown
 
     def depth_m(self, frame: int) -> Array[H, W] | None:
         """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
@@ -162,7 +211,7 @@ class View:
         mask = self.mask(frame)
         if mask is None:
             return None
-        return undistort_silhouette(self.camera, mask, self.settings.roi, self.unknown)
+        return undistort_silhouette(self.camera, mask, self.settings.roi, self.unknown_at(frame))
 
     def undistorted(self, frame: int) -> ImageView | None:
         """Return the frame's image without the lens's distortion; None where missing."""
@@ -173,7 +222,7 @@ class View:
         self, frame: int, least_px: float, errors: JointErrors = TWO_STEPS
     ) -> tuple[ImageKeypoints, ...]:
         """Return the frame's 2D joints in the undistorted image, as exact as `errors` say; none where none were found."""
-        own = frame if self.times is None else self.times.own_frame(frame)
+        own = self.own_frame(frame)
         files = self.keypoint_files
         return () if files is None or own is None else files.read(own, least_px, errors)
 
@@ -189,6 +238,10 @@ class View:
             return source.read(frame)
         except MemoryError as error:
             raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
+
+    def _mask_files(self) -> FrameSource | None:
+        masks = self.settings.masks if isinstance(self.settings.masks, str) else None
+        return self._source(self._folder, masks, MASK)
 
     @property
     def _segmented_source(self) -> FrameSource | None:
@@ -220,6 +273,8 @@ class View:
         if self._taught_by is not None and source is self.images:
             source = self._taught_by
         assert source is not None
+        if self._lessons is not None:
+            source = Lessons(source, self._lessons.setdefault(method.needs, Memory()))
         try:
             if isinstance(method, Seeded):
                 return method.learned(source, self._seeds, self.settings.roi)

@@ -15,7 +15,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 
 from handtrack_app.door.flow import BURST, MOST_WAITING, RATE, Allowance, Flow
-from handtrack_app.door.gate import LARGEST_MESSAGE, NotForUs
+from handtrack_app.door.gate import LARGEST_MESSAGE, LooksOn, NotForUs
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -320,3 +320,20 @@ def silent(url):
             f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n".encode()
         )
         yield wire
+
+
+def test_a_node_of_one_page_alone_is_moved_by_that_page_which_must_edit(small):
+    with WireClient(small.door.url) as one, WireClient(small.door.url) as other:
+        eventually(lambda: len(small.door.server.get_clients()) == 2, "both are there")
+        first, second = sorted(small.door.server.get_clients())
+        own = small.door.server.get_clients()[first]
+        own.scene.add_image("/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0)
+        drag, gate = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.door.gate
+        assert gate.examine(drag, first)[0] == ("drag", "/screen")
+        with pytest.raises(NotForUs, match="an unknown node"):
+            gate.examine(drag, second)
+        gate.may_edit = lambda client: client == second
+        with pytest.raises(LooksOn, match="/screen"):
+            gate.examine(drag, first)
+        assert one
+        assert other

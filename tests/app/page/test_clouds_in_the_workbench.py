@@ -20,12 +20,14 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
+from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.job_words import Outcome, summary
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.page.scene.camera_view import pixel_box
@@ -348,7 +350,9 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(
     cloud = document.run.session.cloud(0)[0]
     middle = np.median(cloud.points, axis=0)
     assert np.linalg.norm(document.start[:3] + [0.0, 0.09, 0.0] - middle) < 0.01
-    desk = CloudService(document, RenderThread(lambda _: None))
+    store = Persistence(document, None)
+    jobs = JobControl(document, store, lambda _: None, lambda _: None)
+    desk = CloudService(document, store, jobs, RenderThread(lambda _: None), lambda _: None)
     assert desk._moment().previous is None
     unposed = CloudRenderer().cloud(desk._moment())
     assert all(c.name != "crop" for c in unposed.counts)

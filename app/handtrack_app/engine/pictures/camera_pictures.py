@@ -8,10 +8,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Bytes, H, W
+from handtrack.arrays import D3, Array, Axes, Bytes, H, W
 from handtrack.diagnostics.residual_image import (
     field_picture,
-    mask_picture,
     outline_picture,
     residual_picture,
 )
@@ -102,6 +101,12 @@ class CameraPictures:
             self._kept.popitem(last=False)
         return image
 
+    def straight(self, name: str, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
+        """Return a camera's image, or a layer over it, without the lens's distortion."""
+        maps = self._undistortion(self.camera(name))
+        kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
+        return image if maps is None else cv2.remap(image, *maps, kind)  # type: ignore[return-value]
+
     def thumbnail(
         self, name: str, frame: int, paint: str = "plain", flesh: PosedEllipsoids | None = None
     ) -> Bytes[H, W, D3]:
@@ -128,7 +133,7 @@ class CameraPictures:
     ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
-        paint: `plain`, `outline`, `residual`, `mask` or `field`; silhouette: where there is one.
+        paint: `plain`, `outline`, `residual` or `field`; silhouette: where there is one.
         """
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()
@@ -136,8 +141,6 @@ class CameraPictures:
             return outline_picture(image, camera, flesh)
         if paint == "residual" and silhouette is not None:
             return residual_picture(image, camera, flesh, silhouette.mask)
-        if paint == "mask" and silhouette is not None:
-            return mask_picture(image, silhouette)
         if paint == "field":
             return field_picture(camera, flesh)
         return image
@@ -146,11 +149,7 @@ class CameraPictures:
         camera = self.camera(name)
         bgr = self._session.image(name, frame)
         if bgr is not None:
-            image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
-            maps = self._undistortion(camera)
-            if maps is not None:
-                image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
-            return image  # type: ignore[return-value]
+            return self.straight(name, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
         depth = _depth(self._session, name, frame)
         if depth is not None:
             return depth_picture(depth)

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations
 
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol import commands
 from handtrack_app.protocol.commands import SampleSkin, WantCloud, WantSurface
-from handtrack_app.protocol.snapshots import CloudCard
+from handtrack_app.protocol.snapshots import CloudCard, Notice, Snapshot
+
+CloudChange = (
+    commands.SetClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
+)
 
 _HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
@@ -22,8 +30,16 @@ _PAIRS = 12  # offered for stereo
 class CloudService:
     """Lives on the worker's thread; what takes time is made on the render thread."""
 
-    def __init__(self, document: Document, render_thread: RenderThread) -> None:
+    def __init__(
+        self,
+        document: Document,
+        store: Persistence,
+        jobs: JobControl,
+        render_thread: RenderThread,
+        publish: Callable[[Snapshot], None],
+    ) -> None:
         self._document, self._render_thread = document, render_thread
+        self._store, self._jobs, self._publish = store, jobs, publish
         self._wanted = WantCloud()
         self._surface = False
         self._shown_at = 0.0
@@ -79,6 +95,34 @@ class CloudService:
         return self._document.run.session.has_clouds
 
     # ---- settings
+
+    def tell(self) -> None:
+        """Say where clouds come from."""
+        self._publish(self.card())
+
+    def serve(self, change: CloudChange) -> None:
+        """Change, save or restore the settings of [clouds]. Raises HandtrackError."""
+        store = self._store
+        try:
+            self._jobs.require_idle()
+            match change:
+                case commands.SetClouds():
+                    names = ", ".join(name for name, _ in change.values)
+                    settings = self.with_values(dict(change.values))
+                    store.do(f"Clouds: {names}", edits.clouds(settings), tag=names)
+                case commands.SampleSkin():
+                    settings, words = self.with_skin(change)
+                    store.do("Colour of skin", edits.clouds(settings), tag="skin")
+                    self._publish(Notice("done", "The skin's colour is taken", words))
+                case commands.RestoreClouds():
+                    own = edits.clouds(self._document.saved_clouds)
+                    store.do("Filters of session.toml", own)
+                case commands.SaveClouds():
+                    said = saving.save_clouds(store)
+                    self._publish(Notice("done", "Clouds' settings saved", said))
+            self.show()
+        finally:
+            self.tell()  # the page shows what holds
 
     @property
     def settings(self) -> CloudSettings | None:

@@ -53,9 +53,9 @@ class Painter:
         flesh = document.model.flesh["fine"].posed(bones)
         large = {}
         for camera, paint in wanted.screens:
-            if camera not in session.rig.names:
-                continue
-            needed = paint in ("residual", "mask")
+            if camera not in session.rig.names or paint == "mask":
+                continue  # masks may take long: they are made on the render thread
+            needed = paint == "residual"
             seen = session.observation(frame, cloud=False).silhouettes if needed else ()
             silhouette = next((s for s in seen if s.camera.name == camera), None)
             large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette)

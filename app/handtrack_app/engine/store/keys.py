@@ -12,6 +12,8 @@ POSE, SETTING, LIMITS = "pose", "setting", "limits"
 """kinds with a name behind a slash: `pose/12` {parameters, found} or, where undo went back to a pose that was only seen,
 {parameters, carried}; `setting/cloud.weight`; `limits/index_mcp_flex` [low, high]
 [rad]"""
+MASKS, CORRECTION = "masks", "correction"
+"""likewise: `masks/cam0` {masks, roi} as session.toml has them; `correction/cam0/12` {png, carried} of the camera's own frame"""
 SIZE, CLOUDS, FOREARM, START = "size", "clouds", "forearm", "start"
 """the hand's size {overall, parts, pending}; the table [clouds] {table}; whether the model has a forearm; where tracking
 begins without a first pose {frame, parameters}"""
@@ -30,6 +32,16 @@ def setting(name: str) -> str:
 def limits(name: str) -> str:
     """Return the key of a joint parameter's limits."""
     return f"{LIMITS}/{name}"
+
+
+def masks(camera: str) -> str:
+    """Return the key of a camera's masks."""
+    return f"{MASKS}/{camera}"
+
+
+def correction(camera: str, own_frame: int) -> str:
+    """Return the key of the correction of a frame of a camera."""
+    return f"{CORRECTION}/{camera}/{own_frame}"
 
 
 def spans(laid: Sequence[Span]) -> dict[str, Value]:

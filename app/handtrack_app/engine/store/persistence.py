@@ -21,6 +21,7 @@ from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.masks.correction_files import CorrectionFiles
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
@@ -52,6 +53,7 @@ class Persistence:
     warning: str = ""
     _unwritten: list[Action] = field(default_factory=list)
     _take: OpenTake | None = None
+    _corrections: CorrectionFiles = field(default_factory=CorrectionFiles)
     _tag: str = ""
     _when: float = 0.0
     _first_waits: float | None = None
@@ -99,11 +101,12 @@ class Persistence:
         tag: str = "",
         kind: str = DO,
         waits: bool = False,
+        is_stroke: bool = False,
     ) -> bool:
         """Let values of the session's state hold from now on; return whether that changed anything.
 
         words: what is done, for undo. tag: of the control that is moved; what follows with the same is one step. waits: it
-        is written once edits rest. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
+        is written once edits rest. is_stroke: the tag is of this one drag, which is one step however long it takes. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
         written, and it stands, and is tried again.
         """
         document = self.document
@@ -117,7 +120,8 @@ class Persistence:
             return False
         document.apply(plain)
         now = time.monotonic()
-        follows = bool(tag) and tag == self._tag and now - self._when < _MERGE_S
+        soon = is_stroke or now - self._when < _MERGE_S
+        follows = bool(tag) and tag == self._tag and soon
         if kind == DO:
             self._tag, self._when = tag, now
         last = self._unwritten[-1] if follows and self._unwritten else None
@@ -189,6 +193,9 @@ class Persistence:
         self._first_waits = None
         while self._unwritten:
             if self.store is not None:
+                self.check()
+                changes = self._unwritten[0].changes
+                self._corrections.write(self.document.run.session, changes)
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
 
@@ -279,6 +286,9 @@ class Persistence:
         document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
         self._apply_all(self.history.state)
         self._take_files()
+        session, state = document.run.session, dict(self.history.state)
+        for key, value in self._corrections.changed_elsewhere(session, state).items():
+            self.do("As the session's files have it", {key: value}, kind=NOTE)
         self._take_earlier_work()
         self._take_size_of_track()
         settings = [*document.decided(keys.SETTING), *document.decided(keys.LIMITS)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
 from handtrack.files.toml_text import read_toml
@@ -10,7 +11,9 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
+from handtrack.session.seen.views import MaskChoice
 from handtrack.session.takes.track_files import file_digest
+from handtrack_app.engine.masks.mask_state import usual_values
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import whole_track
@@ -68,6 +71,43 @@ def save_clouds(store: Persistence) -> str:
     store.leave_to_the_file([keys.CLOUDS])
     store.flush()
     return kept
+
+
+def save_masks(store: Persistence) -> str:
+    """Write where masks come from into session.toml; return a sentence about it."""
+    store.check()
+    document = store.document
+    now, changes = document.masks, dict[str, object]()
+    for number, camera in enumerate(document.run.session.file.cameras):
+        if camera.name in document.unsaved_masks:
+            changes |= _mask_changes(
+                f"camera.{number}", now[camera.name], document.saved_masks[camera.name]
+            )
+            changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+    if not changes:
+        return "session.toml has these masks already."
+    said = ", ".join(document.unsaved_masks)
+    kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
+    document.saved_masks = now
+    store.leave_to_the_file(document.decided(keys.MASKS))
+    store.flush()
+    return f"Masks of {said} in session.toml.{kept}"
+
+
+def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, object]:
+    """Return what is to be changed of a camera's table: of the same method only what differs."""
+    (masks, roi), before = now, saved[0]
+    changes: dict[str, object] = {f"{place}.roi": None if roi is None else list(roi)}
+    if masks is None or isinstance(masks, str):
+        return changes | {f"{place}.masks": masks}
+    table = mask_method_table(masks)
+    if type(before) is type(masks) and not isinstance(before, str | None):
+        known = mask_method_table(before)
+        differ = {key: value for key, value in table.items() if value != known[key]}
+        return changes | {f"{place}.masks.{key}": value for key, value in differ.items()}
+    usual = usual_values(type(masks))
+    said = {k: v for k, v in table.items() if k not in usual or v != usual[k]}
+    return changes | {f"{place}.masks": said}
 
 
 def save_settings(store: Persistence) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +22,9 @@ _IN_THE_WAY = ("/cameras", "/ground")
 """of who looks through a camera: its neighbour's picture could stand before the hand"""
 Picture = tuple[str, str]
 """a camera, and what is painted over its image"""
+Pixel = tuple[float, float]
+Pointed = Callable[[str, Pixel, str], None]
+"""pointed(camera, column and row [px] of its undistorted image, `start`, `update`, `end` or `click`)"""
 
 
 @dataclass
@@ -39,6 +44,9 @@ class Looking:
         self._page = page
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
+        self._heard_image: viser.ImageHandle | None = None
+        self.heard: int | None = None
+        """the client whose drags over an image are listened to"""
 
     def fit(self, cards: dict[str, CameraCard]) -> None:
         """Take the cameras of a session."""
@@ -98,6 +106,41 @@ class Looking:
             if card is not None:
                 _place(screen, card, hand, larger)
 
+    def listen(self, client: viser.ClientHandle, pointed: Pointed) -> None:
+        """Tell where a page drags or clicks on the camera's image that it sees, until `hush`."""
+        screen, card = self._screens.get(client.client_id), self.card(client.client_id)
+        if screen is None or card is None:
+            return
+        self.hush()
+
+        def tell(through: Sequence[float], phase: str) -> None:
+            eye = np.asarray(client.camera.position, dtype=float)
+            at = _pixel(card, screen.depth[card.name], eye, np.asarray(through, dtype=float))
+            if at is not None:
+                pointed(card.name, at, phase)
+
+        # in order, on viser's loop: sent on, and nothing else
+        @screen.image.on_drag("left")
+        async def _(event: viser.SceneNodeDragEvent[viser.ImageHandle]) -> None:
+            if event.phase == "start":
+                tell(event.start_position, "start")
+            tell(event.end_position, "update" if event.phase == "start" else event.phase)
+
+        @screen.image.on_click
+        async def _(event: viser.SceneNodePointerEvent[viser.ImageHandle]) -> None:
+            through = np.asarray(event.ray_origin) + np.asarray(event.ray_direction)
+            tell(tuple(through), "click")
+
+        self._heard_image, self.heard = screen.image, client.client_id
+
+    def hush(self) -> None:
+        """Listen no more: drags turn the view again."""
+        image, self._heard_image, self.heard = self._heard_image, None, None
+        if image is not None:
+            with suppress(RuntimeError):  # its page has gone
+                image.remove_drag_callback()
+                image.remove_click_callback()
+
     def show(self, images: dict[Picture, Bytes[H, W, D3]]) -> None:
         """Show the pictures that came."""
         for screen in self._screens.values():
@@ -110,6 +153,17 @@ def _picture(look: Look, field_camera: str | None) -> Picture | None:
     paint = look.paint if field_camera is None else "field"
     camera = look.through or field_camera
     return None if camera is None else (camera, paint)
+
+
+def _pixel(card: CameraCard, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:
+    """Return where a ray from `eye` through a point (both world [m]) meets a camera's image at `depth` [m]."""
+    ahead = card.rotation[:, 2]
+    along = float((through - eye) @ ahead)
+    share = (depth - float((eye - card.centre) @ ahead)) / along if abs(along) > 1e-9 else -1.0
+    if share <= 0:
+        return None
+    seen = card.matrix @ (card.rotation.T @ (eye + share * (through - eye) - card.centre))
+    return float(seen[0] / seen[2]), float(seen[1] / seen[2])
 
 
 def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:

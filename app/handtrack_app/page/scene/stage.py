@@ -26,7 +26,7 @@ from handtrack_app.page.scene.handles import (
     add_root_handle,
     add_tip_handles,
 )
-from handtrack_app.page.scene.looking import Looking
+from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
     HandView,
     add_hand,
@@ -48,11 +48,12 @@ from handtrack_app.page.scene.viewpoint import (
     upward,
 )
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.commands import PullTip, WantCloud, WantPictures, WantSurface
+from handtrack_app.protocol.commands import PullTip, WantCloud, WantMasks, WantPictures, WantSurface
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     CloudSnapshot,
     GuessesSnapshot,
+    MaskPicture,
     PictureSnapshot,
     PoseSnapshot,
     SessionSnapshot,
@@ -79,6 +80,7 @@ class Stage:
         self._marking = False
         """a box is to be dragged over an image: nothing stands before it"""
         self.take_guess: Callable[[int], None] = lambda rank: None
+        self.stopped_painting: Callable[[], None] = lambda: None
         self.looking = Looking(page)
         self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
         scene = page.server.scene
@@ -178,7 +180,7 @@ class Stage:
             return self.session.cameras[0].name
         return None
 
-    def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud]:
+    def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud, WantMasks]:
         """Return which pictures, and what of surface and clouds, the display options need."""
         display = self.page.state.display
         paint = "field" if display.field else display.paint
@@ -189,6 +191,7 @@ class Stage:
                 display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
                 display.cloud_wide, display.stereo_pair, display.skin_box,
             ),
+            WantMasks(display.masks),
         )  # fmt: skip
 
     def hand_middle(self) -> Floats[D3] | None:
@@ -244,8 +247,15 @@ class Stage:
         """Show the cameras' pictures."""
         if self.cameras is None:
             return
-        update_thumbnails(self.cameras, pictures.thumbnails)
+        if not self.page.state.display.masks:
+            update_thumbnails(self.cameras, pictures.thumbnails)
         self.looking.show(pictures.screens)
+
+    def show_masks(self, masks: MaskPicture) -> None:
+        """Show the cameras' masks."""
+        if self.cameras is not None and self.page.state.display.images:
+            update_thumbnails(self.cameras, masks.small)
+        self.looking.show(masks.screens)
 
     def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
@@ -318,12 +328,25 @@ class Stage:
         marking: bool = False,
     ) -> None:
         """Let a page look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
-        self._marking = marking
+        paints = self.looking.heard  # who looks on does not end it
+        if paints in (None, client.client_id) or paints != self.page.state.editor:
+            self._marking = marking
+            self.looking.hush()
+            self.stopped_painting()
         self.looking.set_through(client, camera)
         if self.looking.card(client.client_id) is None and self.session and self.pose is not None:
             view = overview if everything else hand_view
             look_from(client, view(self.session, middle_of(self.pose)))
         self.page.redraw()
+
+    def paint_on(self, camera: str, client: viser.ClientHandle, pointed: Pointed) -> None:
+        """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere."""
+        if self.cameras is None or camera not in self.cameras.cards:
+            return
+        self.look(camera, client, marking=True)
+        self.looking.set_paint(client.client_id, "mask")
+        self.page.redraw()
+        self.looking.listen(client, pointed)
 
     def mark_box(
         self,

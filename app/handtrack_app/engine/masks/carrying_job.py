@@ -1,0 +1,71 @@
+"""Carries a frame's corrected masks on to the frames beside, on a thread of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from handtrack.capture.masks.mask_correction import carried
+from handtrack.errors import HandtrackError
+from handtrack.session.seen.corrected_masks import encoded
+from handtrack.store.history import Value
+from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
+from handtrack_app.engine.masks.mask_state import correction_value
+from handtrack_app.engine.run import CameraSource
+from handtrack_app.engine.store import keys
+
+
+class CarryingJob(BackgroundJob):
+    """Follows what was painted by optical flow, frame by frame, up to frames that were painted themselves."""
+
+    kind = "carrying"
+
+    def __init__(
+        self,
+        number: int,
+        views: Sequence[CameraSource],
+        frame: int,
+        frames: range,
+        is_painted: Callable[[str, int], bool],
+        post: Callable[[Report], None],
+    ) -> None:
+        """frames: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand."""
+        super().__init__(number, range(0), post)
+        self._views, self._frame, self._reach = views, frame, frames
+        self._is_painted = is_painted
+
+    def work(self) -> None:
+        values: dict[str, Value] = {}
+        reach, first = self._reach, self._frame
+        ways = (range(first + 1, reach.stop), range(first - 1, reach.start - 1, -1))
+        total = max(len(self._views) * sum(map(len, ways)), 1)
+        done = 0
+        for view in self._views:
+            for way in ways:
+                for key, value in self._carried(view, way):
+                    values[key] = value
+                    done += 1
+                    self.tell(min(done / total, 0.99), f"carrying the correction of {view.name}")
+                    if self.should_stop():
+                        return
+        if not values:
+            raise HandtrackError(
+                "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
+                "are corrected themselves."
+            )
+        self._post(Carried(self.number, values))
+
+    def _carried(self, view: CameraSource, way: range) -> Iterator[tuple[str, Value]]:
+        own = view.own_frame(self._frame)
+        layer = None if own is None else view.corrections.layer(own)
+        before = view.image(self._frame)
+        for frame in way:
+            own, image = view.own_frame(frame), view.image(frame)
+            if layer is None or before is None or image is None or own is None:
+                return
+            if self._is_painted(view.name, own):
+                return
+            layer, before = carried(layer, before, image), image
+            content = encoded(layer)
+            if content is None:
+                return
+            yield keys.correction(view.name, own), correction_value(content, is_carried=True)

@@ -1,0 +1,118 @@
+"""Correcting a frame's mask: a brush on the camera's image, and what was painted carried to the frames beside."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from itertools import count
+
+import viser
+
+from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.scene.looking import Pixel
+from handtrack_app.page.scene.stage import Stage
+from handtrack_app.protocol.commands import CarryMasks, DropCorrection, PaintMask
+
+_BRUSHES = ("hand", "not hand", "unknown", "as it is")
+_RADIUS = (1, 80, 1)  # [px]
+_MOST = 20  # frames to carry to, each way
+
+
+class CorrectingWidgets:
+    """A folder of the tab."""
+
+    def __init__(
+        self,
+        page: Page,
+        stage: Stage,
+        camera: Callable[[UserEvent], str | None],
+        named: Callable[[], str],
+    ) -> None:
+        """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
+        self.page, self.stage, self.camera, self.named = page, stage, camera, named
+        self._strokes = count(1)
+        self._stroke, self._last = 0, None
+        self._painting = False
+        gui = page.gui
+        with gui.add_folder("Correct this frame"):
+            self.words = gui.add_html("")
+            self.brush = gui.add_dropdown(
+                "Brush",
+                _BRUSHES,
+                hint="As it is: takes the correction away again where it is painted.",
+            )
+            self.radius = gui.add_slider("Radius px", *_RADIUS, 10)
+            self.paint = gui.add_button(
+                "Paint over the mask", icon=viser.Icon.BRUSH, color="gray",
+                hint="Looks through the camera, without the hand; drag or click over its image. Undo takes a stroke back.",
+            )  # fmt: skip
+            self.done = gui.add_button("Done painting", icon=viser.Icon.CHECK, visible=False)
+            self.drop = gui.add_button(
+                "Drop this frame's correction", icon=viser.Icon.ERASER, color="gray"
+            )
+            self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
+            self.behind = gui.add_slider("Behind", 0, _MOST, 1, 3)
+            self.carry = gui.add_button(
+                "Carry to these frames", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
+                hint="What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
+                "painted themselves stay.",
+            )  # fmt: skip
+        page.on(self.paint, self._begin)
+        page.on(self.done, self._end)
+        page.on(self.drop, self._drop)
+        page.on(self.carry, self._carry)
+        stage.stopped_painting = lambda: self._show_painting(False)
+
+    def say(self, corrected: dict[str, str]) -> None:
+        """Say which cameras are corrected in the frame shown."""
+        lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
+        put(
+            self.words,
+            content=f"<div style='padding:.2em .9em;font-size:.8em;line-height:1.4;opacity:.8'>{lines}</div>"
+            if lines
+            else "",
+        )
+
+    def _begin(self, event: UserEvent) -> None:
+        camera = self.camera(event)
+        if camera is None or event.client is None:
+            return
+        self.stage.paint_on(camera, event.client, self._pointed)
+        self._show_painting(True)
+        self.page.notify(
+            "info",
+            f"Painting over {camera}",
+            "Drag with the left button over the image, or click. The mouse wheel and the right button still move the view; key 0 "
+            "looks freely again.",
+            event.client,
+        )
+
+    def _end(self, event: UserEvent) -> None:
+        if event.client is not None:
+            self.stage.look(self.page.state.look(event.client_id).through, event.client)
+
+    def _show_painting(self, on: bool) -> None:
+        self._painting = on
+        put(self.paint, visible=not on)
+        put(self.done, visible=on)
+
+    def _pointed(self, camera: str, at: Pixel, phase: str) -> None:
+        radius = number(self.radius.value, *_RADIUS[:2])
+        if radius is None:
+            return
+        if phase in ("start", "click"):
+            self._stroke, self._last = next(self._strokes), None
+        points = (at,) if self._last is None else (self._last, at)
+        self._last = None if phase in ("end", "click") else at
+        frame, brush = self.page.state.frame, str(self.brush.value)
+        self.page.send(PaintMask(frame, camera, brush, points, radius, str(self._stroke)))
+
+    def _drop(self, event: UserEvent) -> None:
+        camera = self.camera(event)
+        if camera is not None:
+            self.page.send(DropCorrection(self.page.state.frame, camera))
+
+    def _carry(self, _: UserEvent) -> None:
+        before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
+        frame = self.page.state.frame
+        self.page.send(CarryMasks(frame, self.named(), round(before), round(behind)))

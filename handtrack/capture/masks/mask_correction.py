@@ -1,0 +1,103 @@
+"""A person's correction of a mask: a layer over it, painted stroke by stroke, and carried on to frames beside."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, W
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+
+AS_IT_IS = 64
+"""in a layer: not corrected, the mask stays as its method or file has it"""
+HAND, BACKGROUND = 255, 0
+LEVELS = (BACKGROUND, AS_IT_IS, UNKNOWN_LEVEL, HAND)
+
+_FLOW_PX = 640
+"""images are looked at this large for the flow: bounds its cost; a finger is still 10 pixels wide"""
+_ASTRAY_PX = 1.5
+"""flow that does not lead back to where it came from, by more than this and a share of its length, is not believed (Sundaram,
+Brox & Keutzer 2010: 0.5 and 1 % of both squared; DIS at half size is coarser)"""
+_ASTRAY_SHARE = 0.1
+_CHANGED = 40
+"""8 bit levels by which the grey of what is followed may change from frame to frame: skin before a desk differs by more"""
+
+
+def empty_layer(size: tuple[int, int]) -> Bytes[H, W]:
+    """Return a layer for images of (width, height) that corrects nothing."""
+    return np.full((size[1], size[0]), AS_IT_IS, np.uint8)
+
+
+def painted(layer: Bytes[H, W], points: Floats[N, D2], radius_px: float, level: int) -> Bytes[H, W]:
+    """Return a layer with a stroke of a round brush through points, columns and rows [px] of the image as it was taken."""
+    drawn = np.zeros_like(layer)
+    half = max(float(radius_px), 0.5)
+    places = [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
+    for place in places:
+        cv2.circle(drawn, place, round(16 * half), 1, -1, cv2.LINE_8, 4)
+    if len(places) > 1:
+        line = np.array(places, np.int32)[:, None]
+        cv2.polylines(drawn, [line], False, 1, max(round(2 * half), 1), cv2.LINE_8, 4)
+    return np.where(drawn > 0, np.uint8(level), layer).astype(np.uint8)
+
+
+def corrected(layer: Bytes[H, W], mask: Bytes[H, W] | None, unknown: int) -> Bytes[H, W]:
+    """Return a mask corrected by a layer; without a mask nobody knows anything else. unknown: the result's value for that."""
+    if mask is None:
+        result = np.full_like(layer, unknown)
+    else:
+        result = mask.copy()
+    for level, value in ((HAND, 255), (BACKGROUND, 0), (UNKNOWN_LEVEL, unknown)):
+        result[layer == level] = value
+    return result
+
+
+def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) -> Bytes[H, W]:
+    """Return the layer of an image BGR moved to the next or previous one by optical flow.
+
+    Where the flow there and back do not agree, or what it leads to looks different, what was corrected is unknown.
+    """
+    height, width = layer.shape
+    scale = min(1.0, _FLOW_PX / max(height, width))
+    size = max(round(scale * width), 16), max(round(scale * height), 16)
+    here, there = (
+        cv2.resize(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA)
+        for i in (image, other)
+    )
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    back = flow.calc(there, here, None)  # type: ignore[call-overload]
+    forth = flow.calc(here, there, None)  # type: ignore[call-overload]
+    at = _places(size) + back
+    led = cv2.remap(
+        forth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    found = cv2.remap(
+        here, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    changed = cv2.blur(cv2.absdiff(found, there), (3, 3)) > _CHANGED
+    away = np.linalg.norm(back + led, axis=-1)
+    length = np.linalg.norm(back, axis=-1) + np.linalg.norm(led, axis=-1)
+    astray = away > _ASTRAY_PX + _ASTRAY_SHARE * length
+    outside = (at < -0.5).any(axis=-1) | (at > np.array(size) - 0.5).any(axis=-1)
+    lost = (
+        cv2.resize(
+            (astray | changed | outside).astype(np.uint8),
+            (width, height),
+            interpolation=cv2.INTER_NEAREST,
+        )
+        > 0
+    )
+    step = cv2.resize(back, (width, height), interpolation=cv2.INTER_LINEAR)
+    step = step * np.array([width / size[0], height / size[1]], np.float32)
+    source = _places((width, height)) + step
+    moved = cv2.remap(
+        layer, source[..., 0], source[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
+        borderValue=AS_IT_IS,
+    )  # fmt: skip
+    return np.where(lost & (moved != AS_IT_IS), UNKNOWN_LEVEL, moved).astype(np.uint8)
+
+
+def _places(size: tuple[int, int]) -> Array:
+    """Return each pixel's column and row (H, W, 2) float32."""
+    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    return np.stack([columns, rows], axis=-1).astype(np.float32)

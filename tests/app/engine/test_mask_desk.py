@@ -1,0 +1,333 @@
+"""The mask desk: methods tried live and saved, boxes, strokes that become files, undone, carried on, never lost."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
+from handtrack.capture.masks.segmentation import SkinYCrCb
+from handtrack.files.versions import versions
+from handtrack.session.seen.corrected_masks import encoded
+from handtrack.session.session import Session
+from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.worker import Worker
+from handtrack_app.process.standing_wishes import StandingWishes
+from handtrack_app.protocol import commands, masks, snapshots
+from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
+from tests.app.engine.test_worker import Listener
+from tests.app.waiting import eventually
+
+Desk = tuple[Worker, Listener, Path]
+SKIN = commands.SetMasks("", (("method", "skin_ycrcb"),))
+X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
+"""amid the skin, in cam0"""
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    """A worker with a recording of three frames open, whose cameras have images and no masks."""
+    with_worker = begun(cloudy_session(tmp_path))
+    yield with_worker
+    with_worker[0].stop()
+
+
+def begun(folder: Path) -> Desk:
+    listener = Listener()
+    worker = Worker(folder, listener.publish, open_document)
+    worker.start()
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"), 30.0)
+    return worker, listener, folder
+
+
+def method(card: masks.MaskCard, camera: str = "cam0") -> str:
+    return next(c.method for c in card.cameras if c.name == camera)
+
+
+def stroke(frame: int = 0, brush: str = "hand", camera: str = "cam0") -> commands.PaintMask:
+    return commands.PaintMask(frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
+
+
+def held(worker: Worker) -> list[int]:
+    return worker.document.run.session.view("cam0").corrections.frames
+
+
+def file_of(folder: Path, frame: int = 0) -> Path:
+    return folder / "masks_corrected" / "cam0" / f"{frame:06d}.png"
+
+
+def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
+    worker, listener, _ = desk
+    worker.send(SKIN)
+    listener.wait(masks.MaskCard, lambda c: method(c) == "skin_ycrcb")
+    assert not any(isinstance(s, masks.MaskPicture) for s in listener.seen)
+
+
+def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
+    worker, listener, folder = desk
+    first = listener.wait(masks.MaskCard)
+    assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
+    assert "skin_ycrcb" in first.cameras[0].possible
+    assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
+    worker.send(commands.WantMasks(True))
+    worker.send(SKIN)
+    card = listener.wait(masks.MaskCard, lambda c: method(c) == "skin_ycrcb")
+    assert card.unsaved == ("cam0", "cam1")
+    assert card.cameras[0].values["cr"] == (138, 175)
+
+    def is_dark(picture: masks.MaskPicture) -> bool:
+        corner, middle = picture.small["cam0"][5, 5], picture.small["cam0"][Y, X]
+        return len(picture.small) == 2 and middle.mean() > 100 and corner.mean() < 20
+
+    listener.wait(masks.MaskPicture, is_dark)
+    worker.send(commands.SetMasks("cam1", (("y_min", 255),)))
+    changed = listener.wait(masks.MaskCard, lambda c: c.cameras[1].values.get("y_min") == 255)
+    assert changed.cameras[0].values["y_min"] == 40
+    assert (folder / "session.toml").read_text() == SETTINGS
+
+
+def test_what_is_tried_is_saved_and_taken_back(desk: Desk) -> None:
+    worker, listener, folder = desk
+    worker.send(SKIN)
+    worker.send(commands.SetMasks("cam1", (("roi", (10, 5, 60, 50)),)))
+    worker.send(commands.SetMasks("cam0", (("cr", (140, 170)),)))
+    worker.send(commands.SaveMasks())
+    listener.wait(masks.MaskCard, lambda c: c.cameras[1].roi is not None and not c.unsaved)
+    text = (folder / "session.toml").read_text()
+    assert text.startswith("# a comment that stays\n")
+    saved = tomllib.loads(text)["camera"]
+    assert saved[0]["masks"] == {"method": "skin_ycrcb", "cr": [140, 170]}
+    assert saved[1]["roi"] == [10, 5, 60, 50]
+    assert Session.open(folder).views[0].settings.masks == SkinYCrCb(cr=(140, 170))
+    worker.send(commands.SetMasks("cam0", (("y_min", 90),)))
+    listener.wait(masks.MaskCard, lambda c: c.unsaved == ("cam0",))
+    worker.send(commands.Undo(1))
+    eventually(lambda: not worker.document.unsaved_masks, "undone")
+    worker.send(commands.SetMasks("", (("method", "background_median"),)))
+    eventually(lambda: len(worker.document.unsaved_masks) == 2, "tried")
+    worker.send(commands.RestoreMasks())
+    eventually(lambda: not worker.document.unsaved_masks, "as it is saved")
+    worker.send(commands.SetMasks("cam0", (("y_min", 90),)))
+    worker.send(commands.SaveMasks())
+    eventually(lambda: "y_min = 90" in (folder / "session.toml").read_text(), "one value")
+    assert len(versions(folder / "session.toml")) == 2
+
+
+def test_what_cannot_be_is_told_and_changes_nothing(desk: Desk) -> None:
+    worker, listener, _ = desk
+    worker.send(commands.SetMasks("cam0", (("method", "seeded"),)))
+    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert "cannot be made by 'seeded'" in told.text
+    worker.send(SKIN)
+    worker.send(commands.SetMasks("cam0", (("cr", (200, 100)),)))
+    listener.wait(snapshots.Notice, lambda n: "least and most" in n.text)
+    worker.send(commands.SetMasks("cam0", (("roi", (0, 0, 960, 72)),)))
+    listener.wait(snapshots.Notice, lambda n: "reaches outside the image" in n.text)
+    assert worker.document.masks["cam0"] == (SkinYCrCb(), None)
+
+
+def test_boxes_are_dragged(desk: Desk) -> None:
+    worker, _, _ = desk
+    worker.send(commands.SetMasks("cam0", (("method", "skin_adaptive"),)))
+    worker.send(commands.MarkMaskBox("cam0", "sample", BOX, 2))
+    worker.send(commands.MarkMaskBox("cam0", "roi", (5, 6, 70, 60), 2))
+    document = worker.document
+    eventually(lambda: document.masks["cam0"][1] == (5, 6, 70, 60), "the box")
+    learned = document.masks["cam0"][0]
+    assert (learned.sample, learned.reference) == (BOX, 2)  # type: ignore[union-attr]
+    mask = document.run.session.view("cam0").silhouette(0)
+    assert mask is not None
+    assert mask.mask[Y, X] == 1
+
+
+def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
+    worker, listener, folder = desk
+    worker.send(SKIN)
+    worker.send(commands.SaveMasks())
+    worker.send(commands.WantMasks(True))
+    worker.send(stroke())
+    listener.wait(masks.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1"))
+    eventually(lambda: file_of(folder).is_file(), "its file")
+    for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
+        seen = session.observation(0).silhouettes[0]
+        assert (seen.mask[60, 15], seen.mask[50, 15], seen.mask[Y, X]) == (1, 0, 1)
+    worker.send(stroke(brush="as it is"))
+    eventually(lambda: not file_of(folder).exists(), "nothing is left of it")
+    worker.send(commands.Undo(1))
+    eventually(lambda: file_of(folder).is_file(), "undone")
+    worker.send(commands.Undo(2))
+    eventually(lambda: not file_of(folder).exists(), "undone, too")
+    worker.send(commands.Redo(3))
+    eventually(lambda: file_of(folder).is_file(), "redone")
+    worker.send(commands.DropCorrection(0, "cam0"))
+    eventually(lambda: not file_of(folder).exists(), "dropped")
+    assert not versions(file_of(folder))  # all ours
+
+
+def test_a_slow_stroke_is_one_step_and_the_next_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("handtrack_app.engine.store.persistence._MERGE_S", 0.0)
+    worker, _, _ = begun(cloudy_session(tmp_path))
+    for x, tag in ((10.0, "1"), (20.0, "1"), (30.0, "1"), (60.0, "2")):
+        worker.send(commands.PaintMask(0, "cam0", "hand", ((x, 40.0),), 3.0, tag))
+    corrections = worker.document.run.session.view("cam0").corrections
+
+    def painted_at() -> list[bool]:
+        layer = corrections.layer(0)
+        return [] if layer is None else (layer[40, [10, 30, 60]] == HAND).tolist()
+
+    eventually(lambda: painted_at() == [True] * 3, "two strokes")
+    worker.send(commands.Undo(1))
+    eventually(lambda: painted_at() == [True, True, False], "the second is undone")
+    worker.send(commands.Undo(2))
+    eventually(lambda: painted_at() == [], "and the first as a whole")
+    worker.stop()
+
+
+def test_what_was_painted_comes_back(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    worker, _, _ = begun(folder)
+    worker.send(stroke())
+    eventually(lambda: held(worker) == [0], "painted")
+    worker.stop()  # before edits rest
+    assert file_of(folder).is_file()
+    again, _, _ = begun(folder)
+    assert again.document.run.session.view("cam0").corrections.frames == [0]
+    again.send(commands.Undo(1))
+    eventually(lambda: not file_of(folder).exists(), "undone after opening again")
+    again.stop()
+
+
+def test_a_file_from_elsewhere_counts_and_is_kept(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    worker, _, _ = begun(folder)
+    worker.send(stroke())
+    eventually(lambda: held(worker) == [0], "painted")
+    worker.stop()
+    theirs = encoded(painted(empty_layer((96, 72)), np.array([[80.0, 8]]), 5.0, HAND))
+    assert theirs is not None
+    for frame in (0, 1):  # over ours, and where we have none
+        file_of(folder, frame).write_bytes(theirs)
+    again, _, _ = begun(folder)
+    for frame in (0, 1):
+        assert again.document.run.session.view("cam0").corrections.content(frame) == theirs
+        again.send(stroke(frame))
+    eventually(lambda: len(versions(file_of(folder, 1))) == 1, "theirs is kept")
+    eventually(lambda: len(versions(file_of(folder, 0))) == 1, "this one, too")
+    layer = again.document.run.session.view("cam0").corrections.layer(1)
+    assert layer is not None
+    assert layer[8, 80] == layer[60, 15] == HAND  # painted over theirs
+    again.send(commands.Undo(1))
+    eventually(lambda: file_of(folder, 1).read_bytes() == theirs, "undo brings theirs back")
+    again.stop()
+
+
+def test_who_may_not_write_may_not_paint(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    writes, _, _ = begun(folder)
+    looks, listener, _ = begun(folder)
+    looks.send(stroke())
+    listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert looks.document.run.session.view("cam0").corrections.frames == []
+    looks.stop()
+    writes.stop()
+    assert not file_of(folder).exists()
+
+
+def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    rng = np.random.default_rng(3)
+    scene = cv2.resize(rng.integers(0, 255, (18, 30, 3), dtype=np.uint8), (120, 72))
+    for frame in range(6):
+        cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), scene[:, 2 * frame :][:, :96])
+    worker, listener, _ = begun(folder)
+    square = tuple((float(x), 30.0) for x in (45, 50))
+    worker.send(commands.PaintMask(2, "cam0", "not hand", square, 6.0, "1"))
+    worker.send(commands.PaintMask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2"))
+    worker.send(commands.CarryMasks(2, "", 20, 20))
+    eventually(lambda: file_of(folder, 4).is_file(), "carried")
+    corrections = worker.document.run.session.view("cam0").corrections
+    eventually(lambda: corrections.frames == [0, 1, 2, 3, 4, 5], "to all frames beside")
+    layer, own = corrections.layer(4), corrections.layer(2)
+    assert layer is not None
+    assert own is not None
+    assert ((layer == 0) == np.roll(own == 0, -4, axis=1)).mean() > 0.98
+    painted_there = corrections.layer(5)
+    assert painted_there is not None
+    assert painted_there[5, 5] == HAND
+    assert not (painted_there == 0).any()
+    listener.wait(snapshots.Notice, lambda n: "4 frames" in n.text)
+    worker.send(commands.Undo(1))
+    eventually(lambda: corrections.frames == [2, 5], "undone as one")
+    worker.send(commands.CarryMasks(0, "cam1", 1, 1))
+    listener.wait(snapshots.Notice, lambda n: "nothing to carry" in n.text)
+    worker.stop()
+
+
+def test_files_are_said_to_be_files_and_stay(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    (folder / "masks").mkdir()
+    for frame in range(3):
+        cv2.imwrite(str(folder / "masks" / f"{frame}.png"), np.zeros((72, 96), np.uint8))
+    text = SETTINGS.replace(
+        'images = "cam0/*.png"', 'images = "cam0/*.png"\nmasks = "masks/*.png"\nmask_unknown = 100'
+    )
+    (folder / "session.toml").write_text(text)
+    worker, listener, _ = begun(folder)
+    card = listener.wait(masks.MaskCard)
+    assert method(card) == "files"
+    assert card.words.startswith("Masks of cam0 are files.")
+    before = (folder / "masks" / "0.png").read_bytes()
+    worker.send(stroke())
+    eventually(lambda: file_of(folder).is_file(), "painted over it")
+    assert (folder / "masks" / "0.png").read_bytes() == before
+    worker.send(SKIN)
+    worker.send(commands.SaveMasks())
+    eventually(lambda: "skin_ycrcb" in (folder / "session.toml").read_text(), "saved")
+    assert "mask_unknown" not in (folder / "session.toml").read_text()
+    Session.open(folder)
+    worker.stop()
+
+
+def test_a_recording_without_images_says_so(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    (folder / "session.toml").write_text(
+        SETTINGS.replace('images = "cam0/*.png"', "").replace('images = "cam1/*.png"', "")
+    )
+    worker, listener, _ = begun(folder)
+    card = listener.wait(masks.MaskCard)
+    assert card.words.startswith("No camera of this recording has images")
+    worker.stop()
+
+
+def test_a_state_about_a_camera_that_has_gone_is_passed_over(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    worker, _, _ = begun(folder)
+    worker.send(SKIN)
+    worker.send(stroke())
+    eventually(lambda: file_of(folder).is_file(), "painted")
+    worker.stop()
+    text = SETTINGS.replace('[[camera]]\nname = "cam0"\nimages = "cam0/*.png"\n\n', "")
+    (folder / "session.toml").write_text(text)
+    store = Persistence.open(open_document(folder, {}))
+    store.restore()
+    assert store.document.masks == {"cam1": (SkinYCrCb(), None)}
+    store.close()
+
+
+def test_strokes_that_may_not_be_written_are_said_again() -> None:
+    now = [100.0]
+    wishes = StandingWishes(clock=lambda: now[0])
+    wishes.note(stroke(0))
+    now[0] += 5.0
+    later = [stroke(1), stroke(1, "unknown")]
+    for command in (commands.WantMasks(True), *later):
+        wishes.note(command)
+    assert wishes.again() == [commands.WantMasks(True), *later]

@@ -1,0 +1,70 @@
+"""Masks in a real browser: a method chosen, a stroke painted over a camera's image, carried and undone; where a ray meets the image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack_app.page.scene.looking import _pixel
+from handtrack_app.protocol.snapshots import CameraCard
+from handtrack_app.workbench import Workbench
+from tests.app.cloudy_session import cloudy_session
+from tests.app.page.test_browser import PROJECT, browsing, eventually
+from tests.app.page.test_browser_clouds import _seen_at
+from tests.app.wire import WireClient
+
+
+def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generator) -> None:
+    matrix = np.array([[150.0, 0, 47.5], [0, 140.0, 35.5], [0, 0, 1.0]])
+    turn = rotation_matrix(np.array([0.4, -0.3, 0.2]))
+    card = CameraCard("cam0", (96, 72), matrix, turn, np.array([0.1, 0.2, -0.3]))
+    depth, pixel = 0.7, np.array([20.0, 50.0])
+    on_image = card.centre + depth * turn @ np.linalg.solve(matrix, [*pixel, 1.0])
+    for eye in (card.centre, card.centre + [0.05, 0.1, 0.02]):
+        through = eye + 0.4 * (on_image - eye)
+        np.testing.assert_allclose(_pixel(card, depth, eye, through), pixel, atol=1e-9)
+    behind = card.centre - (on_image - card.centre)
+    assert _pixel(card, depth, card.centre, behind) is None
+
+
+@pytest.mark.browser
+def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
+    folder = cloudy_session(tmp_path)
+    bench = Workbench(folder, port=0)
+    with browsing(bench) as view:
+        page = view.page
+        view.show_tab("Masks")
+        view.row("Masks from").locator("input:visible").click()
+        page.get_by_role("option", name="skin, fixed colours").click()
+        eventually(lambda: bench.layout.masks.correcting.words.content, "masks are shown")
+        view.press("Paint over the mask")
+        eventually(lambda: bench.stage.looking.anyone, "it looks through the camera")
+        page.wait_for_timeout(800)
+        spots = [(18.0, 50.0), (24.0, 50.0), (30.0, 50.0)]
+        start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)
+        view.drag(tuple(start), tuple(stop))
+        eventually(lambda: _reach_is_off(bench, (8, 40, 40, 60)) < 3, "a round stroke of 10 px")
+        with WireClient(bench.url):
+            eventually(lambda: len(bench.server.get_clients()) == 2, "another page looks on")
+            other = bench.server.get_clients()[max(bench.server.get_clients())]
+            bench.stage.look("cam1", other)
+            assert bench.stage._marking, "its look is its own"
+        view.press("Done painting")
+        eventually(lambda: not bench.stage._marking, "the hand is back")
+        bench.page.travel(back=True)
+        corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]
+        eventually(lambda: not corrections.frames, "undone")
+
+
+def _reach_is_off(bench: Workbench, wanted: tuple[int, ...]) -> float:
+    """Return how far what is painted as hand reaches elsewhere than wanted: left, right, top, bottom [px]."""
+    view = bench.worker.document.run.session.view("cam0")  # type: ignore[union-attr]
+    layer = view.corrections.layer(0)
+    rows, columns = np.nonzero(layer == 255) if layer is not None else (np.zeros(0), np.zeros(0))
+    if not len(rows):
+        return float("inf")
+    reach = (columns.min(), columns.max(), rows.min(), rows.max())
+    return float(np.abs(np.subtract(reach, wanted)).max())

@@ -1,0 +1,92 @@
+"""Corrections of masks: strokes, what they make of a mask, and carried on to the frames beside, against known masks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from handtrack.arrays import Array, Bytes
+from handtrack.capture.masks.mask_correction import (
+    AS_IT_IS,
+    BACKGROUND,
+    HAND,
+    carried,
+    corrected,
+    empty_layer,
+    painted,
+)
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+from handtrack.capture.masks.segmentation import SkinYCrCb
+from tests.capture.seeded_scenes import SIZE, recording
+
+
+def test_a_stroke_is_a_round_line() -> None:
+    layer = painted(empty_layer((80, 60)), np.array([[20.0, 30], [50, 30]]), 5.0, HAND)
+    rows, columns = np.nonzero(layer == HAND)
+    assert (rows.min(), rows.max()) == (25, 35)
+    assert (columns.min(), columns.max()) == (15, 55)
+    assert layer[25, 15] == AS_IT_IS  # its ends are round
+    again = painted(layer, np.array([[20.0, 30]]), 5.0, AS_IT_IS)
+    assert again[30, 20] == AS_IT_IS
+    assert again[30, 40] == HAND
+
+
+def test_what_is_not_corrected_stays() -> None:
+    mask = np.full((60, 80), 200, np.uint8)
+    layer = empty_layer((80, 60))
+    layer[:10], layer[10:20], layer[20:30] = HAND, BACKGROUND, UNKNOWN_LEVEL
+    made = corrected(layer, mask, 99)
+    assert made[::10, 0].tolist() == [255, 0, 99, 200, 200, 200]
+    assert mask.min() == 200
+    assert corrected(layer, None, 99)[::10, 0].tolist() == [255, 0, 99, 99, 99, 99]
+
+
+def overlap(mask: Bytes, truth: Array) -> float:
+    """Return IoU where the mask says something."""
+    known = mask != UNKNOWN_LEVEL
+    both, either = (mask == 255) & truth & known, ((mask == 255) | truth) & known
+    return float(both.sum() / either.sum())
+
+
+@pytest.mark.parametrize(
+    ("light", "least", "most"),
+    [("shadows", 0.92, 0.84), ("wood", 0.88, 0.08), ("backlight", 0.95, 0.03)],
+)
+def test_a_carried_correction_helps_the_frames_beside(
+    rng: np.random.Generator, light: str, least: float, most: float
+) -> None:
+    """By skin colour, shaded fingers are missing, wood is hand, and against the light nothing is: over the five frames before
+    and behind one that is corrected, masks overlap the hand by at most `most`; corrected likewise by at least `least`.
+    """
+    drawn = recording(light, rng, 11, of=120)
+    segment = SkinYCrCb().segmenter(drawn)
+    here, truth = segment(drawn.images[5]), drawn.truth[5]
+    wrong = cv2.morphologyEx(
+        ((here > 127) != truth).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))
+    )
+    brushed = cv2.dilate(wrong, np.ones((7, 7))) > 0
+    corrects = empty_layer(SIZE)
+    corrects[brushed & truth], corrects[brushed & ~truth] = HAND, BACKGROUND
+    before, after = [], []
+    for way in (1, -1):
+        layer = corrects
+        for frame in range(5 + way, 5 + 6 * way, way):
+            layer = carried(layer, drawn.images[frame - way], drawn.images[frame])
+            own = segment(drawn.images[frame])
+            better = corrected(layer, own, UNKNOWN_LEVEL)
+            assert (better == UNKNOWN_LEVEL).mean() < 0.05
+            before.append(overlap(own, drawn.truth[frame]))
+            after.append(overlap(better, drawn.truth[frame]))
+    assert np.mean(before) < most
+    assert np.mean(after) > least
+
+
+def test_what_cannot_be_followed_is_unknown(rng: np.random.Generator) -> None:
+    grey = cv2.GaussianBlur(rng.normal(size=(120, 160)), (7, 7), 0)
+    shade = np.clip(128 + 200 * grey, 0, 255).astype(np.uint8)
+    scene = np.repeat(shade[..., None], 3, axis=2)
+    layer = painted(empty_layer((160, 120)), np.array([[80.0, 60]]), 30.0, HAND)
+    assert (carried(layer, scene, np.roll(scene, 3, axis=1)) == HAND).sum() > 2500
+    gone = carried(layer, scene, np.full_like(scene, 30))
+    assert (gone == UNKNOWN_LEVEL).sum() > 10 * (gone == HAND).sum()
