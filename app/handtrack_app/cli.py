@@ -187,7 +187,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--link", action="store_true", help="leave recordings where they are, for you and on this computer alone; no copies"),
         _option("--yes", action="store_true", help="take every proposal without asking"),
         _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
-        _option("--masks", choices=("seeded", "skin_ycrcb", "skin_adaptive", "background_mog2", "background_median", "none"),
+        _option("--masks", choices=("seeded", "skin_ycrcb", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
                 "else skin_ycrcb, by skin colour)"),
     )),

@@ -231,9 +231,13 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
         for frame in frames:
             pixels = np.column_stack([rig[name].project(keypoints()), np.full(21, 0.9)])
             write_hand(folder / "keypoints" / name / f"{frame}.json", pixels, "right", "a test")
-    monkeypatch.setattr(first_pose_search, "auto_start", lambda *_: [])
+    searched = []
+    monkeypatch.setattr(
+        first_pose_search, "auto_start", lambda *given: searched.append(given) or []
+    )
     run = TrackingRun.open(Session.open(folder), use_init=False)
     (best,) = find_first_poses(run)
+    assert searched == []  # the frames with joints in two images come first
     assert best.frame == 2
     assert best.note == "2 cameras agree on 21 of 21 joints"
     np.testing.assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)

@@ -28,7 +28,6 @@ _MASKS = {
     _AS_FOUND: None,
     "joints": "seeded",
     "skin colour": "skin_ycrcb",
-    "skin colour, adapting": "skin_adaptive",
     "background": "background_median",
     "none": "none",
 }

@@ -77,12 +77,31 @@ def _is_size_known(run: TrackingRun) -> bool:
 
 
 def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
-    """Yield what was seen of a frame, or of a few that may show a hand, spread over all."""
+    """Yield what was seen of a frame, or of a few that may show a hand, spread over all: those whose joints say where it is
+    before those that may only be searched.
+    """
     look = _looking(run)
     if isinstance(frame, int):
         return iter([look(frame)])
     order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
-    return islice(filter(_may_show_a_hand, (look(number) for number in order)), _MOST_TRIED)
+    opened = map(look, order)
+    if not run.sees_joints and look == run.seen:
+        return islice(filter(_may_show_a_hand, opened), _MOST_TRIED)
+    return islice(_those_with_joints_first(opened), _MOST_TRIED)
+
+
+def _those_with_joints_first(opened: Iterator[Observation]) -> Iterator[Observation]:
+    """Yield frames that may show a hand; any without joints in two images once as many were opened as are looked for in."""
+    others: list[Observation] = []
+    for seen in opened:
+        if _has_joints_in_two(seen):
+            yield seen
+        elif _may_show_a_hand(seen):
+            others.append(seen)
+        if len(others) == _MOST_TRIED:
+            break
+    yield from others
+    yield from filter(_may_show_a_hand, opened)
 
 
 def _looking(run: TrackingRun) -> Callable[[int], Observation]:
@@ -181,11 +200,15 @@ def _image_joints(seen: Observation) -> list[ImageKeypoints]:
     return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
 
 
+def _has_joints_in_two(seen: Observation) -> bool:
+    return len({joints.camera for joints in _image_joints(seen)}) > 1
+
+
 def _may_show_a_hand(seen: Observation) -> bool:
     """Return whether a frame has enough to look for a hand in: two silhouettes (one, where there is one camera), joints in
     two images, or a cloud.
     """
-    if len({joints.camera for joints in _image_joints(seen)}) > 1:
+    if _has_joints_in_two(seen):
         return True
     if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
         return True

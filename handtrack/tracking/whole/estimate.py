@@ -133,16 +133,32 @@ class _StoppedError(Exception):
 def _stated_covariance(
     evidence: Evidence, frames: Sequence[int], swept: _Swept, motion: Motion
 ) -> Floats[F, P, P]:
-    """Return each pose's covariance where what was seen errs alike from frame to frame: of its own frame it counts whole, of the
-    others one frame in (1 + ρ)/(1 − ρ) is new. A model's own flesh, and where a detector sees its joints, are wrong in the
-    next frame too.
+    """Return each pose's covariance where what was seen errs alike from frame to frame: a model's own flesh, and where a
+    detector sees its joints, are wrong in the next frame too.
+
+    Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
+    says of it: the surer of both counts.
     """
     old = 2.0 * POINTS_LAST / (1.0 + POINTS_LAST)
-    seen = [evidence.of(frame).seen(pose) for frame, pose in zip(frames, swept.poses, strict=True)]
-    known = old * np.stack(seen)
-    others = replace(swept, hessian=swept.hessian - known)
-    factor, _ = _factor(evidence.model, others, motion)
-    return np.linalg.inv(np.linalg.inv(factor.inverse[:, 0]) + known)
+    seen = np.stack(
+        [evidence.of(frame).seen(pose) for frame, pose in zip(frames, swept.poses, strict=True)]
+    )
+    others = replace(swept, hessian=swept.hessian - old * seen)
+    spread = _factor(evidence.model, others, motion)[0].inverse[:, 0]
+    return np.array(
+        [_surer(own, np.linalg.inv(cov)) for own, cov in zip(seen, spread, strict=True)]
+    )
+
+
+def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
+    """Return the covariance in which each direction is as well known as by the surer of two informations, those in which both
+    are diagonal; others: without a direction that nothing holds, and with a small part of own.
+    """
+    root = np.linalg.cholesky(own + others)
+    share = np.linalg.solve(root, np.linalg.solve(root, own).T)
+    values, vectors = np.linalg.eigh(0.5 * (share + share.T))
+    back = np.linalg.solve(root.T, vectors)
+    return (back / np.maximum(values, 1.0 - values)) @ back.T
 
 
 def _factor(

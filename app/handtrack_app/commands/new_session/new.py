@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     print(made)
-    args.then = [["track", str(args.out), "--init", "auto"]]
+    args.then = [["track", str(args.out), "--init", "auto", *(["--yes"] if args.yes else [])]]
     if seen and missing:
         say(f"note: {missing}")
     elif seen:
