@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
+from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.result import Status, TrackResult
@@ -51,7 +52,8 @@ class _Compared:
 
 
 def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | None]:
-    """Return the measures of contracts §3, in mm; None where there is nothing to measure. `finger_swaps` comes on top.
+    """Return the measures of contracts §3, in mm; None where there is nothing to measure. On top come `finger_swaps`
+    and, of hands, how far their joints are bent (`flexion_errors`, in degrees).
 
     Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
     frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
@@ -78,6 +80,7 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
         "lost_frames": int((~points.seen).sum()),
         "coverage90": _coverage(points),
         "finger_swaps": _swaps(points, tips),
+        **(flexion_errors(points.found, points.truth) if points.names == keypoint_names() else {}),
     }
 
 

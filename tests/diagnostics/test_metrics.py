@@ -9,10 +9,12 @@ import pytest
 from scipy.stats import chi2
 
 from handtrack.diagnostics import metrics
+from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
 from handtrack.diagnostics.metrics import evaluate, similarity
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.result import Status
 from tests.sample_track import sample_frame, sample_track, stacked
 
@@ -48,8 +50,38 @@ def test_the_names_are_the_contracts_and_swaps(rng):
     assert list(evaluate(track, truth_of(track))) == [
         *("mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm", "pa_mpjpe_mm"),
         *("fingertip_mm", "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90"),
-        "finger_swaps",
+        *("finger_swaps", "flexion_deg", "flexion_offset_free_deg"),
+        *(f"flexion_{joint}_deg" for joint in BENT_JOINTS),
     ]
+
+
+def test_a_hinge_that_is_bent_more_by_an_angle_is_off_by_that_angle():
+    hand = load_model("hand26")
+    pip = hand.params_from({"index_pip_flex": 0.3})
+    more = hand.params_from({"index_pip_flex": 0.5})
+    points = np.array([hand.keypoints21(hand.bones(pose)) for pose in (pip, more)])
+    off = dict(zip(BENT_JOINTS, np.diff(flexion_deg(points), axis=0)[0], strict=True))
+    assert off.pop("index_pip") == pytest.approx(np.rad2deg(0.2), abs=0.2)
+    assert max(map(abs, off.values())) < 1e-6
+
+
+def test_an_offset_that_stays_is_told_from_an_error_that_does_not():
+    """The truth's hand bends its index finger by 0.1 rad more in every frame, and by 0.2 the other way in one of five."""
+    hand = load_model("hand26")
+    bends = np.array([0.3, 0.5, 0.7, 0.9, 1.1])
+    others = bends + np.array([0.1, 0.1, 0.1, 0.1, -0.2])
+    points, true = (
+        np.array(
+            [hand.keypoints21(hand.bones(hand.params_from({"index_pip_flex": b}))) for b in some]
+        )
+        for some in (bends, others)
+    )
+    found = flexion_errors(points, true)
+    assert found["flexion_index_pip_deg"] == pytest.approx(np.rad2deg(0.12), abs=0.3)
+    assert found["flexion_deg"] == pytest.approx(np.rad2deg(0.12) / 15, abs=0.03)
+    assert found["flexion_offset_free_deg"] == pytest.approx(np.rad2deg(0.06) / 15, abs=0.03)
+    true[:, 7] = np.nan
+    assert flexion_errors(points, true)["flexion_index_pip_deg"] is None
 
 
 def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):

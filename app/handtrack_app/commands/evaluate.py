@@ -35,5 +35,5 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for name, value in metrics.items():
         shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-        print(f"{name:22s} {shown}")
+        print(f"{name:24s} {shown}")
     return 0

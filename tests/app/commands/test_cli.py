@@ -17,6 +17,7 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
+from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack_app import cli
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import PROGRAM, CommandLine
@@ -26,6 +27,7 @@ COMMANDS = ("open", "demo", "new", "track", "export", "evaluate", "simulate", "d
 METRICS = [
     "mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm", "pa_mpjpe_mm", "fingertip_mm",
     "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90", "finger_swaps",
+    "flexion_deg", "flexion_offset_free_deg", *(f"flexion_{joint}_deg" for joint in BENT_JOINTS),
 ]  # fmt: skip
 HEAVY = ("numpy", "cv2", "numba", "scipy", "viser", "rerun", "tqdm")
 
