@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack_app import cli
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import PROGRAM, CommandLine
