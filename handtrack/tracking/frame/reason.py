@@ -51,9 +51,11 @@ def _poor_cloud(reason: Reason) -> str:
 def _odd_size(reason: Reason) -> str:
     if reason.part:
         size = f"its {reason.part} is {reason.number:.2f} times as long as usual for its length"
+        causes = "masks may lack it where it is shaded or curled, or"
     else:
         size = f"{reason.number:.0f} mm from wrist to fingertip, not {SMALLEST_HAND_MM:g} to {LARGEST_HAND_MM:g}"
-    return f"nobody has such a hand: {size}; unit, lenses (was a coefficient lost?) or the cameras' places may be wrong"
+        causes = "unit,"
+    return f"nobody has such a hand: {size}; {causes} lenses (was a coefficient lost?) or the cameras' places may be wrong"
 
 
 KINDS: dict[str, Callable[[Reason], str]] = {
