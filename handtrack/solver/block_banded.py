@@ -1,4 +1,4 @@
-"""One large system of many frames: blocks that touch their two neighbours on either side, and a border that touches all."""
+"""One large system of many frames: blocks that touch their two neighbours on either side."""
 
 from __future__ import annotations
 
@@ -119,30 +119,3 @@ class BandedFactor:
             )  # rounding that is not symmetric would grow
             found[t, 1 : after + 1] = across.reshape(after, size, size)
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class Bordered:
-    """Frames' unknowns with K more that all frames share, eliminated frames first (Schur complement)."""
-
-    factor: BandedFactor
-    border: Floats[F, P, K]
-    """how each frame's unknowns go with the shared ones"""
-    shared: Floats[K, K]
-    """the shared ones' own matrix"""
-
-    @cached_property
-    def _follow(self) -> Floats[F, P, K]:
-        return self.factor.solve(self.border)
-
-    @cached_property
-    def schur(self) -> Floats[K, K]:
-        """What is known of the shared unknowns once the frames' may be anything."""
-        return self.shared - np.einsum("fpk,fpl->kl", self.border, self._follow)
-
-    def solve(self, right: Floats[F, P], right_shared: Floats[K]) -> tuple[Floats[F, P], Floats[K]]:
-        """Return the frames' unknowns and the shared ones."""
-        alone = self.factor.solve(right)
-        rest = right_shared - np.einsum("fpk,fp->k", self.border, alone)
-        shared = np.linalg.solve(self.schur, rest)
-        return alone - self._follow @ shared, shared

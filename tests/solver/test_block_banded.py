@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.solver.block_banded import REACH, BlockBanded, Bordered
+from handtrack.solver.block_banded import REACH, BlockBanded
 
 
 def _system(frames, size, seed=0):
@@ -63,19 +63,6 @@ def test_rounding_does_not_grow_along_a_long_recording():
         unit[t] = np.eye(size)
         exact = banded.factor().solve(unit)[t]
         np.testing.assert_allclose(found[t, 0], exact, atol=1e-6 * np.abs(exact).max())
-
-
-def test_a_border_is_solved_as_in_the_dense_system():
-    banded, dense = _system(9, 3)
-    rng = np.random.default_rng(2)
-    border = rng.normal(size=(9, 3, 4))
-    shared = 50.0 * np.eye(4) + np.einsum("fpk,fpl->kl", border, border)
-    whole = np.block([[dense, border.reshape(27, 4)], [border.reshape(27, 4).T, shared]])
-    right, rest = rng.normal(size=(9, 3)), rng.normal(size=4)
-    found, common = Bordered(banded.factor(), border, shared).solve(right, rest)
-    expected = np.linalg.solve(whole, np.concatenate([right.ravel(), rest]))
-    np.testing.assert_allclose(found.ravel(), expected[:27], rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(common, expected[27:], rtol=1e-8, atol=1e-10)
 
 
 def test_what_nothing_holds_is_said():

@@ -15,6 +15,7 @@ from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.motion import Motion, changes, moved
+from handtrack.tracking.whole.refined import _bridged
 from tests.derivatives import check_gradient, check_jacobian
 
 HAND = load_model("hand26")
@@ -134,8 +135,8 @@ def _jitter(results, truth):
 
 def test_noise_of_points_is_smoothed_and_the_motion_is_not():
     live, refined, truth = _tracked(np.zeros((FRAMES, 21), bool))
-    assert _off_mm(refined, truth).mean() < 0.8 * _off_mm(live, truth).mean()
-    assert _jitter(refined, truth) < 0.4 * _jitter(live, truth)
+    assert _off_mm(refined, truth).mean() < 0.6 * _off_mm(live, truth).mean()  # measured 0.46
+    assert _jitter(refined, truth) < 0.15 * _jitter(live, truth)  # measured 0.085
 
 
 def test_a_finger_that_is_hidden_closes_with_the_others():
@@ -186,6 +187,14 @@ def test_stopped_while_they_are_refined_frames_stay_as_they_came():
     found = _followed(6, Control(should_stop=lambda: len(told) > 3, on_refined=told.append))
     assert told
     assert found[:6] == found[6:]
+
+
+def test_a_gap_is_bridged_by_the_shorter_turn():
+    """A turn that passes half a circle is written from the other side: straight between the vectors would be the way round."""
+    poses = np.zeros((3, 26))
+    poses[0, 3:6], poses[2, 3:6] = [3.1, 0.0, 0.0], [-3.1, 0.0, 0.0]
+    middle = _bridged(poses, np.array([True, False, True]))[1, 3:6]
+    np.testing.assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
 
 
 def test_the_usual_motion_is_what_the_prior_says():

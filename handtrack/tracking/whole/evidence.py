@@ -6,8 +6,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -25,6 +23,9 @@ _HELD = 400
 _NEW_POSE_S = 0.5
 """[s] after which a hand has another pose, the length of one movement: what is known of poses beforehand counts once in that time,
 for it says the same of each frame"""
+
+Observe = Callable[[int, BonePoses | None], Observation]
+"""what is seen of a frame; see tracking.pursuit.Observe"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,7 @@ class FrameEvidence:
 
 
 def _by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
-    change = np.eye(len(pose))
-    change[3:6, 3:6] = by_change(pose)
+    change = by_change(pose)
     hessian = change.T @ system.hessian @ change
     return JointSystem(system.cost, change.T @ system.gradient, hessian)
 
@@ -62,7 +62,7 @@ class Evidence:
 
     model: ArticulatedModel
     settings: TrackerSettings
-    observe: Callable[[int, BonePoses | None], Observation]
+    observe: Observe
     around: Mapping[int, Floats[P]]
     """solver parameters by frame"""
     seconds: float

@@ -91,7 +91,8 @@ class Motion:
         pushed = 0.5 * (pushed + pushed.T)
         count = len(steps) - 1
         together = np.eye(size)
-        together[6:, 6:] += (count / (count + size) - together[6:, 6:]) * (1 - together[6:, 6:])
+        together[ANGLES, ANGLES] = count / (count + size)
+        np.fill_diagonal(together, 1.0)
         pushed = (pushed + _USUAL_FRAMES * usual.pushes) / (count + _USUAL_FRAMES)
         return Motion(kept, pushed * together)
 
@@ -132,9 +133,9 @@ def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
     return found
 
 
-def by_change(pose: Floats[P]) -> Floats[D3, D3]:
-    """Return how the root's rotation vector changes with a turn in world axes."""
-    return np.linalg.inv(left_jacobian(pose[TURN]))
+def by_change(pose: Floats[P]) -> Floats[K, P]:
+    """Return how solver parameters (P,) change with a small step of `moved`, (P, P): the identity, but for the root's turn."""
+    return _moves(len(pose), 1.0, np.linalg.inv(left_jacobian(pose[TURN]))[None])[0]
 
 
 def _moves(size: int, own: float, turn: Floats[M, D3, D3]) -> Floats[M, K, P]:

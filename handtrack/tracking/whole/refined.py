@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, P
+from handtrack.arrays import Array, F, Floats, P
+from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
@@ -19,13 +19,11 @@ from handtrack.tracking.frame.frame_result import judged, posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import Evidence
-from handtrack.tracking.whole.motion import by_change
+from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
 """frames that have a motion"""
-
-Observe = Callable[[int, BonePoses | None], Observation]
 
 
 def refined(
@@ -64,9 +62,11 @@ def refined(
     return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
 
 
-def _bridged(poses: Floats[F, P], known: Floats[F]) -> Floats[F, P]:
-    """Return poses with a straight way between those that are known, for a start."""
-    every, posed = np.arange(len(poses)), np.flatnonzero(known)
+def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
+    """Return poses with a straight way between those that are known, for a start; the root's turn by the shorter way."""
+    every, posed, poses = np.arange(len(poses)), np.flatnonzero(known), poses.copy()
+    for before, here in pairwise(posed):
+        poses[here, TURN] = closest_equivalent(poses[here, TURN], poses[before, TURN])
     columns = [np.interp(every, posed, column[posed]) for column in poses.T]
     return np.stack(columns, axis=1)
 
@@ -101,8 +101,7 @@ def _result(
     """Return a frame at its pose of all, with what all say of it."""
     before, model = tracked[n], evidence.model
     pose, frame = found.poses[n], evidence.of(before.frame)
-    change = np.eye(len(pose))
-    change[3:6, 3:6] = by_change(pose)
+    change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     status, reason = before.status, before.reason

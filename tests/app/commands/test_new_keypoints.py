@@ -67,21 +67,15 @@ def test_masks_are_made_by_the_joints_of_most_images(
     assert all(isinstance(camera.masks, SkinYCrCb) for camera in named)
 
 
+def _new(folder: Path) -> list[object]:
+    return ["new", "--out", folder / "made", "--calibration", CALIBRATION, "--fps", 30]
+
+
 def test_shares_are_of_the_camera_s_image(handtrack: CommandLine, tmp_path: Path) -> None:
     points = hand()
     points[1, 7] = (50, 60, 1)
     path = WITHOUT["mediapipe"](tmp_path, points)
-    words = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        CALIBRATION,
-        "--fps",
-        30,
-        "--side",
-        "left",
-    ]
+    words = [*_new(tmp_path), "--side", "left"]
     assert handtrack(*words, "--keypoints", f"cam0={path}").code == 0
     session = Session.open(tmp_path / "made")
     assert (session.file.hand.side, session.file.cameras[0].keypoint_layout) == (
@@ -150,17 +144,7 @@ def test_hdf5_without_its_library_is_refused_in_a_sentence(
 
     monkeypatch.setitem(sys.modules, "h5py", None)
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    words = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        CALIBRATION,
-        "--fps",
-        30,
-        "--keypoints",
-        f"cam0={tmp_path}/a.h5",
-    ]
+    words = [*_new(tmp_path), "--keypoints", f"cam0={tmp_path}/a.h5"]
     refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack[joints]"])
 
 
