@@ -51,7 +51,7 @@ class CorrectingWidgets:
                 "Drop this frame's correction", icon=viser.Icon.ERASER, color="gray"
             )
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
-            self.behind = gui.add_slider("Behind", 0, _MOST, 1, 3)
+            self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
             self.carry = gui.add_button(
                 "Carry to these frames", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
                 hint="What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
