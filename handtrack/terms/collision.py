@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, K, check_shape
+from handtrack.arrays import D2, Floats, Ints, K, P, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -51,8 +52,9 @@ class CollisionTerm(CompiledTerm):
         slack_m: float = 0.01,
         weight: float = 1.0,
         firm: float = 0.9,
+        apart_in: Sequence[Floats[P]] = (),
     ) -> CollisionTerm:
-        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`.
+        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`; apart_in: as there.
 
         firm: the share of each radius that does not give way; thighs are pressed flatter than wrists.
         """
@@ -61,7 +63,7 @@ class CollisionTerm(CompiledTerm):
                 "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
             )
         chosen = replace(model.flesh[flesh], radii=firm * model.flesh[flesh].radii)
-        pairs = colliding_pairs(model, chosen, slack_m)
+        pairs = colliding_pairs(model, chosen, slack_m, apart_in)
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 
     def depths(self, bones: BonePoses) -> Floats[K]:
@@ -87,12 +89,15 @@ class CollisionTerm(CompiledTerm):
 
 
 def colliding_pairs(
-    model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01
+    model: ArticulatedModel,
+    flesh: Ellipsoids,
+    slack_m: float = 0.01,
+    apart_in: Sequence[Floats[P]] = (),
 ) -> Ints[K, D2]:
     """Return the pairs of ellipsoids that can collide.
 
     Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
-    already: shoulder and chest, the thighs' tops.
+    already: shoulder and chest, the thighs' tops. apart_in: poses (solver parameters) for which the same holds.
     """
     parent = model.skeleton.parent
     first, second = np.triu_indices(len(flesh), 1)
@@ -101,8 +106,11 @@ def colliding_pairs(
     pairs = np.stack([first, second], axis=1)[apart].astype(np.int64)
     if not len(pairs):
         return pairs
-    depth = _depths(flesh, model.bones(model.rest_params()), pairs)
-    return pairs[depth <= slack_m]
+    joined = np.zeros((len(model.skeleton.bone_names),) * 2, bool)
+    for pose in (model.rest_params(), *apart_in):
+        touching = pairs[_depths(flesh, model.bones(pose), pairs) > slack_m]
+        joined[tuple(flesh.bone[touching].T)] = True
+    return pairs[~joined[tuple(flesh.bone[pairs].T)]]
 
 
 def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
