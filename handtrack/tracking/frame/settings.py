@@ -230,7 +230,7 @@ class FollowSettings:
         "where it fits clearly better.", label="Recovery", level="user",
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
-        "forward", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
+        "whole", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
         "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
