@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, K, P, check_shape
+from handtrack.arrays import D2, Floats, Ints, K, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -52,9 +51,8 @@ class CollisionTerm(CompiledTerm):
         slack_m: float = 0.01,
         weight: float = 1.0,
         firm: float = 0.9,
-        apart_in: Sequence[Floats[P]] = (),
     ) -> CollisionTerm:
-        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`; apart_in: as there.
+        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`.
 
         firm: the share of each radius that does not give way; thighs are pressed flatter than wrists.
         """
@@ -63,7 +61,7 @@ class CollisionTerm(CompiledTerm):
                 "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
             )
         chosen = replace(model.flesh[flesh], radii=firm * model.flesh[flesh].radii)
-        pairs = colliding_pairs(model, chosen, slack_m, apart_in)
+        pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m, weight)
 
     def depths(self, bones: BonePoses) -> Floats[K]:
@@ -89,15 +87,12 @@ class CollisionTerm(CompiledTerm):
 
 
 def colliding_pairs(
-    model: ArticulatedModel,
-    flesh: Ellipsoids,
-    slack_m: float = 0.01,
-    apart_in: Sequence[Floats[P]] = (),
+    model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01
 ) -> Ints[K, D2]:
     """Return the pairs of ellipsoids that can collide.
 
-    Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
-    already: shoulder and chest, the thighs' tops. apart_in: poses (solver parameters) for which the same holds.
+    Not those of one bone or of neighbouring bones, and not those of bones that overlap by more than the slack in the pose
+    of rest already, for flesh joins them: shoulder and chest, the thighs' tops, thumb and palm.
     """
     parent = model.skeleton.parent
     first, second = np.triu_indices(len(flesh), 1)
@@ -107,9 +102,8 @@ def colliding_pairs(
     if not len(pairs):
         return pairs
     joined = np.zeros((len(model.skeleton.bone_names),) * 2, bool)
-    for pose in (model.rest_params(), *apart_in):
-        touching = pairs[_depths(flesh, model.bones(pose), pairs) > slack_m]
-        joined[tuple(flesh.bone[touching].T)] = True
+    touching = pairs[_depths(flesh, model.bones(model.rest_params()), pairs) > slack_m]
+    joined[tuple(flesh.bone[touching].T)] = True
     return pairs[~joined[tuple(flesh.bone[pairs].T)]]
 
 

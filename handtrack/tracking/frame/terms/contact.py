@@ -5,14 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.pose_library import named_pose
 from handtrack.terms.collision import CollisionTerm
 
 _SOFT_M = 0.002
 """how far a finger's flesh gives way under a light touch: its pulp by 2 mm at a newton, and hardly further (Serina et al. 1997); as
 much again costs ½"""
-_OPEN = "open", "flat"
-"""poses in which no parts of a hand press on each other: what overlaps there is joined by flesh, as thumb and index are"""
 
 
 @lru_cache(maxsize=8)
@@ -20,5 +17,4 @@ def contact(model: ArticulatedModel) -> CollisionTerm:
     """Return the term that keeps a model's parts out of each other."""
     if model.kind == "body":
         return CollisionTerm.of(model)
-    poses = [model.transform.solver_params(named_pose(model, name)) for name in _OPEN]
-    return CollisionTerm.of(model, "fine", _SOFT_M, _SOFT_M, apart_in=poses)
+    return CollisionTerm.of(model, "fine", _SOFT_M, _SOFT_M)
