@@ -12,6 +12,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -71,6 +72,8 @@ class Evidence:
     """frames whose cloud is poor: its depths are doubted"""
     silent: frozenset[int] = frozenset()
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
+    held: Mapping[int, ParameterTerm] = field(default_factory=dict)
+    """what keeps frames at poses that a person set"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameEvidence:
@@ -93,6 +96,8 @@ class Evidence:
         observation = self.observe(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
+        if frame in self.held:
+            terms = replace(terms, priors=(*terms.priors, self.held[frame]))
         problem = stage_problem(model, terms, terms.stages - 1, pose)
         if frame in self.silent:
             problem = replace(problem, observation_terms=())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,10 +20,13 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.keyframes import KEYFRAME_REACH, held_at, with_keyframes
 from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
 """frames that have a motion"""
+_MEMORY = 2
+"""frames before one that say where it goes: its place and its velocity"""
 
 
 def refined(
@@ -32,16 +35,23 @@ def refined(
     observe: Observe,
     tracked: Sequence[FrameResult],
     control: Control = Control(),
+    held: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
+    held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows. They are not
+    returned.
+
     tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
+    held, live = held or {}, tracked
+    if held:
+        tracked = with_keyframes(model, settings, observe, tracked, held, control)
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     if len(tracked) - len(lost) < _FEWEST:
-        return list(tracked)
+        return list(live)
     numbers = [result.frame for result in tracked]
     seconds = abs(tracked[-1].time_s - tracked[0].time_s) / (len(tracked) - 1)
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
@@ -49,6 +59,7 @@ def refined(
     evidence = Evidence(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
+        {frame: held_at(model, pose) for frame, pose in held.items()},
     )  # fmt: skip
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
@@ -58,8 +69,46 @@ def refined(
         evidence = replace(evidence, around=around, silent=lost - set(again))
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
-        return list(tracked)
-    return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+        return list(live)
+    return [
+        _result(evidence, found, n, tracked)
+        for n, number in enumerate(numbers)
+        if number not in held
+    ]
+
+
+def refined_near(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    observe: Observe,
+    tracked: Sequence[FrameResult],
+    held: Mapping[int, Floats[P]],
+    changed: Sequence[int],
+    control: Control = Control(),
+) -> list[FrameResult]:
+    """Return the frames that keyframes touch, refined again, as `refined` does; all others stand as they are.
+
+    tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
+    """
+    found: list[FrameResult] = []
+    known = {result.frame: result for result in tracked}
+    numbers = np.array(sorted(known | dict(held)))
+    touched = np.zeros(len(numbers), bool)
+    for frame in changed:
+        at = int(np.searchsorted(numbers, frame))
+        touched[max(at - KEYFRAME_REACH, 0) : at + KEYFRAME_REACH + 1] = True
+    edges = np.flatnonzero(np.diff(np.r_[0, touched, 0]))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        inside = set(numbers[first:stop].tolist())
+        beside = (
+            numbers[max(first - _MEMORY, 0) : first].tolist()
+            + numbers[stop : stop + _MEMORY].tolist()
+        )
+        ends = {n: model.transform.solver_params(known[n].parameters) for n in beside if n in known}
+        kept = {n: pose for n, pose in held.items() if n in inside or n in beside}
+        window = [known[n] for n in sorted(inside & set(known))]
+        found += refined(model, settings, observe, window, control, ends | kept)
+    return found
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
