@@ -226,16 +226,15 @@ def test_beside_a_keyframe_frames_follow_from_both_sides():
     assert np.mean([off[n] for n in near]) < 0.5 * np.mean([before[n] for n in near])
 
 
-def test_only_what_a_keyframe_touches_is_refined_again(monkeypatch):
+def test_only_what_a_keyframe_touches_is_refined_again():
     hidden = np.zeros((FRAMES, 21), bool)
     poses = _opening_and_closing()
     observe, live = _followed_while(hidden, poses, _points(poses))
     settings = Tracker(HAND).settings
     whole = refined(HAND, settings, observe, live)
-    monkeypatch.setattr("handtrack.tracking.whole.refined.KEYFRAME_REACH", 5)
     at = FRAMES // 2
     again = refined_near(HAND, settings, observe, whole, {at: poses[at]}, [at])
-    assert [r.frame for r in again] == [n for n in range(at - 5, at + 6) if n != at]
+    assert [r.frame for r in again] == [n for n in range(at - 12, at + 13) if n != at]
     ends = _off_mm(again, np.array([whole[r.frame].keypoints21 for r in again]))
     assert ends[0].max() < 2.5  # noise of 4 mm, smoothed over fewer frames
     assert ends[-1].max() < 2.5

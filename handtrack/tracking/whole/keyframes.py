@@ -21,7 +21,7 @@ from handtrack.tracking.whole.motion import Motion, changes, moved
 KEYFRAME_REACH = 50
 """frames on either side that a keyframe may change"""
 _MERGED_M = 1e-3
-"""frames in which no joint moves by more stand as they stood: there the correction ends"""
+"""where what was seen undoes the correction to a millimetre, it ends"""
 _ITERATIONS = 12
 _HELD_M, _HELD_RAD = 1e-4, 1e-3
 """how exactly a keyframe is kept: nothing that was seen, in so many pixels, moves it by a tenth of a millimetre"""
@@ -42,12 +42,13 @@ def with_keyframes(
     tracked: Sequence[FrameResult],
     held: Mapping[int, Floats[P]],
     control: Control = Control(),
+    new: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
     """Return tracked frames with those that a person posed among them, ascending, and those beside at poses that follow.
 
     held: solver parameters by frame. From each on, in both directions, what it corrects is carried to the next frame and
     fitted there to what was seen; until that leads back to the pose that stood, or the pose that stood fits better by more
-    than a hand moves in a frame.
+    than a hand moves in a frame. new: those from which it is carried; all, unless given.
     """
     known = {result.frame: result for result in tracked}
     posed = {
@@ -58,7 +59,7 @@ def with_keyframes(
     around = {n: model.transform.solver_params(known[n].parameters) for n in known}
     evidence = Evidence(model, settings, observe, around | held, 1.0)
     found: dict[int, Floats[P]] = {}
-    for frame, pose in held.items():
+    for frame, pose in (held if new is None else new).items():
         at = numbers.index(frame)
         for way in (
             numbers[at + 1 : at + 1 + KEYFRAME_REACH],
@@ -81,23 +82,25 @@ def _followed(
     """Return the frames along a way that follow a correction, the pose that stood and the one that stands now."""
     model = evidence.model
     push = Motion.usual(evidence.settings.prior, len(pose), evidence.seconds).pushes.diagonal()
+    settings = replace(evidence.settings.solver, iterations=_ITERATIONS)
     found: dict[int, Floats[P]] = {}
     for frame in way:
         if frame in held or frame not in evidence.around or control.should_stop():
             break
         problem, before = evidence.of(frame).problem, evidence.around[frame]
-        correction = changes(np.array([stood, pose]))
-        start = model.clipped(moved(before[None], correction)[0])
-        settings = replace(evidence.settings.solver, iterations=_ITERATIONS)
-        there = solve(problem, start, settings, control.should_stop).params
-        off = changes(np.array([before, there]))[0]
-        jump = 0.5 * float((off**2 / push).sum())
-        if _largest_m(model, before, there) < _MERGED_M:
+        carried = model.clipped(moved(before[None], changes(np.array([stood, pose])))[0])
+        # without the correction, too: a pose by all frames is not what one alone would have
+        without, there = (
+            solve(problem, start, settings, control.should_stop).params
+            for start in (before, carried)
+        )
+        if _largest_m(model, without, there) < _MERGED_M:
             break
-        if problem.cost(there) > problem.cost(before) + jump:
+        jump = 0.5 * float((changes(np.array([without, there]))[0] ** 2 / push).sum())
+        if problem.cost(there) > problem.cost(without) + jump:
             break
         found[frame] = there
-        stood, pose = before, there
+        stood, pose = without, there
     return found
 
 

@@ -20,13 +20,15 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
-from handtrack.tracking.whole.keyframes import KEYFRAME_REACH, held_at, with_keyframes
+from handtrack.tracking.whole.keyframes import held_at, with_keyframes
 from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
 """frames that have a motion"""
 _MEMORY = 2
 """frames before one that say where it goes: its place and its velocity"""
+_EASES = 12
+"""frames beside those that changed in which the motion eases into what stood"""
 
 
 def refined(
@@ -40,14 +42,14 @@ def refined(
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
-    held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows. They are not
-    returned.
+    held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows, unless they
+    are among `tracked` already. They are not returned.
 
     tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
     held, live = held or {}, tracked
-    if held:
+    if set(held) - {result.frame for result in tracked}:
         tracked = with_keyframes(model, settings, observe, tracked, held, control)
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     if len(tracked) - len(lost) < _FEWEST:
@@ -91,23 +93,23 @@ def refined_near(
     tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
     """
     found: list[FrameResult] = []
-    known = {result.frame: result for result in tracked}
-    numbers = np.array(sorted(known | dict(held)))
-    touched = np.zeros(len(numbers), bool)
-    for frame in changed:
-        at = int(np.searchsorted(numbers, frame))
-        touched[max(at - KEYFRAME_REACH, 0) : at + KEYFRAME_REACH + 1] = True
-    edges = np.flatnonzero(np.diff(np.r_[0, touched, 0]))
+    stood = {result.frame: result for result in tracked}
+    new = {frame: held[frame] for frame in changed if frame in held}
+    followed = with_keyframes(model, settings, observe, tracked, held, control, new)
+    numbers = np.array([result.frame for result in followed])
+    touched = np.array([r.frame in changed or r is not stood.get(r.frame, r) for r in followed])
+    near = np.convolve(touched, np.ones(2 * _EASES + 1), "same") > 0
+    edges = np.flatnonzero(np.diff(np.r_[0, near, 0]))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
-        inside = set(numbers[first:stop].tolist())
-        beside = (
-            numbers[max(first - _MEMORY, 0) : first].tolist()
-            + numbers[stop : stop + _MEMORY].tolist()
-        )
-        ends = {n: model.transform.solver_params(known[n].parameters) for n in beside if n in known}
-        kept = {n: pose for n, pose in held.items() if n in inside or n in beside}
-        window = [known[n] for n in sorted(inside & set(known))]
-        found += refined(model, settings, observe, window, control, ends | kept)
+        window = slice(max(first - _MEMORY, 0), stop + _MEMORY)
+        ends = {*numbers[window.start : first].tolist(), *numbers[stop : window.stop].tolist()}
+        inside = followed[window]
+        kept = {
+            r.frame: held.get(r.frame, model.transform.solver_params(r.parameters))
+            for r in inside
+            if r.frame in held or r.frame in ends
+        }
+        found += refined(model, settings, observe, inside, control, kept)
     return found
 
 
