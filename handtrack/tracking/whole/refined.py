@@ -20,7 +20,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
-from handtrack.tracking.whole.keyframes import held_at, with_keyframes
+from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
@@ -61,7 +61,7 @@ def refined(
     evidence = Evidence(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
-        {frame: held_at(model, pose) for frame, pose in held.items()},
+        {frame: keyframe_prior(model, pose) for frame, pose in held.items()},
     )  # fmt: skip
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
