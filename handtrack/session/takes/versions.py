@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 def versions_in_use() -> dict[str, str]:
     """Return the versions of the programs that make a take."""
     versions = {name: version_of(name) for name in ("handtrack", "numpy", "numba")}
-    return versions | {"python": platform.pythonversion_of()}
+    return versions | {"python": platform.python_version()}
 
 
 def version_of(name: str) -> str:
