@@ -112,7 +112,9 @@ class TrackedTake:
             return
         latest = self._passes[-1]
         if len(latest) == 1:
-            latest.append(self._store.begin(about_refined(latest[0].about)))
+            about = about_refined(latest[0].about)
+            left = self._store.unfinished(about.inputs)
+            latest.append(self._store.begin(about) if left is None else self._store.go_on(left))
         latest[-1].replace(result)
 
     def leave_pass(self) -> None:
