@@ -9,21 +9,26 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Array, F, Floats, P
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import uncertainty
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_result import judged, posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
 """frames that have a motion"""
+_LOOKS = 8
+"""frames, evenly spread, that tell which cameras there are"""
 
 
 def refined(
@@ -50,16 +55,33 @@ def refined(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
     )  # fmt: skip
+    evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
     if found is not None and again:
         around = {**dict(zip(numbers, found.poses, strict=True)), **again}
         poses = np.array([around[number] for number in numbers])
-        evidence = replace(evidence, around=around, silent=lost - set(again))
+        evidence = replace(
+            evidence, around=around, silent=lost - set(again), cameras=found.cameras
+        )
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(tracked)
     return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+
+
+def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
+    """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated."""
+    settings = evidence.settings
+    if settings.looks_at_images or not settings.tracker.correct_cameras:
+        return CameraChanges.none()
+    looks = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
+    seen: dict[str, Camera] = {}
+    for frame in (posed[k] for k in looks):
+        observed = evidence.observe(frame, evidence.model.bones(evidence.around[frame]))
+        joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
+        seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
+    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ())
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
@@ -105,10 +127,12 @@ def _result(
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     status, reason = before.status, before.reason
-    if frame.terms.has_seen and before.frame not in evidence.silent | evidence.poor:
-        energy = frame.problem.cost(pose)
-        status, reason = judged(frame.terms, pose, energy, spread.joint_covariance, tracked[:n])
     std, seen = spread.parameter_std, frame.terms.has_seen
+    terms, problem = frame.seen_by(found.cameras.corrected(), pose)
+    energies = problem.costs(pose) if seen else {}
+    if seen and before.frame not in evidence.silent | evidence.poor:
+        energy = sum(energies.values())
+        status, reason = judged(terms, pose, energy, spread.joint_covariance, tracked[:n])
     refined = posed_result(
         model, frame.observation, pose, status, reason,
         energy=float(found.costs[n]) if seen else float("nan"),
@@ -116,4 +140,4 @@ def _result(
         std=np.full_like(std, np.inf) if status == Status.LOST else std,
         joint_covariance=spread.joint_covariance,
     )  # fmt: skip
-    return replace(refined, energies=frame.problem.costs(pose) if seen else {})
+    return replace(refined, energies=energies)
