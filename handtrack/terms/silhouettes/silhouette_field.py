@@ -126,9 +126,7 @@ class FieldTerm:
         for i, seen in enumerate(self.silhouettes):
             term, steps = copy(self), self.shape.row_steps[i : i + 1]
             term.silhouettes, term.weight = (seen,), weights[i]
-            term.shape = replace(
-                self.shape, levels=self.shape.levels[i : i + 1], row_steps=steps
-            )
+            term.shape = replace(self.shape, levels=self.shape.levels[i : i + 1], row_steps=steps)
             found.append(term)
         return found
 

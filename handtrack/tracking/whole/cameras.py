@@ -78,12 +78,11 @@ class CameraChanges:
         told = 1.0 / (_LATE_FRAMES**2 + late**2)
         cost = 0.5 * (plain**2).sum() - 0.5 * np.log(told * _LATE_FRAMES**2).sum()
         gradient = np.column_stack([plain / _SIGMA, late * told])
-        hessian = np.diag(
-            np.column_stack([np.tile(_SIGMA**-2, (len(plain), 1)), told]).ravel()
-        )
-        # the recording's own time is that of the cameras that agree
-        common = (told * late).sum() / max(told.sum(), 1e-300)
-        by_late = told * (1.0 - 2.0 * told * late * (late - common)) / max(told.sum(), 1e-300)
+        hessian = np.diag(np.column_stack([np.tile(_SIGMA**-2, (len(plain), 1)), told]).ravel())
+        # the recording's own time is that of the cameras that agree: one that is frames off hardly counts
+        share = told**2 / max((told**2).sum(), 1e-300)
+        common = float((share * late).sum())
+        by_late = share * (1.0 - 4.0 * told * late * (late - common))
         gradient[:, LATE] += common * by_late / _COMMON_FRAMES**2
         hessian[LATE::8, LATE::8] += np.outer(by_late, by_late) / _COMMON_FRAMES**2
         cost += 0.5 * (common / _COMMON_FRAMES) ** 2
@@ -136,7 +135,9 @@ class CameraChanges:
             turn = rotation_matrix(values[TURNED])
             rotation = camera.rotation @ turn
             centre = camera.centre - turn.T @ values[SHIFTED]
-            matrix = camera.matrix * np.array([[1.0 + values[ZOOMED]], [1.0 + values[ZOOMED]], [1.0]])
+            matrix = camera.matrix * np.array(
+                [[1.0 + values[ZOOMED]], [1.0 + values[ZOOMED]], [1.0]]
+            )
             matrix[:2, 2] = camera.matrix[:2, 2]
             found.append(
                 replace(camera, matrix=matrix, rotation=rotation, translation=-rotation @ centre)

@@ -87,7 +87,9 @@ class FrameEvidence:
     def seen_by(self, cameras: Sequence[Camera], pose: Floats[P]) -> tuple[FrameTerms, Problem]:
         """Return the terms and the whole problem where these have taken the place of cameras of their names."""
         named = {camera.name: camera for camera in cameras}
-        prepared = [replace(p, camera=named.get(p.camera.name, p.camera)) for p in self.terms.prepared]
+        prepared = [
+            replace(p, camera=named.get(p.camera.name, p.camera)) for p in self.terms.prepared
+        ]
         keypoints = []
         for term in self.terms.keypoints:
             seen = term.observed
@@ -164,18 +166,18 @@ class Evidence:
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
-        by_camera, others = _by_camera(terms.stage(terms.stages - 1, bones))
+        told, others = by_camera(terms.stage(terms.stages - 1, bones))
         if frame in self.silent:
-            by_camera, others = {}, []
-        views = [by_camera.pop(name, []) for name in self.cameras.names]
-        others += [term for told in by_camera.values() for term in told]
+            told, others = {}, []
+        views = [told.pop(name, []) for name in self.cameras.names]
+        others += [term for own in told.values() for term in own]
         return FrameEvidence(
-            observation, terms, tuple(Problem(model, told) for told in views), Problem(model, others),
+            observation, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
             Problem(model, (), terms.priors),
         )  # fmt: skip
 
 
-def _by_camera(
+def by_camera(
     terms: Sequence[ObservationTerm],
 ) -> tuple[dict[str, list[ObservationTerm]], list[ObservationTerm]]:
     """Return the terms that each camera alone says, by its name, and all others; together they are the same."""

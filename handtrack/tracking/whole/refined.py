@@ -23,6 +23,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
 
 _FEWEST = 3
@@ -56,14 +57,13 @@ def refined(
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
     )  # fmt: skip
     evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
+    evidence = evidence.through(with_late_cameras(evidence, numbers, poses))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
     if found is not None and again:
         around = {**dict(zip(numbers, found.poses, strict=True)), **again}
         poses = np.array([around[number] for number in numbers])
-        evidence = replace(
-            evidence, around=around, silent=lost - set(again), cameras=found.cameras
-        )
+        evidence = replace(evidence, around=around, silent=lost - set(again), cameras=found.cameras)
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(tracked)
