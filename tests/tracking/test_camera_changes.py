@@ -36,17 +36,18 @@ def _difference(after, before):
 def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
     cameras = _changed(rng)
     pose, speed = 0.3 * rng.normal(size=(1, 9)), 0.2 * rng.normal(size=(1, 9))
-    sight = cameras.sight(1, pose, speed)
+    view = cameras.seen_poses(1, pose, speed)
 
     def seen(x):
         step = np.concatenate([np.zeros(8), x[9:]])
         return _difference(
-            cameras.stepped(step).sight(1, moved(pose, x[None, :9]), speed).poses[0], sight.poses[0]
+            cameras.stepped(step).seen_poses(1, moved(pose, x[None, :9]), speed).poses[0],
+            view.poses[0],
         )
 
     by_pose = np.eye(9)
-    by_pose[:6, :6] = sight.by_pose[0]
-    jacobian = np.concatenate([by_pose, sight.by_camera[0]], axis=1)
+    by_pose[:6, :6] = view.by_pose[0]
+    jacobian = np.concatenate([by_pose, view.by_camera[0]], axis=1)
     check_jacobian(seen, jacobian, np.zeros(17), rtol=1e-6)
 
 
@@ -64,12 +65,12 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     pose = HAND.rest_params()[None]
     for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
         # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
-        seen = HAND.bones(cameras.sight(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
         off = camera.project(seen.position) - corrected.project(bones.position)
         size = np.ptp(corrected.project(bones.position), axis=0).max()
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
         cameras.values[k, 6] = 0.0
-        seen = HAND.bones(cameras.sight(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
         np.testing.assert_allclose(
             camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
         )

@@ -10,7 +10,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
 
 HAND = load_model("hand26")
@@ -62,7 +62,7 @@ def _tracked(cameras, late=(0, 0, 0), **settings):
 
     values = {"tracker.estimate": "whole", **settings}
     tracker = Tracker(HAND, TrackerSettings().with_values(values))
-    found = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
+    found = list(track_recording(tracker, observe, 0, poses[0], range(FRAMES)))
     return found[FRAMES:], truth
 
 

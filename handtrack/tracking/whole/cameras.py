@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import C, D6, D8, F, Floats, K, P
+from handtrack.arrays import D6, D8, C, F, Floats, K, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.terms.bone_system import JointSystem
@@ -28,7 +28,7 @@ TURNED, SHIFTED, ZOOMED, LATE = slice(0, 3), slice(3, 6), 6, 7
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class SeenPoses:
     """The hand of all frames as one camera sees it."""
 
     poses: Floats[F, P]
@@ -93,7 +93,7 @@ class CameraChanges:
         """Of how much later a moment than its number's each camera's image is [frames]: below 0 where it is late."""
         return self.values[:, LATE] - np.array(self.ahead, float)
 
-    def sight(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> Sight:
+    def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> SeenPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `motion.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = values[LATE] * velocity
@@ -117,7 +117,7 @@ class CameraChanges:
         by_camera[:, :, LATE] = velocity
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return Sight(found, by_pose, by_camera)
+        return SeenPoses(found, by_pose, by_camera)
 
     def whole_frames(self) -> CameraChanges:
         """Return the same where other images of a camera are looked at, as soon as one is clearly nearer in time."""

@@ -93,12 +93,12 @@ def estimate_whole(
 
     def swept(poses: Floats[F, P]) -> _Swept:
         cameras, speed = evidence.cameras, velocities(poses)
-        sights = [cameras.sight(k, poses, speed) for k in range(len(cameras.cameras))]
+        views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
         systems: list[FrameSystem] = []
         for n, frame in enumerate(frames):
             if should_stop():
                 raise _StoppedError
-            systems.append(evidence.of(frame).linearize(poses[n], sights, n))
+            systems.append(evidence.of(frame).linearize(poses[n], views, n))
             tell((sweep + (n + 1) / len(frames)) / (_SWEEPS + 1))
         return _Swept(
             poses, cameras,

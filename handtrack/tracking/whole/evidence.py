@@ -22,7 +22,7 @@ from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
-from handtrack.tracking.whole.cameras import CameraChanges, Sight
+from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
 from handtrack.tracking.whole.motion import by_change
 
 _HELD = 400
@@ -58,21 +58,27 @@ class FrameEvidence:
     prior: Problem
     """what is known of poses beforehand"""
 
-    def linearize(self, pose: Floats[P], sights: Sequence[Sight] = (), n: int = 0) -> FrameSystem:
-        """Return the frame's system; sights: of each camera that may change, the frame being their n-th."""
+    def linearize(
+        self, pose: Floats[P], views: Sequence[SeenPoses] = (), n: int = 0
+    ) -> FrameSystem:
+        """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
         size = len(pose)
-        count = sum(sight.by_camera.shape[2] for sight in sights)
+        count = sum(view.by_camera.shape[2] for view in views)
         plain = _by_changes(self.others.linearize(pose), pose)
-        gradient, matrix, cost = np.zeros(size + count), np.zeros((size + count,) * 2), plain.cost
+        gradient, matrix, cost = (
+            np.zeros(size + count),
+            np.zeros((size + count, size + count)),
+            plain.cost,
+        )
         gradient[:size], matrix[:size, :size] = plain.gradient, plain.hessian
         first = size
-        for problem, sight in zip(self.views, sights, strict=True):
-            wide = sight.by_camera.shape[2]
+        for problem, view in zip(self.views, views, strict=True):
+            wide = view.by_camera.shape[2]
             if problem.observation_terms:
-                seen = _by_changes(problem.linearize(sight.poses[n]), sight.poses[n])
+                seen = _by_changes(problem.linearize(view.poses[n]), view.poses[n])
                 by_pose = np.eye(size)
-                by_pose[:6, :6] = sight.by_pose[n]
-                seen = seen.pull_back(np.concatenate([by_pose, sight.by_camera[n]], axis=1))
+                by_pose[:6, :6] = view.by_pose[n]
+                seen = seen.pull_back(np.concatenate([by_pose, view.by_camera[n]], axis=1))
                 at = np.r_[:size, first : first + wide]
                 cost += seen.cost
                 gradient[at] += seen.gradient

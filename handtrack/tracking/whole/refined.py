@@ -12,8 +12,8 @@ from handtrack.arrays import Array, F, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.solver.covariance import uncertainty
 from handtrack.observation.observation import ImageKeypoints
+from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
