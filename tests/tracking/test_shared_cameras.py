@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.refinement import Refinement
 
 HAND = load_model("hand26")
 FRAMES, FPS, SIGMA_PX = 30, 30.0, 1.0
@@ -41,8 +45,8 @@ def _poses():
     return np.array([HAND.clipped(pose) for pose in poses])
 
 
-def _tracked(cameras, late=(0, 0, 0), **settings):
-    """Return the refined frames, the true points, and what was found of the cameras.
+def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
+    """Return the refined frames, the true points, and what was found that all share.
 
     cameras: as the program knows them; late: by how many frames each one's pictures are.
     """
@@ -60,10 +64,12 @@ def _tracked(cameras, late=(0, 0, 0), **settings):
         ]
         return Observation(frame, frame / FPS, keypoints=tuple(views))
 
-    values = {"tracker.estimate": "whole", **settings}
-    tracker = Tracker(HAND, TrackerSettings().with_values(values))
-    found = list(track_recording(tracker, observe, 0, poses[0], range(FRAMES)))
-    return found[FRAMES:], truth
+    tracker, told = Tracker(HAND, TrackerSettings()), []
+    live = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
+    frames = refined(
+        HAND, tracker.settings, observe, live, Control(on_shared=told.append), corrects_cameras
+    )
+    return frames, truth, Refinement.read(told[0])
 
 
 def _off_mm(frames, truth):
@@ -72,23 +78,37 @@ def _off_mm(frames, truth):
 
 def test_a_camera_that_was_turned_is_put_right():
     cameras = [_camera(0, np.deg2rad(0.6)), _camera(1), _camera(2, zoom=1.004)]
-    frames, truth = _tracked(cameras)
-    left, _ = _tracked(cameras, **{"tracker.correct_cameras": False})
+    frames, truth, found = _tracked(cameras)
+    left, _, _ = _tracked(cameras, corrects_cameras=False)
     off = _off_mm(frames, truth)
     assert off < 0.55 * _off_mm(
         left, truth
     )  # measured 1.85 of 4.0 mm; what is left is where the room is
+    assert {one.name for one in found.cameras} == {"cam0", "cam1", "cam2"}
+
+
+def test_a_camera_that_was_touched_is_named():
+    cameras = [_camera(0, np.deg2rad(2.0)), _camera(1), _camera(2)]
+    _, _, found = _tracked(cameras)
+    (text,) = found.words
+    assert "camera 'cam0' is turned by" in text
+    assert "cam2" not in text
 
 
 def test_clean_cameras_are_left_alone():
     cameras = [_camera(k) for k in range(3)]
-    frames, truth = _tracked(cameras)
-    clean, _ = _tracked(cameras, **{"tracker.correct_cameras": False})
+    frames, truth, found = _tracked(cameras)
+    clean, _, _ = _tracked(cameras, corrects_cameras=False)
     assert _off_mm(frames, truth) < 1.25 * _off_mm(clean, truth)  # measured 0.55 and 0.48 mm
+    assert found.words == []
+    assert found.why == "converged"
 
 
 def test_a_camera_that_is_late_is_found_and_put_right():
     cameras = [_camera(k) for k in range(3)]
-    frames, truth = _tracked(cameras, (0, 2, 0))
-    left, _ = _tracked(cameras, (0, 2, 0), **{"tracker.correct_cameras": False})
+    frames, truth, found = _tracked(cameras, (0, 2, 0))
+    left, _, _ = _tracked(cameras, (0, 2, 0), corrects_cameras=False)
     assert _off_mm(frames, truth) < 0.3 * _off_mm(left, truth)  # measured 0.57 of 2.9 mm
+    late = {one.name: one.late_frames for one in found.cameras}
+    assert late == pytest.approx({"cam0": 0.0, "cam1": 2.0, "cam2": 0.0}, abs=0.1)
+    assert "cam1" in found.words[0]

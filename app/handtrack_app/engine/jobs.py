@@ -20,6 +20,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
@@ -184,13 +185,15 @@ class TrackingJob(BackgroundJob):
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
+        self._found: list[str] = []
 
     def work(self) -> None:
         run = self._run
         recorded = run.session.live is None
         control = Control(
-            self.should_stop, on_early=self._early, on_refined=self._refining, waits=recorded
-        )
+            self.should_stop, on_early=self._early, on_refined=self._refining, on_shared=self._shared,
+            waits=recorded,
+        )  # fmt: skip
         for leg in self._path:
             self.share = 0.0
             for result in run.track_with(control, leg.frames, leg.first, leg.params):
@@ -204,10 +207,16 @@ class TrackingJob(BackgroundJob):
                 return
         if (
             recorded
+            and not self._found
             and isinstance(run, TrackingRun)
             and (text := doubt_of_cameras(run, self._some))
         ):
             self._post(Questioned(self.number, text))
+
+    def _shared(self, text: str) -> None:
+        self._found = Refinement.read(text).words
+        for words in self._found:
+            self._post(Questioned(self.number, words))
 
     def _refining(self, share: float) -> None:
         self.tell(share, "Refining all frames together …")

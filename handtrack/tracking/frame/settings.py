@@ -234,10 +234,6 @@ class FollowSettings:
         "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
-    correct_cameras: bool = setting(
-        True, "With `whole`, where two cameras see the hand: small corrections of each one's direction, place, focal length and "
-        "time are found with the poses, and told; the calibration stays as it is.", label="Correct cameras",
-    )  # fmt: skip
     hypotheses: int = setting(
         1, "How many poses are carried along where one view leaves several open; 1: only the best, without sampling.",
         label="Hypotheses", level="user", low=1, slider=(1, 16, 1),

@@ -25,6 +25,7 @@ from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
+from handtrack.tracking.whole.refinement import Refinement
 
 _FEWEST = 3
 """frames that have a motion"""
@@ -38,11 +39,13 @@ def refined(
     observe: Observe,
     tracked: Sequence[FrameResult],
     control: Control = Control(),
+    corrects_cameras: bool = True,
 ) -> list[FrameResult]:
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
-    tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
+    tracked: as they came, frame after frame. corrects_cameras: where two see the hand, what their calibration and their time are
+    off by is found with the poses, and told to control; the calibration stays as it is. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
@@ -56,8 +59,9 @@ def refined(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
     )  # fmt: skip
-    evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
-    evidence = evidence.through(with_late_cameras(evidence, numbers, poses))
+    if corrects_cameras:
+        evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
+        evidence = evidence.through(with_late_cameras(evidence, numbers, poses))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
     if found is not None and again:
@@ -67,13 +71,14 @@ def refined(
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(tracked)
+    control.on_shared(Refinement.of(found).text)
     return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
 
 
 def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
     """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated."""
     settings = evidence.settings
-    if settings.looks_at_images or not settings.tracker.correct_cameras:
+    if settings.looks_at_images:
         return CameraChanges.none()
     looks = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
     seen: dict[str, Camera] = {}
