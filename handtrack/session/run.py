@@ -44,6 +44,7 @@ from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fi
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.refined import refined, refined_near
 
 
 @dataclass(frozen=True)
@@ -261,6 +262,23 @@ class TrackingRun:
             )
         finally:
             observe.close()
+
+    def refined(
+        self,
+        tracked: Sequence[FrameResult],
+        control: Control = Control(),
+        held: Mapping[int, Floats[P]] | None = None,
+        changed: Sequence[int] | None = None,
+    ) -> list[FrameResult]:
+        """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed.
+
+        changed: which of these were set or let go since the frames were refined; only what those touch is done, and
+        returned. None: everything.
+        """
+        more = (self.model, self.settings, self.observation, tracked)
+        if changed is None:
+            return refined(*more, control, held)
+        return refined_near(*more, held or {}, changed, control)
 
     def _prepare(self, frame: int) -> None:
         """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""

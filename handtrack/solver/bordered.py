@@ -54,4 +54,4 @@ class Bordered:
     @cached_property
     def _follow(self) -> Floats[F, P, K]:
         """B⁻¹ C: by how much frames give way to what is shared, with a minus."""
-        return self.frames.solve(self.border)
+        return self.frames.solve(self.border) if self.border.size else self.border

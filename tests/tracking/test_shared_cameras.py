@@ -67,7 +67,12 @@ def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
     tracker, told = Tracker(HAND, TrackerSettings()), []
     live = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
     frames = refined(
-        HAND, tracker.settings, observe, live, Control(on_shared=told.append), corrects_cameras
+        HAND,
+        tracker.settings,
+        observe,
+        live,
+        Control(on_shared=told.append),
+        corrects_cameras=corrects_cameras,
     )
     return frames, truth, Refinement.read(told[0])
 

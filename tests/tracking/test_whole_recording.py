@@ -12,10 +12,10 @@ from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
-from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.motion import Motion, changes, moved
-from handtrack.tracking.whole.refined import _bridged
+from handtrack.tracking.whole.refined import _bridged, refined, refined_near
 from tests.derivatives import check_gradient, check_jacobian
 
 HAND = load_model("hand26")
@@ -204,3 +204,48 @@ def test_the_usual_motion_is_what_the_prior_says():
         np.deg2rad(PriorSettings().motion_sigma_deg)
     )
     assert Motion.usual(PriorSettings(), 8, 1.0).kept < 0.01 < 0.8 < usual.kept
+
+
+def test_beside_a_keyframe_frames_follow_from_both_sides():
+    """A finger that nobody sees stood straight; set right in one frame, it closes and opens before and after."""
+    hidden = np.zeros((FRAMES, 21), bool)
+    middle = [keypoint_names().index(f"middle_{part}") for part in ("pip", "dip", "tip")]
+    hidden[:, middle] = True
+    poses = _opening_and_closing()
+    truth = _points(poses)
+    observe, live = _followed_while(hidden, poses, truth)
+    settings, held = Tracker(HAND).settings, {FRAMES // 2: poses[FRAMES // 2]}
+    without = refined(HAND, settings, observe, live)
+    found = refined(HAND, settings, observe, live, held=held)
+    assert [r.frame for r in found] == [n for n in range(FRAMES) if n not in held]
+    near = [n for n in range(FRAMES // 2 - 4, FRAMES // 2 + 5) if n not in held]
+    off = {r.frame: _off_mm([r], truth[r.frame : r.frame + 1])[0, middle].mean() for r in found}
+    before = {
+        r.frame: _off_mm([r], truth[r.frame : r.frame + 1])[0, middle].mean() for r in without
+    }
+    assert np.mean([off[n] for n in near]) < 0.5 * np.mean([before[n] for n in near])
+
+
+def test_only_what_a_keyframe_touches_is_refined_again():
+    hidden = np.zeros((FRAMES, 21), bool)
+    poses = _opening_and_closing()
+    observe, live = _followed_while(hidden, poses, _points(poses))
+    settings = Tracker(HAND).settings
+    whole = refined(HAND, settings, observe, live)
+    at = FRAMES // 2
+    again = refined_near(HAND, settings, observe, whole, {at: poses[at]}, [at])
+    assert [r.frame for r in again] == [n for n in range(at - 12, at + 13) if n != at]
+    ends = _off_mm(again, np.array([whole[r.frame].keypoints21 for r in again]))
+    assert ends[0].max() < 2.5  # noise of 4 mm, smoothed over fewer frames
+    assert ends[-1].max() < 2.5
+
+
+def _followed_while(hidden, poses, truth):
+    noise = np.random.default_rng(5).normal(size=truth.shape)
+    seen = np.where(hidden[:, :, None], np.nan, truth + SIGMA_M * noise)
+
+    def observe(frame, _bones):
+        return _observed(frame, seen[frame])
+
+    path = track_frames(Tracker(HAND), observe, 0, poses[0], range(len(poses)))
+    return observe, list(path)

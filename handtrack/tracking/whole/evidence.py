@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
-from handtrack.terms.term import ObservationTerm
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -57,6 +58,14 @@ class FrameEvidence:
     """all else that was seen"""
     prior: Problem
     """what is known of poses beforehand"""
+
+    @cached_property
+    def problem(self) -> Problem:
+        """All of it, through the cameras as they were calibrated."""
+        seen = [term for view in self.views for term in view.observation_terms]
+        return Problem(
+            self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
+        )
 
     def linearize(
         self, pose: Floats[P], views: Sequence[SeenPoses] = (), n: int = 0
@@ -131,6 +140,8 @@ class Evidence:
     """frames whose cloud is poor: its depths are doubted"""
     silent: frozenset[int] = frozenset()
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
+    held: Mapping[int, ParameterTerm] = field(default_factory=dict)
+    """what keeps frames at poses that a person set"""
     cameras: CameraChanges = field(default_factory=CameraChanges.none)
     """those that may change, and how they do"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
@@ -172,6 +183,8 @@ class Evidence:
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
+        if frame in self.held:
+            terms = replace(terms, priors=(*terms.priors, self.held[frame]))
         told, others = by_camera(terms.stage(terms.stages - 1, bones))
         if frame in self.silent:
             told, others = {}, []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -23,12 +23,17 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.keyframes import held_at, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
 from handtrack.tracking.whole.refinement import Refinement
 
 _FEWEST = 3
 """frames that have a motion"""
+_MEMORY = 2
+"""frames before one that say where it goes: its place and its velocity"""
+_EASES = 12
+"""frames beside those that changed in which the motion eases into what stood"""
 _LOOKS = 8
 """frames, evenly spread, that tell which cameras there are"""
 
@@ -39,18 +44,25 @@ def refined(
     observe: Observe,
     tracked: Sequence[FrameResult],
     control: Control = Control(),
+    held: Mapping[int, Floats[P]] | None = None,
     corrects_cameras: bool = True,
 ) -> list[FrameResult]:
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
-    tracked: as they came, frame after frame. corrects_cameras: where two see the hand, what their calibration and their time are
-    off by is found with the poses, and told to control; the calibration stays as it is. Where the hand was lost it goes on by its motion from both sides; what was seen
+    held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows, unless they
+    are among `tracked` already. They are not returned. corrects_cameras: where two see the hand, what their calibration and
+    their time are off by is found with the poses, and told to control; the calibration stays as it is.
+
+    tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
+    held, live = held or {}, tracked
+    if set(held) - {result.frame for result in tracked}:
+        tracked = with_keyframes(model, settings, observe, tracked, held, control)
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     if len(tracked) - len(lost) < _FEWEST:
-        return list(tracked)
+        return list(live)
     numbers = [result.frame for result in tracked]
     seconds = abs(tracked[-1].time_s - tracked[0].time_s) / (len(tracked) - 1)
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
@@ -58,6 +70,7 @@ def refined(
     evidence = Evidence(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
+        {frame: held_at(model, pose) for frame, pose in held.items()},
     )  # fmt: skip
     if corrects_cameras:
         evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
@@ -70,9 +83,48 @@ def refined(
         evidence = replace(evidence, around=around, silent=lost - set(again), cameras=found.cameras)
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
-        return list(tracked)
+        return list(live)
     control.on_shared(Refinement.of(found).text)
-    return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    return [
+        _result(evidence, found, n, tracked)
+        for n, number in enumerate(numbers)
+        if number not in held
+    ]
+
+
+def refined_near(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    observe: Observe,
+    tracked: Sequence[FrameResult],
+    held: Mapping[int, Floats[P]],
+    changed: Sequence[int],
+    control: Control = Control(),
+) -> list[FrameResult]:
+    """Return the frames that keyframes touch, refined again, as `refined` does; all others stand as they are.
+
+    tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
+    """
+    control = replace(control, on_shared=lambda text: None)  # few frames tell little of it
+    found: list[FrameResult] = []
+    stood = {result.frame: result for result in tracked}
+    new = {frame: held[frame] for frame in changed if frame in held}
+    followed = with_keyframes(model, settings, observe, tracked, held, control, new)
+    numbers = np.array([result.frame for result in followed])
+    touched = np.array([r.frame in changed or r is not stood.get(r.frame, r) for r in followed])
+    near = np.convolve(touched, np.ones(2 * _EASES + 1), "same") > 0
+    edges = np.flatnonzero(np.diff(np.r_[0, near, 0]))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        window = slice(max(first - _MEMORY, 0), stop + _MEMORY)
+        ends = {*numbers[window.start : first].tolist(), *numbers[stop : window.stop].tolist()}
+        inside = followed[window]
+        kept = {
+            r.frame: held.get(r.frame, model.transform.solver_params(r.parameters))
+            for r in inside
+            if r.frame in held or r.frame in ends
+        }
+        found += refined(model, settings, observe, inside, control, kept)
+    return found
 
 
 def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
