@@ -15,9 +15,9 @@ from handtrack.tracking.whole.motion import PLACE, TURN, changes, moved
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 """what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""
-_LATE_FRAMES = 0.5
-"""cameras that nobody triggered together differ by less than a frame; one that dropped frames by any number: a Cauchy bell, under
-which one camera that is two frames late costs less than three that share it"""
+_LATE_FRAMES = 0.1
+"""frames of equal number are of one moment, as cameras with a common trigger see them; one that dropped frames may be late by any
+number: a Cauchy bell, under which one camera that is two frames late costs less than three that share it"""
 _COMMON_FRAMES = 1e-3
 """what all cameras are late by together nobody can see: it is held at nothing"""
 _SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM])

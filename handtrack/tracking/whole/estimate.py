@@ -13,7 +13,7 @@ from handtrack.solver.block_banded import REACH, BlockBanded
 from handtrack.solver.bordered import Bordered
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.whole.cameras import CameraChanges, velocities
-from handtrack.tracking.whole.evidence import Evidence, FrameSystem
+from handtrack.tracking.whole.evidence import Evidence
 from handtrack.tracking.whole.motion import PLACE, Motion, moved
 
 _SWEEPS = 10
@@ -22,7 +22,8 @@ _ENOUGH_M, _ENOUGH_RAD = 1e-4, 1e-3
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
-"""one frame in so many tells something new of what lasts: what is known of it beforehand weighs as much more beside all frames"""
+"""share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
+they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames"""
 _MOTIONS, _MOTION_SWEEPS = 5, 3
 """times that the motion is estimated with the frames' systems as they are, since reading the frames anew takes longer, and in how
 many of the sweeps; then it stands, for poses to settle"""
@@ -60,7 +61,7 @@ class _Swept:
     """of the poses' part of `hessian`, what is of what was seen"""
 
     def cost(self, motion: Motion) -> float:
-        known = motion.cost(self.poses) + self.cameras.prior().cost / _NEW
+        known = motion.cost(self.poses) + len(self.poses) * self.cameras.prior().cost
         return float(self.costs.sum()) + known
 
     def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
@@ -88,25 +89,26 @@ def estimate_whole(
     model = evidence.model
     usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
     motion = usual.estimated(poses, np.zeros((len(poses), REACH + 1, *usual.pushes.shape)), usual)
-    damping = np.full(len(frames), _DAMPING)
+    damping, stiff = np.full(len(frames), _DAMPING), _DAMPING
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
         cameras, speed = evidence.cameras, velocities(poses)
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
-        systems: list[FrameSystem] = []
-        for n, frame in enumerate(frames):
+        size = poses.shape[1] + cameras.count
+        costs, gradient = np.empty(len(frames)), np.empty((len(frames), size))
+        hessian = np.empty((len(frames), size, size))
+        told = np.empty((*poses.shape, poses.shape[1]))
+        # to and fro: of a long recording the frames that were read last are still in memory
+        order = range(len(frames)) if sweep % 2 == 0 else range(len(frames) - 1, -1, -1)
+        for count, n in enumerate(order, start=1):
             if should_stop():
                 raise _StoppedError
-            systems.append(evidence.of(frame).linearize(poses[n], views, n))
-            tell((sweep + (n + 1) / len(frames)) / (_SWEEPS + 1))
-        return _Swept(
-            poses, cameras,
-            np.array([system.whole.cost for system in systems]),
-            np.stack([system.whole.gradient for system in systems]),
-            np.stack([system.whole.hessian for system in systems]),
-            np.stack([system.seen for system in systems]),
-        )  # fmt: skip
+            system = evidence.of(frames[n]).linearize(poses[n], views, n)
+            costs[n], gradient[n] = system.whole.cost, system.whole.gradient
+            hessian[n], told[n] = system.whole.hessian, system.seen
+            tell((sweep + count / len(frames)) / (_SWEEPS + 1))
+        return _Swept(poses, cameras, costs, gradient, hessian, told)
 
     try:
         best = swept(_within(model, poses))
@@ -115,7 +117,7 @@ def estimate_whole(
                 system, right = _system(model, best, motion)
                 ahead = moved(best.poses, system.solve(*right)[0])
                 motion = motion.estimated(ahead, system.frames.inverse, usual)
-            system, right = _system(model, best, motion, damping)
+            system, right = _system(model, best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
             evidence = evidence.through(best.cameras.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
@@ -124,7 +126,10 @@ def estimate_whole(
             damping = np.clip(damping * np.where(worse, _TIGHTEN, _RELAX), _LEAST, _MOST)
             if gain > 0:
                 best = found
-            elif not worse.any():
+                stiff = max(_RELAX * stiff, _LEAST)
+            elif worse.any() or (best.cameras.count and stiff < _MOST):
+                stiff *= _TIGHTEN
+            else:
                 why = "no descent"
                 break
             nearer = best.cameras.whole_frames()
@@ -160,8 +165,8 @@ def _stated_covariance(
     size = swept.poses.shape[1]
     others = swept.hessian.copy()
     others[:, :size, :size] -= (1.0 - _NEW) * swept.seen
-    others[:, size:] *= _NEW
-    others[:, :size, size:] *= _NEW
+    others[:, size:, size:] /= len(swept.poses)
+    others[:, :size, size:] *= np.sqrt(_NEW / len(swept.poses))
     system, _ = _system(model, replace(swept, hessian=others), motion, known=1.0)
     spread = system.frames.inverse[:, 0]
     found = [
@@ -187,11 +192,12 @@ def _system(
     swept: _Swept,
     motion: Motion,
     damping: Floats[F] | None = None,
-    known: float = 1.0 / _NEW,
+    known: float | None = None,
+    shared_damping: float = 0.0,
 ) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
     """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
 
-    known: the weight of what is known of the shared ones beforehand.
+    known: the weight of what is known of the shared ones beforehand; the number of frames unless given, see `_NEW`.
     """
     size = swept.poses.shape[1]
     matrix, gradient = BlockBanded.zero(*swept.poses.shape), swept.gradient[:, :size].copy()
@@ -208,9 +214,10 @@ def _system(
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
     border = swept.hessian[:, :size, size:] * free[:, :, None]
-    prior = swept.cameras.prior()
-    corner = swept.hessian[:, size:, size:].sum(axis=0) + known * prior.hessian
-    pull = swept.gradient[:, size:].sum(axis=0) + known * prior.gradient
+    prior, weight = swept.cameras.prior(), len(swept.poses) if known is None else known
+    corner = swept.hessian[:, size:, size:].sum(axis=0) + weight * prior.hessian
+    corner += shared_damping * np.diag(np.diag(corner))
+    pull = swept.gradient[:, size:].sum(axis=0) + weight * prior.gradient
     right = np.where(free, -gradient, 0.0), -pull
     return Bordered(matrix.factor(), border, corner), right
 

@@ -15,11 +15,6 @@ from handtrack.tracking.whole.estimate import WholeEstimate
 
 _SURE = 3.0
 """standard deviations by which a camera must be off to be named: of which camera it is, too"""
-_WORDS = {
-    "converged": "",
-    "sweeps": "refining all frames together ended before it had settled; tracking again goes on from there",
-    "no descent": "refining all frames together found no better poses",
-}
 _LEAST_DEG, _LEAST_MM, _LEAST_PERCENT, _LEAST_FRAMES = 0.3, 3.0, 0.7, 0.25
 """that are worth a word: more than a usual calibration and pictures of one moment are off by"""
 
@@ -107,14 +102,12 @@ class Refinement:
     def words(self) -> list[str]:
         """What a person should know of it, in sentences; none where all is well."""
         off = [camera.words for camera in self.cameras if camera.words]
-        said = [_WORDS[self.why]] if _WORDS[self.why] else []
-        if off:
-            said.insert(
-                0,
-                f"{'; '.join(off)}, as the hand in all frames says: poses are corrected for it, the calibration stays as it is. "
-                "`handtrack calibrate` makes it anew; `lag_s` in session.toml puts a camera's time right.",
-            )
-        return said
+        if not off:
+            return []
+        return [
+            f"{'; '.join(off)}, as the hand in all frames says: poses are corrected for it, the calibration stays as it is. "
+            "`handtrack calibrate` makes it anew; `lag_s` in session.toml puts a camera's time right."
+        ]
 
 
 def _three(values: Sequence[float] | Floats[D3]) -> tuple[float, float, float]:
