@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.images.frame_notes import listed
@@ -27,6 +28,7 @@ from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.commands.terminal.first_pose import (
     SURE,
     first_pose_of_images,
@@ -117,9 +119,10 @@ def run(args: argparse.Namespace) -> int:
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
             doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
-            doubts += [doubt_of_cameras(run_, results)] if not stop() else []
+            found = Refinement.read(passes.refinement).words if passes.refinement else []
+            doubts += found or ([doubt_of_cameras(run_, results)] if not stop() else [])
             code = _save(
-                run_, results, frames, out, stop(), problem, take, doubts,
+                run_, results, passes.refinement, frames, out, stop(), problem, take, doubts,
                 began if args.json else None,
             )  # fmt: skip
             if args.explain is not None:
@@ -179,6 +182,7 @@ def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettin
 def _save(
     run_: TrackingRun,
     results: Sequence[FrameResult],
+    refinement: str | None,
     frames: range,
     out: Path,
     stopped: bool,
@@ -192,7 +196,7 @@ def _save(
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
         return _INTERRUPTED
-    place, problem = _write(out, run_.result(results))
+    place, problem = _write(out, replace(run_.result(results), refinement=refinement))
     if not problem:
         take.saved([result.frame for result in results], finished=not (stopped or ended_by))
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}

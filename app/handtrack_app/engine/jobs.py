@@ -22,6 +22,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
@@ -219,10 +220,11 @@ class TrackingJob(BackgroundJob):
                     return
             if self.should_stop():
                 return
-        if refines:
-            refine(self, run, [found[frame] for frame in sorted(found)], self._held_poses)
+        tracked = [found[frame] for frame in sorted(found)]
+        told = refines and refine(self, run, tracked, self._held_poses)
         if (
             recorded
+            and not told
             and isinstance(run, TrackingRun)
             and (text := doubt_of_cameras(run, self._some))
         ):
@@ -266,16 +268,24 @@ def refine(
     tracked: Sequence[FrameResult],
     held: Mapping[int, Floats[P]],
     changed: Sequence[int] | None = None,
-) -> None:
-    """Refine frames on a job's thread, and post those that are not as they were."""
+) -> bool:
+    """Refine frames on a job's thread, and post those that are not as they were; return whether a camera was found to be off,
+    which is posted, too.
+    """
+    told: list[str] = []
     control = Control(
-        job.should_stop, on_refined=lambda share: job.tell(share, "Refining all frames together …")
+        job.should_stop,
+        on_refined=lambda share: job.tell(share, "Refining all frames together …"),
+        on_shared=lambda text: told.extend(Refinement.read(text).words),
     )
     before = {result.frame: result for result in tracked}
     results = run.refined(tracked, control, held, changed)
     results = [result for result in results if result is not before.get(result.frame)]
     for first in range(0, len(results), _TOGETHER):
         job.post(Refined(job.number, results[first : first + _TOGETHER]))
+    for words in told:
+        job.post(Questioned(job.number, words))
+    return bool(told)
 
 
 class SizingJob(BackgroundJob):

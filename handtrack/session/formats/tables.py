@@ -26,6 +26,7 @@ _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
 _WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
+_REFINEMENT = "refinement"
 _HAND = ("start_confidence", "hand_length_mm", "hand_length_std_mm")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
@@ -54,11 +55,11 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "hypothesis_parent": ("F", "H"),
     "hypothesis_origin": ("F", "H"),
     **dict.fromkeys(_HAND, ()),
-    **dict.fromkeys(_TEXTS, ()),
+    **dict.fromkeys((*_TEXTS, _REFINEMENT), ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
-_OPTIONAL = ("keypoints21", "energy_names", "energies", *_HAND, *_REASON, *_HYPOTHESES)
+_OPTIONAL = ("keypoints21", "energy_names", "energies", _REFINEMENT, *_HAND, *_REASON, *_HYPOTHESES)
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -152,13 +153,19 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 
 def _value(path: Path, name: str, array: Array) -> object:
-    kinds = "U" if name in (*_NAMES, *_TEXTS, *_WORDS) else "iu" if name in _WHOLE else "fiu"
+    kinds = (
+        "U"
+        if name in (*_NAMES, *_TEXTS, *_WORDS, _REFINEMENT)
+        else "iu"
+        if name in _WHOLE
+        else "fiu"
+    )
     if array.dtype.kind not in kinds:
         what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
     if name in _NAMES:
         return tuple(str(text) for text in array)
-    if name in _TEXTS:
+    if name in (*_TEXTS, _REFINEMENT):
         return str(array)
     if name in _WORDS:
         return array

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -117,6 +119,16 @@ class FieldTerm:
         self.weight = weight
         self.ellipsoids = ellipsoids
         self.silhouettes = prepared(silhouettes)
+
+    def alone(self) -> list[Self]:
+        """Return one term for each camera; together they are this one."""
+        weights, found = per_camera(self.weight, len(self.silhouettes), "weight"), []
+        for i, seen in enumerate(self.silhouettes):
+            term, steps = copy(self), self.shape.row_steps[i : i + 1]
+            term.silhouettes, term.weight = (seen,), weights[i]
+            term.shape = replace(self.shape, levels=self.shape.levels[i : i + 1], row_steps=steps)
+            found.append(term)
+        return found
 
     def cost(self, bones: BonePoses) -> float:
         """Return ½ weight Σ (P − Z)²."""

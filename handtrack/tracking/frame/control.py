@@ -17,6 +17,10 @@ def _never() -> bool:
     return False
 
 
+def _unnoted(text: str) -> None:
+    """Nobody wants it."""
+
+
 def _unheard(share: float) -> None:
     """Nobody listens."""
 
@@ -38,6 +42,8 @@ class Control:
     it. What holds is yielded later"""
     on_refined: Callable[[float], None] = _unheard
     """called with the share that is done, 0 to 1, while all frames are refined together"""
+    on_shared: Callable[[str], None] = _unnoted
+    """called once with what all frames share, as they were refined: `whole.refinement.Refinement` as JSON"""
     ahead: int = FRAMES_AHEAD
     """frames that are solved at most beyond one whose search beside isn't done"""
     waits: bool = True

@@ -209,6 +209,8 @@ class TrackResult:
     """from the wrist to the middle finger's tip, where the size was fitted"""
     hand_length_std_mm: float | None = None
     """its standard deviation"""
+    refinement: str | None = None
+    """JSON of `tracking.whole.refinement.Refinement`: what was found that all frames share"""
 
     @classmethod
     def from_frames(
@@ -264,6 +266,7 @@ class TrackResult:
             start_confidence=start_confidence,
             hand_length_mm=hand_length_mm,
             hand_length_std_mm=hand_length_std_mm,
+            refinement=None,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **_stacked_reasons(frames),

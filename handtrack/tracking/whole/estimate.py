@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, P
+from handtrack.arrays import Array, F, Floats, K, L, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.solver.block_banded import REACH, BandedFactor, BlockBanded
-from handtrack.terms.bone_system import JointSystem
+from handtrack.solver.block_banded import REACH, BlockBanded
+from handtrack.solver.bordered import Bordered
 from handtrack.tracking.frame.constants import POINTS_LAST
+from handtrack.tracking.whole.cameras import CameraChanges, velocities
 from handtrack.tracking.whole.evidence import Evidence
 from handtrack.tracking.whole.motion import PLACE, Motion, moved
 
@@ -20,6 +21,9 @@ _ENOUGH_M, _ENOUGH_RAD = 1e-4, 1e-3
 """a step that moves no pose by more is the last: 0.1 mm, also at the end of a finger; the next would be a tenth of it"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
+_NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
+"""share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
+they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames"""
 _MOTIONS, _MOTION_SWEEPS = 5, 3
 """times that the motion is estimated with the frames' systems as they are, since reading the frames anew takes longer, and in how
 many of the sweeps; then it stands, for poses to settle"""
@@ -38,31 +42,33 @@ class WholeEstimate:
     sweeps: int
     why: str
     """`converged`, `sweeps` (used up), or `no descent`"""
+    cameras: CameraChanges
+    """what was found of those that may change"""
+    camera_covariance: Floats[K, K]
+    """of all numbers of `cameras`"""
 
 
 @dataclass(frozen=True, eq=False)
 class _Swept:
-    """What all frames say at their poses."""
+    """What all frames say at their poses, and of what they share: of P + K numbers a frame."""
 
     poses: Floats[F, P]
+    cameras: CameraChanges
     costs: Floats[F]
-    gradient: Floats[F, P]
-    hessian: Floats[F, P, P]
+    gradient: Floats[F, L]
+    hessian: Floats[F, L, L]
+    seen: Floats[F, P, P]
+    """of the poses' part of `hessian`, what is of what was seen"""
 
     def cost(self, motion: Motion) -> float:
-        return float(self.costs.sum()) + motion.cost(self.poses)
+        known = motion.cost(self.poses) + len(self.poses) * self.cameras.prior().cost
+        return float(self.costs.sum()) + known
 
-    def system(self, motion: Motion) -> tuple[BlockBanded, Floats[F, P]]:
-        """Return the whole problem's normal matrix and gradient."""
-        matrix, gradient = BlockBanded.zero(*self.poses.shape), self.gradient.copy()
-        matrix.blocks[:, 0] += self.hessian
-        motion.add_to(matrix, gradient, self.poses)
-        return matrix, gradient
-
-    def foretold(self, step: Floats[F, P]) -> Floats[F]:
+    def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
         """Return what each frame should cost after a step, to second order."""
-        bent = np.einsum("fp,fpq,fq->f", step, self.hessian, step)
-        return self.costs + (self.gradient * step).sum(axis=1) + 0.5 * bent
+        whole = np.concatenate([step, np.tile(shared, (len(step), 1))], axis=1)
+        bent = np.einsum("fp,fpq,fq->f", whole, self.hessian, whole, optimize=True)
+        return self.costs + (self.gradient * whole).sum(axis=1) + 0.5 * bent
 
 
 def estimate_whole(
@@ -72,58 +78,75 @@ def estimate_whole(
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
 ) -> WholeEstimate | None:
-    """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row; None when
-    stopped.
+    """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
+    the evidence's cameras; None when stopped.
 
-    Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames). Each frame has a damping of its own: one
-    that fits worse after a step than its system foretold is held back, the others are not. What lies at a limit and would leave
-    is held there. The pushes of the motion are estimated beside (EM). tell: is called with the share that is done, frame by
-    frame, since reading them takes longest.
+    Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
+    frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
+    What lies at a limit and would leave is held there. The pushes of the motion are estimated beside (EM). tell: is called with
+    the share that is done, frame by frame, since reading them takes longest.
     """
     model = evidence.model
     usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
     motion = usual.estimated(poses, np.zeros((len(poses), REACH + 1, *usual.pushes.shape)), usual)
-    damping = np.full(len(frames), _DAMPING)
+    damping, stiff = np.full(len(frames), _DAMPING), _DAMPING
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
-        systems: list[JointSystem] = []
-        for n, frame in enumerate(frames):
+        cameras, speed = evidence.cameras, velocities(poses)
+        views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
+        size = poses.shape[1] + cameras.count
+        costs, gradient = np.empty(len(frames)), np.empty((len(frames), size))
+        hessian = np.empty((len(frames), size, size))
+        told = np.empty((*poses.shape, poses.shape[1]))
+        # to and fro: of a long recording the frames that were read last are still in memory
+        order = range(len(frames)) if sweep % 2 == 0 else range(len(frames) - 1, -1, -1)
+        for count, n in enumerate(order, start=1):
             if should_stop():
                 raise _StoppedError
-            systems.append(evidence.of(frame).linearize(poses[n]))
-            tell((sweep + (n + 1) / len(frames)) / (_SWEEPS + 1))
-        costs = np.array([system.cost for system in systems])
-        gradient = np.stack([system.gradient for system in systems])
-        return _Swept(poses, costs, gradient, np.stack([system.hessian for system in systems]))
+            system = evidence.of(frames[n]).linearize(poses[n], views, n)
+            costs[n], gradient[n] = system.whole.cost, system.whole.gradient
+            hessian[n], told[n] = system.whole.hessian, system.seen
+            tell((sweep + count / len(frames)) / (_SWEEPS + 1))
+        return _Swept(poses, cameras, costs, gradient, hessian, told)
 
     try:
         best = swept(_within(model, poses))
         for sweep in range(1, _SWEEPS + 1):
             for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
-                factor, pull = _factor(model, best, motion)
-                ahead = moved(best.poses, factor.solve(pull))
-                motion = motion.estimated(ahead, factor.inverse, usual)
-            factor, pull = _factor(model, best, motion, damping)
-            step = factor.solve(pull)
+                system, right = _system(model, best, motion)
+                ahead = moved(best.poses, system.solve(*right)[0])
+                motion = motion.estimated(ahead, system.frames.inverse, usual)
+            system, right = _system(model, best, motion, damping, shared_damping=stiff)
+            step, change = system.solve(*right)
+            evidence = evidence.through(best.cameras.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
-            worse = found.costs > np.maximum(best.foretold(step), best.costs)
+            worse = found.costs > np.maximum(best.foretold(step, change), best.costs)
             damping = np.clip(damping * np.where(worse, _TIGHTEN, _RELAX), _LEAST, _MOST)
             if gain > 0:
                 best = found
-            elif not worse.any():
+                stiff = max(_RELAX * stiff, _LEAST)
+            elif worse.any() or (best.cameras.count and stiff < _MOST):
+                stiff *= _TIGHTEN
+            else:
                 why = "no descent"
                 break
-            if (np.abs(step[:, PLACE]) < _ENOUGH_M).all() and (
+            nearer = best.cameras.whole_frames()
+            if nearer.ahead != best.cameras.ahead:
+                evidence = evidence.through(nearer)
+                best = swept(best.poses)
+            elif (np.abs(step[:, PLACE]) < _ENOUGH_M).all() and (
                 np.abs(step[:, 3:]) < _ENOUGH_RAD
             ).all():
                 why = "converged"
                 break
     except _StoppedError:
         return None
-    covariance = _stated_covariance(evidence, frames, best, motion)
-    return WholeEstimate(best.poses, covariance, motion, best.costs, sweep, why)
+    covariance, shared = _stated_covariance(model, best, motion)
+    return WholeEstimate(
+        best.poses, covariance, motion, best.costs, sweep, why, best.cameras, shared
+    )
 
 
 class _StoppedError(Exception):
@@ -131,23 +154,26 @@ class _StoppedError(Exception):
 
 
 def _stated_covariance(
-    evidence: Evidence, frames: Sequence[int], swept: _Swept, motion: Motion
-) -> Floats[F, P, P]:
-    """Return each pose's covariance where what was seen errs alike from frame to frame: a model's own flesh, and where a
-    detector sees its joints, are wrong in the next frame too.
+    model: ArticulatedModel, swept: _Swept, motion: Motion
+) -> tuple[Floats[F, P, P], Floats[K, K]]:
+    """Return each pose's covariance, and that of what they share, where what was seen errs alike from frame to frame: a model's own
+    flesh, and where a detector sees its joints, are wrong in the next frame too.
 
     Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
-    says of it: the surer of both counts.
+    says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
-    old = 2.0 * POINTS_LAST / (1.0 + POINTS_LAST)
-    seen = np.stack(
-        [evidence.of(frame).seen(pose) for frame, pose in zip(frames, swept.poses, strict=True)]
-    )
-    others = replace(swept, hessian=swept.hessian - old * seen)
-    spread = _factor(evidence.model, others, motion)[0].inverse[:, 0]
-    return np.array(
-        [_surer(own, np.linalg.inv(cov)) for own, cov in zip(seen, spread, strict=True)]
-    )
+    size = swept.poses.shape[1]
+    others = swept.hessian.copy()
+    others[:, :size, :size] -= (1.0 - _NEW) * swept.seen
+    others[:, size:, size:] /= len(swept.poses)
+    others[:, :size, size:] *= np.sqrt(_NEW / len(swept.poses))
+    system, _ = _system(model, replace(swept, hessian=others), motion, known=1.0)
+    spread = system.frames.inverse[:, 0]
+    found = [
+        _surer(own, np.linalg.inv(cov)) + system.spread(t)
+        for t, (own, cov) in enumerate(zip(swept.seen, spread, strict=True))
+    ]
+    return np.array(found), system.covariance
 
 
 def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
@@ -161,11 +187,22 @@ def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
     return (back / np.maximum(values, 1.0 - values)) @ back.T
 
 
-def _factor(
-    model: ArticulatedModel, swept: _Swept, motion: Motion, damping: Floats[F] | None = None
-) -> tuple[BandedFactor, Floats[F, P]]:
-    """Return the factor of the system, and its right side, in which nothing moves that a limit stops."""
-    matrix, gradient = swept.system(motion)
+def _system(
+    model: ArticulatedModel,
+    swept: _Swept,
+    motion: Motion,
+    damping: Floats[F] | None = None,
+    known: float | None = None,
+    shared_damping: float = 0.0,
+) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
+    """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
+
+    known: the weight of what is known of the shared ones beforehand; the number of frames unless given, see `_NEW`.
+    """
+    size = swept.poses.shape[1]
+    matrix, gradient = BlockBanded.zero(*swept.poses.shape), swept.gradient[:, :size].copy()
+    matrix.blocks[:, 0] += swept.hessian[:, :size, :size]
+    motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
     extra = _LEAST * own if damping is None else damping[:, None] * own
     stopped = _stopped(model, swept.poses, gradient)
@@ -174,9 +211,15 @@ def _factor(
         rows = free[k:] if k else free
         both = rows[:, :, None] & free[: len(rows), None, :]
         matrix.blocks[: len(rows), k] *= both
-    every = np.arange(gradient.shape[1])
+    every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
-    return matrix.factor(), np.where(free, -gradient, 0.0)
+    border = swept.hessian[:, :size, size:] * free[:, :, None]
+    prior, weight = swept.cameras.prior(), len(swept.poses) if known is None else known
+    corner = swept.hessian[:, size:, size:].sum(axis=0) + weight * prior.hessian
+    corner += shared_damping * np.diag(np.diag(corner))
+    pull = swept.gradient[:, size:].sum(axis=0) + weight * prior.gradient
+    right = np.where(free, -gradient, 0.0), -pull
+    return Bordered(matrix.factor(), border, corner), right
 
 
 def _stopped(model: ArticulatedModel, poses: Floats[F, P], gradient: Floats[F, P]) -> Array[F, P]:

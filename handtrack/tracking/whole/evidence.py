@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
 
 from handtrack.arrays import Floats, P
+from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.term import ParameterTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
+from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
 from handtrack.tracking.whole.motion import by_change
 
 _HELD = 400
@@ -30,21 +37,82 @@ Observe = Callable[[int, BonePoses | None], Observation]
 
 
 @dataclass(frozen=True, eq=False)
+class FrameSystem:
+    """What a frame says of its pose (P) and of what all share (K)."""
+
+    whole: JointSystem
+    """of P + K numbers: changes of the pose as `motion.moved` makes them, small turns of the root; then the shared ones"""
+    seen: Floats[P, P]
+    """the part of its matrix that is of what was seen, without what is known of poses beforehand"""
+
+
+@dataclass(frozen=True, eq=False)
 class FrameEvidence:
     """A frame as it was seen, and what it costs."""
 
     observation: Observation
     terms: FrameTerms
-    problem: Problem
+    views: tuple[Problem, ...]
+    """what each of the cameras saw that may change"""
+    others: Problem
+    """all else that was seen"""
+    prior: Problem
+    """what is known of poses beforehand"""
 
-    def linearize(self, pose: Floats[P]) -> JointSystem:
-        """Return the frame's system by changes of its pose as `motion.moved` makes them: small turns of the root."""
-        return _by_changes(self.problem.linearize(pose), pose)
+    @cached_property
+    def problem(self) -> Problem:
+        """All of it, through the cameras as they were calibrated."""
+        seen = [term for view in self.views for term in view.observation_terms]
+        return Problem(
+            self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
+        )
 
-    def seen(self, pose: Floats[P]) -> Floats[P, P]:
-        """Return the part of the system's matrix that is of what was seen, without what is known of poses beforehand."""
-        alone = Problem(self.problem.model, self.problem.observation_terms)
-        return _by_changes(alone.linearize(pose), pose).hessian
+    def linearize(
+        self, pose: Floats[P], views: Sequence[SeenPoses] = (), n: int = 0
+    ) -> FrameSystem:
+        """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
+        size = len(pose)
+        count = sum(view.by_camera.shape[2] for view in views)
+        plain = _by_changes(self.others.linearize(pose), pose)
+        gradient, matrix, cost = (
+            np.zeros(size + count),
+            np.zeros((size + count, size + count)),
+            plain.cost,
+        )
+        gradient[:size], matrix[:size, :size] = plain.gradient, plain.hessian
+        first = size
+        for problem, view in zip(self.views, views, strict=True):
+            wide = view.by_camera.shape[2]
+            if problem.observation_terms:
+                seen = _by_changes(problem.linearize(view.poses[n]), view.poses[n])
+                by_pose = np.eye(size)
+                by_pose[:6, :6] = view.by_pose[n]
+                seen = seen.pull_back(np.concatenate([by_pose, view.by_camera[n]], axis=1))
+                at = np.r_[:size, first : first + wide]
+                cost += seen.cost
+                gradient[at] += seen.gradient
+                matrix[np.ix_(at, at)] += seen.hessian
+            first += wide
+        known = _by_changes(self.prior.linearize(pose), pose)
+        told = matrix[:size, :size].copy()
+        gradient[:size] += known.gradient
+        matrix[:size, :size] += known.hessian
+        return FrameSystem(JointSystem(cost + known.cost, gradient, matrix), told)
+
+    def seen_by(self, cameras: Sequence[Camera], pose: Floats[P]) -> tuple[FrameTerms, Problem]:
+        """Return the terms and the whole problem where these have taken the place of cameras of their names."""
+        named = {camera.name: camera for camera in cameras}
+        prepared = [
+            replace(p, camera=named.get(p.camera.name, p.camera)) for p in self.terms.prepared
+        ]
+        keypoints = []
+        for term in self.terms.keypoints:
+            seen = term.observed
+            if isinstance(seen, ImageKeypoints):
+                seen = replace(seen, camera=named.get(seen.camera.name, seen.camera))
+            keypoints.append(replace(term, observed=seen))
+        terms = replace(self.terms, prepared=tuple(prepared), keypoints=tuple(keypoints))
+        return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
 
 
 def _by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
@@ -74,6 +142,8 @@ class Evidence:
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
     held: Mapping[int, ParameterTerm] = field(default_factory=dict)
     """what keeps frames at poses that a person set"""
+    cameras: CameraChanges = field(default_factory=CameraChanges.none)
+    """those that may change, and how they do"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameEvidence:
@@ -85,6 +155,23 @@ class Evidence:
                 self._held.popitem(last=False)
         return known
 
+    def through(self, cameras: CameraChanges) -> Evidence:
+        """Return the same frames through cameras that have changed; they are read anew where other images are looked at."""
+        found = replace(self, cameras=cameras)
+        if (found.cameras.names, found.cameras.ahead) == (self.cameras.names, self.cameras.ahead):
+            found._held = self._held
+        return found
+
+    def _observed(self, frame: int, bones: BonePoses) -> Observation:
+        """Return what was seen beside a frame: of cameras that are late, later images."""
+        seen = self.observe(frame, bones)
+        for name, ahead in zip(self.cameras.names, self.cameras.ahead, strict=True):
+            if ahead:
+                then = frame + ahead
+                later = self.observe(then, bones) if then in self.around else Observation(then, 0.0)
+                seen = _exchanged(seen, later, name)
+        return seen
+
     def _read(self, frame: int) -> FrameEvidence:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
@@ -93,12 +180,49 @@ class Evidence:
         rest = prior.rest_sigma_deg / share**0.5
         prior = replace(prior, rest_sigma_deg=rest, posture=share * prior.posture)
         bones = model.bones(pose)
-        observation = self.observe(frame, bones)
+        observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
         if frame in self.held:
             terms = replace(terms, priors=(*terms.priors, self.held[frame]))
-        problem = stage_problem(model, terms, terms.stages - 1, pose)
+        told, others = by_camera(terms.stage(terms.stages - 1, bones))
         if frame in self.silent:
-            problem = replace(problem, observation_terms=())
-        return FrameEvidence(observation, terms, problem)
+            told, others = {}, []
+        views = [told.pop(name, []) for name in self.cameras.names]
+        others += [term for own in told.values() for term in own]
+        return FrameEvidence(
+            observation, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
+            Problem(model, (), terms.priors),
+        )  # fmt: skip
+
+
+def by_camera(
+    terms: Sequence[ObservationTerm],
+) -> tuple[dict[str, list[ObservationTerm]], list[ObservationTerm]]:
+    """Return the terms that each camera alone says, by its name, and all others; together they are the same."""
+    found: dict[str, list[ObservationTerm]] = {}
+    others = []
+    for term in terms:
+        if isinstance(term, FieldTerm):
+            for own in term.alone():
+                found.setdefault(own.silhouettes[0].camera.name, []).append(own)
+        elif isinstance(term, KeypointTerm) and isinstance(term.observed, ImageKeypoints):
+            found.setdefault(term.observed.camera.name, []).append(term)
+        else:
+            others.append(term)
+    return found, others
+
+
+def _exchanged(seen: Observation, later: Observation, name: str) -> Observation:
+    """Return an observation with what one camera saw in another."""
+
+    def of_camera(one: Silhouette | Keypoints | ImageKeypoints) -> bool:
+        return not isinstance(one, Keypoints) and one.camera.name == name
+
+    masks = [s for s in seen.silhouettes if not of_camera(s)]
+    joints = [k for k in seen.keypoints if not of_camera(k)]
+    return replace(
+        seen,
+        silhouettes=(*masks, *filter(of_camera, later.silhouettes)),
+        keypoints=(*joints, *filter(of_camera, later.keypoints)),
+    )

@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Array, F, Floats, P
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
@@ -18,10 +20,13 @@ from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_result import judged, posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
+from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
+from handtrack.tracking.whole.refinement import Refinement
 
 _FEWEST = 3
 """frames that have a motion"""
@@ -29,6 +34,8 @@ _MEMORY = 2
 """frames before one that say where it goes: its place and its velocity"""
 _EASES = 12
 """frames beside those that changed in which the motion eases into what stood"""
+_LOOKS = 8
+"""frames, evenly spread, that tell which cameras there are"""
 
 
 def refined(
@@ -38,12 +45,14 @@ def refined(
     tracked: Sequence[FrameResult],
     control: Control = Control(),
     held: Mapping[int, Floats[P]] | None = None,
+    corrects_cameras: bool = True,
 ) -> list[FrameResult]:
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
     held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows, unless they
-    are among `tracked` already. They are not returned.
+    are among `tracked` already. They are not returned. corrects_cameras: where two see the hand, what their calibration and
+    their time are off by is found with the poses, and told to control; the calibration stays as it is.
 
     tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
@@ -63,15 +72,19 @@ def refined(
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
         {frame: keyframe_prior(model, pose) for frame, pose in held.items()},
     )  # fmt: skip
+    if corrects_cameras:
+        evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
+        evidence = evidence.through(with_late_cameras(evidence, numbers, poses))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
     if found is not None and again:
         around = {**dict(zip(numbers, found.poses, strict=True)), **again}
         poses = np.array([around[number] for number in numbers])
-        evidence = replace(evidence, around=around, silent=lost - set(again))
+        evidence = replace(evidence, around=around, silent=lost - set(again), cameras=found.cameras)
         found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(live)
+    control.on_shared(Refinement.of(found).text)
     return [
         _result(evidence, found, n, tracked)
         for n, number in enumerate(numbers)
@@ -92,6 +105,7 @@ def refined_near(
 
     tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
     """
+    control = replace(control, on_shared=lambda text: None)  # few frames tell little of it
     found: list[FrameResult] = []
     stood = {result.frame: result for result in tracked}
     new = {frame: held[frame] for frame in changed if frame in held}
@@ -111,6 +125,20 @@ def refined_near(
         }
         found += refined(model, settings, observe, inside, control, kept)
     return found
+
+
+def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
+    """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated."""
+    settings = evidence.settings
+    if settings.looks_at_images:
+        return CameraChanges.none()
+    looks = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
+    seen: dict[str, Camera] = {}
+    for frame in (posed[k] for k in looks):
+        observed = evidence.observe(frame, evidence.model.bones(evidence.around[frame]))
+        joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
+        seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
+    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ())
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
@@ -156,10 +184,12 @@ def _result(
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     status, reason = before.status, before.reason
-    if frame.terms.has_seen and before.frame not in evidence.silent | evidence.poor:
-        energy = frame.problem.cost(pose)
-        status, reason = judged(frame.terms, pose, energy, spread.joint_covariance, tracked[:n])
     std, seen = spread.parameter_std, frame.terms.has_seen
+    terms, problem = frame.seen_by(found.cameras.corrected(), pose)
+    energies = problem.costs(pose) if seen else {}
+    if seen and before.frame not in evidence.silent | evidence.poor:
+        energy = sum(energies.values())
+        status, reason = judged(terms, pose, energy, spread.joint_covariance, tracked[:n])
     refined = posed_result(
         model, frame.observation, pose, status, reason,
         energy=float(found.costs[n]) if seen else float("nan"),
@@ -167,4 +197,4 @@ def _result(
         std=np.full_like(std, np.inf) if status == Status.LOST else std,
         joint_covariance=spread.joint_covariance,
     )  # fmt: skip
-    return replace(refined, energies=frame.problem.costs(pose) if seen else {})
+    return replace(refined, energies=energies)

@@ -26,6 +26,8 @@ class TrackingPasses:
         on_search: Callable[[SearchReport], None] | None = None,
     ) -> None:
         self._stop, self._take, self._recorder = stop, take, recorder
+        self.refinement: str | None = None
+        """what was found that the frames of the latest pass share; None where they were not refined"""
         control = Control(stop, on_search=on_search, on_step=take.add)
         self._control = control if recorder is None else recorder.watching(control)
 
@@ -38,13 +40,17 @@ class TrackingPasses:
         start_frame, start = run.initial()
         results = {step.result.frame: step.result for step in done if step.result.frame in frames}
         problem, known = "", run.session.known_frames
+        self.refinement = None
         with progress_bar(len(frames), "tracking") as bar:
             bar.update(len(results))
 
             def refining(share: float) -> None:
                 bar.set_description(f"refining {share:.0%}")
 
-            control = replace(self._control, on_refined=refining)
+            def shared(text: str) -> None:
+                self.refinement = text
+
+            control = replace(self._control, on_refined=refining, on_shared=shared)
             try:
                 for result in run.track_with(control, frames, start_frame, start, done):
                     before = results.get(result.frame)

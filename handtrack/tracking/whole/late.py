@@ -1,0 +1,50 @@
+"""Which cameras are late by whole frames: where their pictures fit poses of other frames better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.arrays import C, F, Floats, K, P
+from handtrack.solver.problem import Problem
+from handtrack.tracking.whole.cameras import CameraChanges
+from handtrack.tracking.whole.evidence import Evidence, by_camera
+
+_MOST = 5
+"""frames that a camera may be late by: a fifth of a second at 25 a second, further than a hand's picture reaches its place"""
+_LOOKS = 40
+"""frames, evenly spread, that are looked at"""
+
+
+def with_late_cameras(
+    evidence: Evidence, numbers: Sequence[int], poses: Floats[F, P]
+) -> CameraChanges:
+    """Return the evidence's cameras with those images looked at beside a frame that fit its pose best, in the widest band.
+
+    Only a start: poses that were found with a late camera lie between it and the others.
+    """
+    cameras = evidence.cameras
+    if not cameras.count or len(numbers) <= 2 * _MOST:
+        return cameras
+    costs = _costs(evidence, numbers, poses)
+    later = costs.argmin(axis=1) - _MOST
+    # the recording's time is that of most cameras; of two, the first one's
+    common = min(later.tolist(), key=lambda one: int(np.abs(later - one).sum()))
+    return replace(cameras, ahead=tuple((common - later).tolist()))
+
+
+def _costs(evidence: Evidence, numbers: Sequence[int], poses: Floats[F, P]) -> Floats[C, K]:
+    """Return what each camera's pictures of some frames cost at the poses of frames before and after them."""
+    names = evidence.cameras.names
+    found = np.zeros((len(names), 2 * _MOST + 1))
+    looks = np.unique(np.linspace(_MOST, len(numbers) - 1 - _MOST, _LOOKS).round().astype(int))
+    for n in looks.tolist():
+        terms = evidence.of(numbers[n]).terms
+        seen, _ = by_camera(terms.stage(0, evidence.model.bones(poses[n])))
+        for c, name in enumerate(names):
+            problem = Problem(evidence.model, seen.get(name, []))
+            for k in range(2 * _MOST + 1):
+                found[c, k] += problem.cost(poses[n + k - _MOST])
+    return found

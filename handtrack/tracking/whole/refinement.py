@@ -1,0 +1,115 @@
+"""What was found that all frames of a recording share, as it is written and told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats
+from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED
+from handtrack.tracking.whole.estimate import WholeEstimate
+
+_SURE = 3.0
+"""standard deviations by which a camera must be off to be named: of which camera it is, too"""
+_LEAST_DEG, _LEAST_MM, _LEAST_PERCENT, _LEAST_FRAMES = 0.3, 3.0, 0.7, 0.25
+"""that are worth a word: more than a usual calibration and pictures of one moment are off by"""
+
+
+@dataclass(frozen=True)
+class CameraError:
+    """By how much a camera is off its calibration, as the hand in all frames says, and standard deviations."""
+
+    name: str
+    turn_deg: tuple[float, float, float]
+    """a rotation vector in world axes by which it is turned about its centre"""
+    shift_mm: tuple[float, float, float]
+    """of its centre, world axes"""
+    zoom_percent: float
+    """of its focal length"""
+    late_frames: float
+    """its picture of a frame shows what was so many frames before"""
+    std: tuple[float, ...]
+    """of these eight, in their units"""
+
+    @property
+    def words(self) -> str:
+        """What is surely off, in words; empty where nothing is."""
+        sizes = [
+            (np.linalg.norm(self.turn_deg), max(self.std[:3]), _LEAST_DEG, "turned by {:.1f}°"),
+            (np.linalg.norm(self.shift_mm), max(self.std[3:6]), _LEAST_MM, "shifted by {:.0f} mm"),
+            (self.zoom_percent, self.std[6], _LEAST_PERCENT, "of a focal length {:+.1f} % off"),
+            (self.late_frames, self.std[7], _LEAST_FRAMES, "{:.1f} frames late"),
+        ]
+        off = [
+            words.format(size)
+            for size, std, least, words in sizes
+            if abs(size) > max(_SURE * std, least)
+        ]
+        return f"camera '{self.name}' is {', '.join(off)}" if off else ""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How the whole recording was refined: the reason of its end, its sweeps, and what the cameras are off by."""
+
+    why: str
+    sweeps: int
+    cameras: tuple[CameraError, ...] = ()
+
+    @classmethod
+    def of(cls, found: WholeEstimate) -> Refinement:
+        """Return what an estimate found."""
+        changes = found.cameras
+        std = np.sqrt(np.diag(found.camera_covariance)).reshape(-1, 8)
+        units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
+        cameras = []
+        for camera, corrected, values, spread, late in zip(
+            changes.cameras, changes.corrected(), changes.values, std, changes.late, strict=True
+        ):
+            turn = -units[TURNED] * values[TURNED]
+            shift = units[SHIFTED] * (corrected.centre - camera.centre)
+            cameras.append(
+                CameraError(
+                    camera.name, _three(turn), _three(shift), float(units[ZOOMED] * values[ZOOMED]),
+                    -float(late), tuple((units * spread).round(4).tolist()),
+                )
+            )  # fmt: skip
+        return cls(found.why, found.sweeps, tuple(cameras))
+
+    @classmethod
+    def read(cls, text: str) -> Refinement:
+        """Return what `text` holds. Raises ValueError, KeyError or TypeError for anything else."""
+        known: dict[str, Any] = json.loads(text)
+        cameras = [
+            CameraError(
+                one["name"], _three(one["turn_deg"]), _three(one["shift_mm"]), one["zoom_percent"],
+                one["late_frames"], tuple(one["std"]),
+            )
+            for one in known["cameras"]
+        ]  # fmt: skip
+        return cls(known["why"], known["sweeps"], tuple(cameras))
+
+    @property
+    def text(self) -> str:
+        """The same as JSON."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @property
+    def words(self) -> list[str]:
+        """What a person should know of it, in sentences; none where all is well."""
+        off = [camera.words for camera in self.cameras if camera.words]
+        if not off:
+            return []
+        return [
+            f"{'; '.join(off)}, as the hand in all frames says: poses are corrected for it, the calibration stays as it is. "
+            "`handtrack calibrate` makes it anew; `lag_s` in session.toml puts a camera's time right."
+        ]
+
+
+def _three(values: Sequence[float] | Floats[D3]) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 4) for value in values)
+    return x, y, z

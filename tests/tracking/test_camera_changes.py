@@ -1,0 +1,97 @@
+"""What cameras share over all frames: derivatives, a camera that is turned or late, and clean ones left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.model.model_file import load_model
+from handtrack.tracking.whole.cameras import LATE, CameraChanges, velocities
+from handtrack.tracking.whole.motion import TURN, changes, moved
+from tests.derivatives import check_gradient, check_jacobian
+
+HAND = load_model("hand26")
+MATRIX = np.array([[500.0, 0.0, 160.0], [0.0, 510.0, 120.0], [0.0, 0.0, 1.0]])
+
+
+def _camera(name, around, turn=(0.0, 0.0, 0.0)):
+    """Return a camera at 0.5 m from the origin, looking at it from an angle `around` the vertical [rad]."""
+    away = rotation_matrix(np.array([0.0, around, 0.0]))
+    return Camera(name, (320, 240), MATRIX, np.zeros(5), rotation_matrix(np.array(turn)) @ away, np.array([0.0, 0.0, 0.5]))  # fmt: skip
+
+
+def _changed(rng):
+    cameras = (_camera("left", -0.6, (0.1, 0.2, 0.3)), _camera("right", 0.5))
+    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4])
+    return CameraChanges(cameras, scale * rng.normal(size=(2, 8)), (0, 2))
+
+
+def _difference(after, before):
+    """Return the step of `motion.moved` that leads from one pose to another."""
+    return changes(np.stack([before, after]))[0]
+
+
+def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
+    cameras = _changed(rng)
+    pose, speed = 0.3 * rng.normal(size=(1, 9)), 0.2 * rng.normal(size=(1, 9))
+    view = cameras.seen_poses(1, pose, speed)
+
+    def seen(x):
+        step = np.concatenate([np.zeros(8), x[9:]])
+        return _difference(
+            cameras.stepped(step).seen_poses(1, moved(pose, x[None, :9]), speed).poses[0],
+            view.poses[0],
+        )
+
+    by_pose = np.eye(9)
+    by_pose[:6, :6] = view.by_pose[0]
+    jacobian = np.concatenate([by_pose, view.by_camera[0]], axis=1)
+    check_jacobian(seen, jacobian, np.zeros(17), rtol=1e-6)
+
+
+def test_what_is_known_of_cameras_beforehand_has_its_own_gradient(rng):
+    cameras = _changed(rng)
+    check_gradient(
+        lambda x: cameras.stepped(x).prior().cost, cameras.prior().gradient, np.zeros(16), rtol=1e-5
+    )
+
+
+def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
+    cameras = _changed(rng)
+    cameras.values[:, LATE] = 0.0
+    bones = HAND.bones(HAND.rest_params())
+    pose = HAND.rest_params()[None]
+    for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
+        # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        off = camera.project(seen.position) - corrected.project(bones.position)
+        size = np.ptp(corrected.project(bones.position), axis=0).max()
+        assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
+        cameras.values[k, 6] = 0.0
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        np.testing.assert_allclose(
+            camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
+        )
+
+
+def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
+    late = CameraChanges.none((_camera("left", -0.6), _camera("right", 0.5)))
+    late = late.stepped(np.array([0.0] * 7 + [0.3] + [0.0] * 7 + [-1.8])).whole_frames()
+    assert late.ahead == (0, 2)
+    np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
+    np.testing.assert_allclose(late.late, [0.3, -1.8])
+
+
+def test_velocities_are_those_of_a_steady_turn():
+    poses = np.zeros((5, 9))
+    turn = rotation_matrix(np.array([0.0, 0.3, 0.0]))
+    rotation = rotation_matrix(np.array([2.0, 0.5, 0.1]))
+    for n in range(5):
+        poses[n, TURN], poses[n, 0] = rotation_vector(rotation), 0.01 * n
+        rotation = turn @ rotation
+    np.testing.assert_allclose(
+        velocities(poses), np.tile([0.01, 0, 0, 0, 0.3, 0, 0, 0, 0], (5, 1)), atol=1e-9
+    )
+    assert velocities(poses[:1]) == pytest.approx(0.0)
