@@ -41,7 +41,7 @@ from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResul
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 
@@ -240,7 +240,7 @@ class TrackingRun:
         start_params: Floats[P],
         should_stop: Callable[[], bool] | None = None,
     ) -> Iterator[FrameResult]:
-        """Yield results in the order of tracking; see tracking.sequence.track_frames."""
+        """Yield results in the order of tracking; see tracking.sequence.track_recording."""
         control = Control() if should_stop is None else Control(should_stop)
         return self.track_with(control, frames, start_frame, start_params)
 
@@ -256,7 +256,7 @@ class TrackingRun:
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
         observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
-            yield from track_frames(
+            yield from track_recording(
                 self.tracker, observe, start_frame, start_params, frames, control, done
             )
         finally:

@@ -91,8 +91,8 @@ def colliding_pairs(
 ) -> Ints[K, D2]:
     """Return the pairs of ellipsoids that can collide.
 
-    Not those of one bone or of neighbouring bones, and not those that overlap by more than the slack in the pose of rest
-    already: shoulder and chest, the thighs' tops.
+    Not those of one bone or of neighbouring bones, and not those of bones that overlap by more than the slack in the pose
+    of rest already, for flesh joins them: shoulder and chest, the thighs' tops, thumb and palm.
     """
     parent = model.skeleton.parent
     first, second = np.triu_indices(len(flesh), 1)
@@ -101,8 +101,10 @@ def colliding_pairs(
     pairs = np.stack([first, second], axis=1)[apart].astype(np.int64)
     if not len(pairs):
         return pairs
-    depth = _depths(flesh, model.bones(model.rest_params()), pairs)
-    return pairs[depth <= slack_m]
+    joined = np.zeros((len(model.skeleton.bone_names),) * 2, bool)
+    touching = pairs[_depths(flesh, model.bones(model.rest_params()), pairs) > slack_m]
+    joined[tuple(flesh.bone[touching].T)] = True
+    return pairs[~joined[tuple(flesh.bone[pairs].T)]]
 
 
 def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:

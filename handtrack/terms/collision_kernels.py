@@ -135,8 +135,9 @@ def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def separation(place, shape, start, i, j, n, p, q):  # pragma: no cover - compiled
-    """Return the signed distance of ellipsoids i and j if they overlap (minus how far one must move), else something > 0.
+def separation(place, shape, start, i, j, enough, n, p, q):  # pragma: no cover - compiled
+    """Return the signed distance of ellipsoids i and j (minus how far one must move) if it is below `enough` ≤ 0, else
+    something above that.
 
     n: direction from i to j in which they are to be parted; p, q: the points that go deepest, from i's and j's centre.
     start: (2, 3) work space.
@@ -174,6 +175,10 @@ def separation(place, shape, start, i, j, n, p, q):  # pragma: no cover - compil
         start[1, 0], start[1, 1], start[1, 2] = x / size, y / size, z / size
         starts = 2
     for s in range(starts):
+        f = _free_space(delta, one, other, start[s])
+        if f > enough:
+            return f
+    for s in range(starts):
         for a in range(3):
             trial[a] = start[s, a]
         f = _climb(delta, one, other, trial, tp, tq)
@@ -181,7 +186,7 @@ def separation(place, shape, start, i, j, n, p, q):  # pragma: no cover - compil
             best = f
             for a in range(3):
                 n[a], p[a], q[a] = trial[a], tp[a], tq[a]
-        if best > 0.0:
+        if best > enough:
             return best
     # deep or symmetric overlaps have other ways out: look along the world's axes and diagonals
     promising = best
@@ -217,7 +222,7 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
             square += (place[j, a] - place[i, a]) ** 2
         found[k] = 0.0
         if square < far * far:
-            found[k] = min(separation(place, shape, start, i, j, n, p, q), 0.0)
+            found[k] = min(separation(place, shape, start, i, j, 0.0, n, p, q), 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -241,7 +246,7 @@ def collision_system(
             square += (place[j, a] - place[i, a]) ** 2
         if far <= 0.0 or square >= far * far:
             continue
-        distance = separation(place, shape, start, i, j, n, p, q)
+        distance = separation(place, shape, start, i, j, -slack, n, p, q)
         residual = (-distance - slack) / sigma
         if residual <= 0.0:
             continue

@@ -16,6 +16,26 @@ from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.refined import refined
 
 
+def track_recording(
+    tracker: Tracker,
+    observe: Observe,
+    start_frame: int,
+    start_params: Floats[P],
+    frames: range,
+    control: Control = Control(),
+    done: Sequence[Step] = (),
+) -> Iterator[FrameResult]:
+    """Yield results as `track_frames` does; then all of them again, refined together, where the settings ask for it."""
+    found = {step.result.frame: step.result for step in done if step.result.frame in frames}
+    live = track_frames(tracker, observe, start_frame, start_params, frames, control, done)
+    for result in live:
+        found[result.frame] = result
+        yield result
+    if tracker.settings.refines and not control.should_stop():
+        tracked = [found[frame] for frame in sorted(found)]
+        yield from refined(tracker.model, tracker.settings, observe, tracked, control)
+
+
 def track_frames(
     tracker: Tracker,
     observe: Observe,
@@ -25,7 +45,7 @@ def track_frames(
     control: Control = Control(),
     done: Sequence[Step] = (),
 ) -> Iterator[FrameResult]:
-    """Yield a result for every frame of `frames`, in the order of tracking.
+    """Yield a result for every frame of `frames`, in the order of tracking: the live pass, in which each knows those before.
 
     The start frame comes first, then the later ones, then the earlier ones backward from it. When the start
     lies outside `frames`, it is still solved there first, so that the path to the range is tracked, but only
@@ -41,8 +61,6 @@ def track_frames(
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
     begun: list[Step] = []
-    refines = tracker.settings.refines
-    found = {frame: step.result for frame, step in known.items() if frame in frames and refines}
     for path in (forward, backward):
         steps = [*begun, *_already(known, path)]
         state = TrackerState.beginning_at(start_params)
@@ -55,17 +73,12 @@ def track_frames(
             if control.on_step is not None:
                 control.on_step(after.step)
             if result.frame in frames:
-                if refines:
-                    found[result.frame] = result
                 yield result
         if control.should_stop():
             return
         if tracker.settings.chooses_at_the_end:
             yield from _chosen(tracker, steps[path is backward :], frames)
         begun = steps[:1]
-    if refines:
-        tracked = [found[frame] for frame in sorted(found)]
-        yield from refined(tracker.model, tracker.settings, observe, tracked, control)
 
 
 def _shown_within(frames: range, control: Control) -> Control:

@@ -17,7 +17,7 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 from tests.store.made import about, same
@@ -48,7 +48,7 @@ def check_every_cut(
     def tracked(done: Sequence[Step] = ()) -> tuple[list[Step], list[FrameResult]]:
         steps: list[Step] = []
         control = Control(on_step=steps.append)
-        path = track_frames(
+        path = track_recording(
             tracker, lambda f, _: seen[f], start, poses[start], frames, control, done
         )
         return steps, list(path)

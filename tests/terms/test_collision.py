@@ -14,6 +14,8 @@ from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.priors.body_priors import body_priors, stabilisation
+from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.frame.terms.contact import contact
 from tests.terms.collision_reference import signed_distance
 
 PAIR = np.array([[0, 1]])
@@ -143,3 +145,23 @@ def test_errors():
         CollisionTerm(flesh, PAIR, sigma_m=0.0)
     with pytest.raises(HandtrackError, match="no set of ellipsoids 'skin' in the model body34"):
         CollisionTerm.of(load_model("body34"), "skin")
+
+
+def test_a_hand_s_fingers_cross_in_front_of_each_other():
+    """Asked to lie in each other, index and middle finger part until only their flesh is pressed."""
+    hand = load_model()
+    crossed = hand.rest.copy()
+    names = hand.parameter_names
+    for name, angle in (
+        ("index_mcp_abd", -12),
+        ("middle_mcp_abd", 14),
+        ("index_mcp_flex", 0),
+        ("middle_mcp_flex", 0),
+    ):
+        crossed[names.index(name)] = np.deg2rad(angle)
+    start = hand.clipped(hand.transform.solver_params(crossed))
+    wanted = GaussianPrior(hand.joint_params(start), np.full(len(names), 0.1), "wanted")
+    term = contact(hand)
+    assert term.depths(hand.bones(start)).max() > 0.006
+    found = solve(Problem(hand, (term,), (wanted,)), start).params
+    assert term.depths(hand.bones(found)).max() < 0.003

@@ -12,7 +12,7 @@ from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.motion import Motion, changes, moved
 from handtrack.tracking.whole.refined import _bridged
@@ -119,7 +119,7 @@ def _tracked(hidden, settings=None):
         return _observed(frame, seen[frame])
 
     whole = TrackerSettings().with_values({"tracker.estimate": "whole", **(settings or {})})
-    found = list(track_frames(Tracker(HAND, whole), observe, 0, poses[0], range(FRAMES)))
+    found = list(track_recording(Tracker(HAND, whole), observe, 0, poses[0], range(FRAMES)))
     assert [r.frame for r in found] == [*range(FRAMES), *range(FRAMES)]
     return found[:FRAMES], found[FRAMES:], truth
 
@@ -174,7 +174,7 @@ def _followed(frames, control=Control()):
     points, start = _points(poses), poses[0]
     tracker = Tracker(HAND, TrackerSettings().with_values({"tracker.estimate": "whole"}))
     seen = lambda frame, _bones: _observed(frame, points[frame])  # noqa: E731
-    return list(track_frames(tracker, seen, 0, start, range(frames), control))
+    return list(track_recording(tracker, seen, 0, start, range(frames), control))
 
 
 def test_too_few_frames_stay_as_they_came():

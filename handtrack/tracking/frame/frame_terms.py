@@ -15,7 +15,6 @@ from handtrack.observation.observation import (
     Observation,
     Silhouette,
 )
-from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Loss
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
@@ -32,6 +31,7 @@ from handtrack.tracking.frame.terms.appearance_terms import (
     see_appearance,
 )
 from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.contact import contact
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
@@ -56,7 +56,7 @@ class FrameTerms:
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
     parts: tuple[ObservationTerm, ...] = ()
-    """what keeps a body's parts out of each other"""
+    """what keeps the model's parts out of each other"""
     outlines_off_px: tuple[float, ...] = ()
     """of each silhouette, as the other cameras tell, beyond the usual"""
 
@@ -175,7 +175,7 @@ def frame_terms(
         see_appearance(observation, model, settings, before),
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
-        (CollisionTerm.of(model),) if model.kind == "body" and settings.prior.collision else (),
+        (contact(model),) if settings.prior.collision else (),
         tuple(silhouette.off_px for silhouette in weighted),
     )
 

@@ -198,10 +198,8 @@ class PriorSettings:
         low=0.0,
     )  # fmt: skip
     collision: bool = setting(
-        True,
-        "A body's parts keep out of each other. Without effect on hands, whose fingers may overlap.",
-        about="body",
-    )
+        True, "Fingers keep out of each other and out of the palm; a body's limbs out of each other.",
+    )  # fmt: skip
     motion_sigma_deg: float = setting(
         12.0, "How far a joint angle, and the hand's turn, is from its prediction one frame later.",
         label="Turn per frame °", level="user", unit="°", above=0.0, slider=(1.0, 45.0, 0.5),
@@ -232,7 +230,7 @@ class FollowSettings:
         "where it fits clearly better.", label="Recovery", level="user",
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
-        "forward", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
+        "whole", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
         "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
