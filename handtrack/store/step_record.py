@@ -25,6 +25,7 @@ _RESULT = (
     "T_world_bone",
     "joint_positions",
     "keypoints21",
+    "p_off_10mm",
 )
 _STATE = ("belief", "hypothesis")
 """arrays that begin so are of the tracker's state"""
@@ -102,6 +103,7 @@ def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
         "iterations": int(result.iterations),
         "energies": {name: float(value) for name, value in result.energies.items()},
         "reason": None if result.reason is None else asdict(result.reason),
+        "p_off_25mm": float(result.p_off_25mm),
         "alternatives": [
             [float(a.energy), float(a.weight), int(a.parent), a.origin] for a in result.alternatives
         ],
@@ -118,6 +120,7 @@ def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
         iterations=int(data["iterations"]),
         energies=dict(data["energies"]),
         reason=None if reason is None else Reason(**reason),
+        p_off_25mm=float(data.get("p_off_25mm", float("nan"))),
         alternatives=tuple(
             Alternative(arrays[f"alternative{n}"], energy, weight, parent, origin)
             for n, (energy, weight, parent, origin) in enumerate(data["alternatives"])

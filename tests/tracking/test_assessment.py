@@ -199,7 +199,7 @@ def test_a_finger_that_a_mask_lacks_is_where_a_detector_sees_it(seen):
     [
         (HandScale(1.27), "mm from wrist to fingertip, not 100 to 225"),
         (HandScale(0.5), "mm from wrist to fingertip, not 100 to 225"),
-        (HandScale(1.0, {"index": 1.2}), "its index finger is 1.20 times as long as usual"),
+        (HandScale(1.0, {"index": 1.2}), ""),  # an odd finger may be a mask's; doctor says so
         (HandScale(1.15, {"index": 1.08, "little": 0.95}), ""),
         (HandScale(0.6), ""),
     ],
@@ -229,10 +229,10 @@ def test_it_is_the_mean_joint_that_counts():
     assert open_parts(MODEL, spread_mm(MODEL, index_tip=80.0), 15.0) != ""  # 80 / √21 > 15
 
 
-def test_nothing_is_open_to_those_who_do_not_ask_nor_of_a_body():
-    for model, most in ((MODEL, 0.0), (load_model("body34"), 15.0)):
+def test_nothing_is_open_to_those_who_do_not_ask():
+    for model in (MODEL, load_model("body34")):
         far = spread_mm(model, **dict.fromkeys(model.joint_names, 500.0))
-        assert open_parts(model, far, most) == ""
+        assert open_parts(model, far, 0.0) == ""
 
 
 @pytest.mark.parametrize("name", ["glove9", "ball6"])

@@ -22,7 +22,7 @@ from handtrack.tracking.frame.result import Status, TrackResult
 
 FORMAT = 1
 
-_NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names")
+_NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
 _WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
@@ -49,6 +49,9 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "reason_kind": ("F",),
     "reason_where": ("F", 2),
     "reason_numbers": ("F", 2),
+    "p_off_25mm": ("F",),
+    "p_off_10mm": ("F", "N"),
+    "part_names": ("N",),
     "hypothesis_parameters": ("F", "H", "S"),
     "hypothesis_energy": ("F", "H"),
     "hypothesis_weight": ("F", "H"),
@@ -58,8 +61,11 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys((*_TEXTS, _REFINEMENT), ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
+_OFF = ("p_off_25mm", "p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
-_OPTIONAL = ("keypoints21", "energy_names", "energies", _REFINEMENT, *_HAND, *_REASON, *_HYPOTHESES)
+_OPTIONAL = (
+    "keypoints21", "energy_names", "energies", _REFINEMENT, *_HAND, *_REASON, *_OFF, *_HYPOTHESES
+)  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -130,7 +136,7 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
         raise HandtrackError(
             f"{path}: arrays are missing: {', '.join(missing)}. Found: {', '.join(arrays)}."
         )
-    for group in (_REASON, _HYPOTHESES):  # all of them or none
+    for group in (_REASON, _OFF, _HYPOTHESES):  # all of them or none
         lacking = [name for name in group if name not in arrays]
         if 0 < len(lacking) < len(group):
             raise HandtrackError(

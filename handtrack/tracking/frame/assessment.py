@@ -41,6 +41,7 @@ _LEAST_USUAL = (
 )
 _DOUBTFUL = 2.0  # times the usual energy: say so
 _ODD_SHARES = 20.5  # χ² of five fingers' shares of a hand that one person in a thousand exceeds
+_BODY_BY_HAND = 9.2  # 1750 mm of a person by 190 mm of a hand: the same share of both
 _FEWEST_JOINTS = 2  # of a part that say where it is: its direction, too
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
@@ -135,11 +136,14 @@ def what_is_open(
     """Return what of a hand may be further off than that by its own covariance; None where nothing, or it is 0.
 
     joint_covariance: [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
-    fingertip alone is often hidden. Of a body nothing is said, whose joints are not known to millimetres.
+    fingertip alone is often hidden. A body may be as much further off as it is larger.
     """
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)
     whole = float(np.sqrt(spread.mean()))
-    if most_mm == 0 or model.kind == "body" or whole <= most_mm:
+    if model.kind == "body":
+        most_mm *= _BODY_BY_HAND
+        return Reason("open", "whole body", number=whole) if 0 < most_mm < whole else None
+    if most_mm == 0 or whole <= most_mm:
         return None
     bases = {"wrist", "thumb_cmc", *(f"{finger}_mcp" for finger in FINGERS[1:])}
     part = np.array(["palm" if n in bases else n.split("_")[0] for n in model.joint_names])

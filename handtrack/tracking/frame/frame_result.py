@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
+from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.prediction import inheriting_doubt
 from handtrack.tracking.frame.reason import Reason
@@ -52,33 +52,34 @@ def solved_result(
     alone = Problem(model, last.observation_terms).linearize(params)
     sure = inheriting_doubt(last, params, known.hessian, belief)
     spread = uncertainty(model, params, sure, alone.hessian)
-    status, reason = judged(terms, params, system.cost, spread.joint_covariance, previous)
-    std = spread.parameter_std
-    found = posed_result(
-        model, observation, params, status, reason,
-        energy=system.cost,
-        iterations=iterations,
-        std=np.full_like(std, np.inf) if status == Status.LOST else std,
-        joint_covariance=spread.joint_covariance,
-    )  # fmt: skip
-    return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
+    energies = problem.costs(params)
+    found = judged(terms, params, system.cost, energies, spread.joint_covariance, previous)
+    result = judged_result(
+        model, observation, params, found, spread.parameter_std, system.cost, iterations, energies
+    )
+    return Solved(result, spread.covariance)
 
 
-def judged(
-    terms: FrameTerms,
+def judged_result(
+    model: ArticulatedModel,
+    observation: Observation,
     params: Floats[P],
+    found: Judgement,
+    std: Floats[S],
     energy: float,
-    joint_covariance: Floats[J, D3, D3],
-    previous: Sequence[FrameResult],
-) -> tuple[Status, Reason | None]:
-    """Return a frame's status at solver parameters and, unless it is tracked, the reason."""
-    model = terms.model
-    status, reason = assess(terms, model.bones(params), energy, previous)
-    if status != Status.TRACKED:
-        return status, reason
-    most = terms.settings.tracker.doubtful_mm
-    reason = odd_size(model) or what_is_open(model, joint_covariance, most)
-    return (Status.TRACKED if reason is None else Status.DOUBTFUL), reason
+    iterations: int,
+    energies: Mapping[str, float],
+) -> FrameResult:
+    """Return a frame's result as it was judged. std: of joint parameters; of a lost hand's nothing is said."""
+    lost = found.status == Status.LOST
+    result = posed_result(
+        model, observation, params, found.status, found.reason, energy, iterations,
+        std=np.full_like(std, np.inf) if lost else std,
+        joint_covariance=found.joint_covariance,
+    )  # fmt: skip
+    return replace(
+        result, energies=energies, p_off_25mm=found.p_off_25mm, p_off_10mm=found.p_off_10mm
+    )
 
 
 def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:

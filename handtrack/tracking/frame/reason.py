@@ -23,6 +23,7 @@ class Reason:
     part: str = ""
     """of the model, in words; for a poor cloud the simpler model that took the hand's place, if one did"""
     camera: str = ""
+    """its name; of `off` the sign that tells most, one of SIGNS"""
     number: float = float("nan")
     """what was measured: a share, a ratio, or millimetres, as the kind says"""
     other: float = float("nan")
@@ -58,6 +59,14 @@ def _odd_size(reason: Reason) -> str:
     return f"nobody has such a hand: {size}; {causes} lenses (was a coefficient lost?) or the cameras' places may be wrong"
 
 
+SIGNS = {
+    "few": "few views show it",
+    "open": "what was seen leaves it open",
+    "curled": "closed fingers hide each other",
+    "moved": "the frames after moved it",
+}
+"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name"""
+
 KINDS: dict[str, Callable[[Reason], str]] = {
     "unseen": lambda r: "no camera saw anything in this frame",
     "cloud elsewhere": lambda r: (
@@ -83,6 +92,10 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"the model fits {r.number:.1f} times worse than usual; a finger may be lost"
     ),
     "size": _odd_size,
+    "off": lambda r: (
+        f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that a joint is 25 mm off): "
+        f"{SIGNS[r.camera]}"
+    ),
     "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
 }  # fmt: skip
 """what each kind says; the only place where a doubt is worded"""

@@ -8,9 +8,18 @@ from enum import IntEnum
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, S
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, N, S
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import FINGERS
 from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.stacked import (
+    stacked_alternatives,
+    stacked_probabilities,
+    stacked_reasons,
+)
+
+PARTS = ("palm", *FINGERS)
+"""of a hand, of which it is said how probably each is off"""
 
 _STACKED = (
     "frame",
@@ -29,6 +38,8 @@ _STACKED = (
     "reason_kind",
     "reason_where",
     "reason_numbers",
+    "p_off_25mm",
+    "p_off_10mm",
     "hypothesis_parameters",
     "hypothesis_energy",
     "hypothesis_weight",
@@ -89,6 +100,10 @@ class FrameResult:
     """each term's part of the energy, by the term's name."""
     reason: Reason | None = None
     """why the frame is doubtful or lost."""
+    p_off_25mm: float = float("nan")
+    """probability that some joint is more than 25 mm off; NaN where nothing is said."""
+    p_off_10mm: Floats[K] | None = None
+    """that some joint of each of PARTS is more than 10 mm off; hands only."""
     alternatives: tuple[Alternative, ...] = ()
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
 
@@ -110,12 +125,17 @@ class FrameResult:
     @property
     def fits(self) -> bool:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
-        return self.status == Status.TRACKED or self.is_open or self.is_odd
+        return self.status == Status.TRACKED or self.is_open or self.is_odd or self.is_unlikely
 
     @property
     def is_odd(self) -> bool:
         """Whether it is doubtful only because nobody has such a hand."""
         return self.reason is not None and self.reason.kind == "size"
+
+    @property
+    def is_unlikely(self) -> bool:
+        """Whether it is doubtful only because it may well be off, for all that it fits."""
+        return self.reason is not None and self.reason.kind == "off"
 
     @property
     def is_open(self) -> bool:
@@ -193,6 +213,12 @@ class TrackResult:
     """part and camera, where the reason names them"""
     reason_numbers: Floats[F, D2] | None = None
     """numbers of the reason, NaN where it has none"""
+    p_off_25mm: Floats[F] | None = None
+    """probability that some joint is more than 25 mm off, NaN where nothing is said; hands only"""
+    p_off_10mm: Floats[F, N] | None = None
+    """(F, 6) that some joint of each part is more than 10 mm off"""
+    part_names: tuple[str, ...] | None = None
+    """(6,) PARTS"""
     hypothesis_parameters: Floats[F, K, S] | None = None
     """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
     hypothesis_energy: Floats[F, K] | None = None
@@ -269,8 +295,9 @@ class TrackResult:
             refinement=None,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
-            **_stacked_reasons(frames),
-            **_stacked_alternatives(frames),
+            **stacked_reasons(frames),
+            **stacked_probabilities(frames, PARTS),
+            **stacked_alternatives(frames),
         )
 
     def __len__(self) -> int:
@@ -316,6 +343,8 @@ class TrackResult:
             keypoints21=None if self.keypoints21 is None else self.keypoints21[row].copy(),
             energies=self._energies(row),
             reason=self._reason(row),
+            p_off_25mm=np.nan if self.p_off_25mm is None else float(self.p_off_25mm[row]),
+            p_off_10mm=self._parts_off(row),
             alternatives=self._alternatives(row),
         )
 
@@ -324,6 +353,10 @@ class TrackResult:
             return {}
         pairs = zip(self.energy_names, self.energies[row].tolist(), strict=True)
         return {name: value for name, value in pairs if np.isfinite(value)}
+
+    def _parts_off(self, row: int) -> Floats | None:
+        known = self.p_off_10mm is not None and np.isfinite(self.p_off_10mm[row]).all()
+        return self.p_off_10mm[row].copy() if known and self.p_off_10mm is not None else None
 
     def _reason(self, row: int) -> Reason | None:
         if self.reason_kind is None or not self.reason_kind[row]:
@@ -348,43 +381,3 @@ class TrackResult:
             )
             for h in np.flatnonzero(np.isfinite(self.hypothesis_weight[row]))
         )
-
-
-def _stacked_reasons(frames: Sequence[FrameResult]) -> dict[str, Array]:
-    """Return the arrays of reasons; none where no frame has one."""
-    reasons = [frame.reason for frame in frames]
-    if not any(reasons):
-        return {}
-    none = Reason("")
-    known = [reason or none for reason in reasons]
-    return {
-        "reason": np.array([frame.note for frame in frames]),
-        "reason_kind": np.array([reason.kind for reason in known]),
-        "reason_where": np.array([(reason.part, reason.camera) for reason in known]),
-        "reason_numbers": np.array([(reason.number, reason.other) for reason in known]),
-    }
-
-
-def _stacked_alternatives(frames: Sequence[FrameResult]) -> dict[str, Array]:
-    """Return the arrays of hypotheses; none where one pose alone was carried."""
-    most = max(len(frame.alternatives) for frame in frames)
-    if not most:
-        return {}
-    shape = (len(frames), most)
-    parameters = np.full((*shape, len(frames[0].parameters)), np.nan)
-    energy, weight = np.full(shape, np.nan), np.full(shape, np.nan)
-    parent = np.full(shape, -1)
-    origin = [
-        [a.origin for a in f.alternatives] + [""] * (most - len(f.alternatives)) for f in frames
-    ]
-    for row, frame in enumerate(frames):
-        for column, pose in enumerate(frame.alternatives):
-            parameters[row, column], parent[row, column] = pose.parameters, pose.parent
-            energy[row, column], weight[row, column] = pose.energy, pose.weight
-    return {
-        "hypothesis_parameters": parameters,
-        "hypothesis_energy": energy,
-        "hypothesis_weight": weight,
-        "hypothesis_parent": parent,
-        "hypothesis_origin": np.array(origin),
-    }

@@ -17,7 +17,8 @@ from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
-from handtrack.tracking.frame.frame_result import judged, posed_result
+from handtrack.tracking.frame.doubt.judgement import Judgement, judged
+from handtrack.tracking.frame.frame_result import judged_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.cameras import CameraChanges
@@ -183,18 +184,18 @@ def _result(
     change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
-    status, reason = before.status, before.reason
-    std, seen = spread.parameter_std, frame.terms.has_seen
+    found_at = Judgement(before.status, before.reason, spread.joint_covariance)
+    seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found.cameras.corrected(), pose)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
-        energy = sum(energies.values())
-        status, reason = judged(terms, pose, energy, spread.joint_covariance, tracked[:n])
-    refined = posed_result(
-        model, frame.observation, pose, status, reason,
-        energy=float(found.costs[n]) if seen else float("nan"),
-        iterations=before.iterations + found.sweeps,
-        std=np.full_like(std, np.inf) if status == Status.LOST else std,
-        joint_covariance=spread.joint_covariance,
+        energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
+        moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
+        found_at = judged(
+            terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
+        )
+    return judged_result(
+        model, frame.observation, pose, found_at, spread.parameter_std,
+        float(found.costs[n]) if seen else float("nan"),
+        before.iterations + found.sweeps, energies,
     )  # fmt: skip
-    return replace(refined, energies=energies)

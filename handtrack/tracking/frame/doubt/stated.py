@@ -1,0 +1,80 @@
+"""The covariance that is stated of joints: what noise leaves, and how far another hand's flesh and joints lie beside the model's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, Floats, J, S
+from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.tracking.frame.doubt import figures
+
+OBSERVED = ("coverage", "conic_field", "cloud_distance", "cloud_rays", "cloud_emptiness")
+"""terms that see a surface, by name: what a misfit is told by"""
+_CLOSED_RAD = 4.0
+"""sum of a finger's bends in a fist"""
+
+
+def misfit(energies: Mapping[str, float], views: int) -> float:
+    """Return how badly a model fits what was seen, 1 where as its noise says; 1 where no surface was seen.
+
+    energies: of each term. As least squares judge their own noise by what is left over.
+    """
+    seen = [energy for name, energy in energies.items() if name in OBSERVED]
+    if not seen or not views:
+        return 1.0
+    found = sum(seen) / (figures.USUAL_PER_VIEW * views)
+    return float(np.clip(found, figures.LEAST_MISFIT, figures.MOST_MISFIT))
+
+
+def stated_covariance(
+    model: ArticulatedModel,
+    joint_params: Floats[S],
+    joint_covariance: Floats[J, D3, D3],
+    how_bad: float,
+    by_cloud: bool = False,
+) -> Floats[J, D3, D3]:
+    """Return each joint's covariance [m²] of all that is known to be wrong; a body's as it is, of which nothing was measured.
+
+    joint_covariance: if the model were the hand, and noise what it is said to be; how_bad: `misfit`; by_cloud:
+    whether a cloud was seen.
+    """
+    if model.kind == "body":
+        return joint_covariance
+    seen = figures.CLOUD if by_cloud else figures.MASKS
+    closed = (_joint_fingers(model) @ curls(model, joint_params)) ** 2
+    flesh = 1e-3 * model.scale.overall * (seen.flesh_mm + seen.closed_mm * closed)
+    noise = seen.noise**2 * how_bad ** (2 * seen.noise_by_misfit)
+    flesh = flesh**2 * how_bad ** (2 * seen.flesh_by_misfit)
+    return noise * joint_covariance + flesh[:, None, None] * np.eye(3)
+
+
+def curls(model: ArticulatedModel, joint_params: Floats[S]) -> Floats[J]:
+    """Return how far each finger is closed, 0 straight … 1, thumb first."""
+    return np.clip(_bends(model) @ joint_params / _CLOSED_RAD, 0.0, 1.0)
+
+
+@lru_cache(maxsize=8)
+def _bends(model: ArticulatedModel) -> Array:
+    names = model.parameter_names
+    return np.array(
+        [[n.startswith(f"{finger}_") and n.endswith("_flex") for n in names] for finger in FINGERS],
+        float,
+    )
+
+
+@lru_cache(maxsize=8)
+def _joint_fingers(model: ArticulatedModel) -> Array:
+    """Return (J, 5), 1 where a joint moves with its finger's bends: beyond its base."""
+    return np.array(
+        [[n.startswith(f"{f}_") and _moves(n) for f in FINGERS] for n in model.joint_names],
+        float,
+    )
+
+
+def _moves(joint: str) -> bool:
+    """Return whether a joint moves with its finger's bends: beyond its base."""
+    finger, _, place = joint.partition("_")
+    return finger in FINGERS and (joint == "thumb_mcp" or place not in ("cmc", "mcp"))
