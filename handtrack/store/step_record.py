@@ -100,6 +100,7 @@ def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
         "status": int(result.status),
         "energy": float(result.energy),
         "iterations": int(result.iterations),
+        "views": int(result.views),
         "energies": {name: float(value) for name, value in result.energies.items()},
         "reason": None if result.reason is None else asdict(result.reason),
         "alternatives": [
@@ -116,6 +117,7 @@ def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
         status=Status(data["status"]),
         energy=float(data["energy"]),
         iterations=int(data["iterations"]),
+        views=int(data.get("views", 0)),
         energies=dict(data["energies"]),
         reason=None if reason is None else Reason(**reason),
         alternatives=tuple(

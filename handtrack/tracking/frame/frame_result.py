@@ -61,7 +61,8 @@ def solved_result(
         std=np.full_like(std, np.inf) if status == Status.LOST else std,
         joint_covariance=spread.joint_covariance,
     )  # fmt: skip
-    return Solved(replace(found, energies=problem.costs(params)), spread.covariance)
+    found = replace(found, energies=problem.costs(params), views=terms.views)
+    return Solved(found, spread.covariance)
 
 
 def judged(

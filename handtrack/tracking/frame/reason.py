@@ -83,6 +83,9 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"the model fits {r.number:.1f} times worse than usual; a finger may be lost"
     ),
     "size": _odd_size,
+    "other way": lambda r: (
+        f"by another way through the recording, {_percent(r.number)} probable, its {r.part} is {r.other:.0f} mm away"
+    ),
     "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
 }  # fmt: skip
 """what each kind says; the only place where a doubt is worded"""

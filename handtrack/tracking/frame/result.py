@@ -89,6 +89,8 @@ class FrameResult:
     """each term's part of the energy, by the term's name."""
     reason: Reason | None = None
     """why the frame is doubtful or lost."""
+    views: int = 0
+    """silhouettes, clouds and images that the energy is of; 0: not known."""
     alternatives: tuple[Alternative, ...] = ()
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
 

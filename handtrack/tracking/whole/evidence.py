@@ -35,10 +35,19 @@ class FrameEvidence:
     observation: Observation
     terms: FrameTerms
     problem: Problem
+    around: BonePoses
+    """where its bands are frozen"""
 
     def linearize(self, pose: Floats[P]) -> JointSystem:
         """Return the frame's system by changes of its pose as `motion.moved` makes them: small turns of the root."""
         return _by_changes(self.problem.linearize(pose), pose)
+
+    def at(self, pose: Floats[P]) -> JointSystem:
+        """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
+        model = self.terms.model
+        terms = self.terms.as_seen_at(model.bones(pose))
+        seen = terms.stage(terms.stages - 1, self.around)
+        return _by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
     def seen(self, pose: Floats[P]) -> Floats[P, P]:
         """Return the part of the system's matrix that is of what was seen, without what is known of poses beforehand."""
@@ -82,6 +91,12 @@ class Evidence:
                 self._held.popitem(last=False)
         return known
 
+    def elsewhere(self, poses: Mapping[int, Floats[P]], silent: frozenset[int]) -> Evidence:
+        """Return the evidence around other poses of some frames; what is known of the others stays."""
+        moved = replace(self, around={**self.around, **poses}, silent=silent)
+        moved._held.update({n: f for n, f in self._held.items() if n not in poses})
+        return moved
+
     def _read(self, frame: int) -> FrameEvidence:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
@@ -96,4 +111,4 @@ class Evidence:
         problem = stage_problem(model, terms, terms.stages - 1, pose)
         if frame in self.silent:
             problem = replace(problem, observation_terms=())
-        return FrameEvidence(observation, terms, problem)
+        return FrameEvidence(observation, terms, problem, bones)

@@ -12,15 +12,15 @@ from handtrack.arrays import Array, F, Floats, P
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import uncertainty
-from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_result import judged, posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.motion import TURN, by_change
+from handtrack.tracking.whole.other_ways import with_other_ways
+from handtrack.tracking.whole.ways import Ways
 
 _FEWEST = 3
 """frames that have a motion"""
@@ -50,16 +50,20 @@ def refined(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
     )  # fmt: skip
+    lattice = Ways(evidence, tracked, poses, control).gathered()
+    if lattice is None:
+        return list(tracked)
+    best = lattice.best
+    way = [row[k] for row, k in zip(lattice.minima, best.tolist(), strict=True)]
+    silent = lost & {n for n, one in zip(numbers, way, strict=True) if one.origin == "bridged"}
+    changed = {n: one.pose for n, one in zip(numbers, way, strict=True) if one.origin != "tracked"}
+    evidence = evidence.elsewhere(changed, silent)
+    poses = np.array([one.pose for one in way])
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
-    again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
-    if found is not None and again:
-        around = {**dict(zip(numbers, found.poses, strict=True)), **again}
-        poses = np.array([around[number] for number in numbers])
-        evidence = replace(evidence, around=around, silent=lost - set(again))
-        found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(tracked)
-    return [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    return with_other_ways(model, results, lattice, best)
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
@@ -69,30 +73,6 @@ def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
         poses[here, TURN] = closest_equivalent(poses[here, TURN], poses[before, TURN])
     columns = [np.interp(every, posed, column[posed]) for column in poses.T]
     return np.stack(columns, axis=1)
-
-
-def _found_again(
-    evidence: Evidence,
-    numbers: Sequence[int],
-    found: WholeEstimate,
-    lost: frozenset[int],
-    control: Control,
-) -> dict[int, Floats[P]]:
-    """Return the poses of frames in which the hand was lost and is found from where the others put it."""
-    again = {}
-    for n, number in enumerate(numbers):
-        if number not in lost or control.should_stop():
-            continue
-        frame, pose = evidence.of(number), found.poses[n]
-        if not frame.terms.has_seen:
-            continue
-        summary, _, _ = descend(
-            evidence.model, evidence.settings.solver, frame.terms, pose, control.should_stop
-        )
-        bones = evidence.model.bones(summary.params)
-        if assess(frame.terms, bones, summary.cost, ())[0] != Status.LOST:
-            again[number] = summary.params
-    return again
 
 
 def _result(
@@ -116,4 +96,5 @@ def _result(
         std=np.full_like(std, np.inf) if status == Status.LOST else std,
         joint_covariance=spread.joint_covariance,
     )  # fmt: skip
-    return replace(refined, energies=frame.problem.costs(pose) if seen else {})
+    energies = frame.problem.costs(pose) if seen else {}
+    return replace(refined, energies=energies, views=frame.terms.views)
