@@ -91,10 +91,15 @@ class Evidence:
                 self._held.popitem(last=False)
         return known
 
-    def elsewhere(self, poses: Mapping[int, Floats[P]], silent: frozenset[int]) -> Evidence:
-        """Return the evidence around other poses of some frames; what is known of the others stays."""
-        moved = replace(self, around={**self.around, **poses}, silent=silent)
-        moved._held.update({n: f for n, f in self._held.items() if n not in poses})
+    def elsewhere(
+        self, poses: Mapping[int, Floats[P]], silent: frozenset[int], poor: frozenset[int]
+    ) -> Evidence:
+        """Return the evidence around other poses of some frames, other frames being silent or poor; what is known of the rest
+        stays.
+        """
+        moved = replace(self, around={**self.around, **poses}, silent=silent, poor=poor)
+        anew = set(poses) | (silent ^ self.silent) | (poor ^ self.poor)
+        moved._held.update({n: f for n, f in self._held.items() if n not in anew})
         return moved
 
     def _read(self, frame: int) -> FrameEvidence:

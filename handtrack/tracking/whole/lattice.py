@@ -50,6 +50,10 @@ class Lattice:
             way.append(int(before[way[-1]]))
         return np.array(way[::-1])
 
+    def way(self, chosen: Ints[F]) -> Floats[F, P]:
+        """Return the poses of one minimum each frame."""
+        return np.array([row[k].pose for row, k in zip(self.minima, chosen.tolist(), strict=True)])
+
     @property
     def probabilities(self) -> list[Floats[K]]:
         """How probable each frame's minima are, by all frames: over all ways through them (forward–backward)."""

@@ -16,12 +16,16 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import judged, posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.policy import POOR
+from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.motion import TURN, by_change
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.ways import Ways
 
+_BESIDE = 7
+"""frames to either side by which a cloud's is judged: half a second in all"""
 _FEWEST = 3
 """frames that have a motion"""
 
@@ -46,24 +50,48 @@ def refined(
     seconds = abs(tracked[-1].time_s - tracked[0].time_s) / (len(tracked) - 1)
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
     poses = _bridged(poses, np.array([number not in lost for number in numbers]))
-    evidence = Evidence(
-        model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
-        frozenset(r.frame for r in tracked if r.poor_cloud), lost,
-    )  # fmt: skip
-    lattice = Ways(evidence, tracked, poses, control).gathered()
+    around = dict(zip(numbers, poses, strict=True))
+    evidence = Evidence(model, settings, observe, around, seconds or 1.0, silent=lost)
+    ways = Ways(evidence, tracked, poses, control)
+    lattice = ways.gathered()
     if lattice is None:
         return list(tracked)
-    best = lattice.best
+    best = ways.best(lattice)
     way = [row[k] for row, k in zip(lattice.minima, best.tolist(), strict=True)]
     silent = lost & {n for n, one in zip(numbers, way, strict=True) if one.origin == "bridged"}
-    changed = {n: one.pose for n, one in zip(numbers, way, strict=True) if one.origin != "tracked"}
-    evidence = evidence.elsewhere(changed, silent)
-    poses = np.array([one.pose for one in way])
+    poses = lattice.way(best)
+    poor = _poor_still(evidence, tracked, poses)
+    changed = [n for n, one in enumerate(way) if one.origin != "tracked"]
+    doubting = evidence.elsewhere(
+        {numbers[n]: poses[n] for n in changed}, silent, frozenset(numbers[n] for n in poor)
+    )
+    for n in poor:
+        frame, before = (
+            doubting.of(numbers[n]),
+            model.transform.solver_params(tracked[n].parameters),
+        )
+        poses[n] = min(poses[n], before, key=lambda pose: frame.at(pose).cost)
+    evidence = doubting
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(tracked)
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
     return with_other_ways(model, results, lattice, best)
+
+
+def _poor_still(
+    evidence: Evidence, tracked: Sequence[FrameResult], poses: Floats[F, P]
+) -> list[int]:
+    """Return the rows of frames whose cloud was poor, and agrees badly with the hand on the best way, too, as most of those
+    beside it do: fingers in the wrong place let a good cloud seem poor; a sensor that is does not change from frame to frame.
+    """
+    poor = np.zeros(len(tracked), bool)
+    for n, result in enumerate(tracked):
+        if result.poor_cloud:
+            poor[n] = poor_agreement(evidence.of(result.frame).terms, poses[n], POOR) is not None
+    return [
+        n for n in np.flatnonzero(poor) if poor[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() > 0.5
+    ]
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, P
+from handtrack.arrays import Array, F, Floats, Ints, P
 from handtrack.tracking.frame.assessment import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem
@@ -32,6 +32,10 @@ _FAR = 50
 """frames that a way is carried on at most"""
 _TRIALS_EVERY, _TRIED = 8, 4
 """frames of a doubtful stretch after which other fingers are tried, and how many"""
+_ROUNDS = 3
+"""times at most that frames are bridged which jump on the best way, since each may open another"""
+_LEAST_CHANGE = 0.1
+"""of the usual: what hardly moved may still begin to"""
 _HOPELESS = 15.0
 """[log-likelihood] a way that fits worse by more, all its frames together, isn't carried on"""
 
@@ -61,7 +65,10 @@ class Ways:
                 return None
             known = self.tracked[n].status != Status.LOST
             system = self._frame(n).linearize(pose)
-            self.minima.append([Minimum(pose, system, "tracked" if known else "bridged")])
+            first = Minimum(pose, system, "tracked" if known else "bridged")
+            if self.tracked[n].poor_cloud:
+                first = self._descended(n, pose, False, "depths believed") or first
+            self.minima.append([first])
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()
         for n, apart in enumerate(self._apart(firm, doubted), 1):
@@ -71,7 +78,35 @@ class Ways:
                 self._carry(n - 1, 1, self._pose(n - 1), self._speed(n - 1, -1, firm))
         for n in _spread(doubted & firm):
             self._try_fingers(n)
-        return None if self.control.should_stop() else Lattice(self.minima, self.motion.pushes)
+        usual = Lattice(self.minima, self.motion.pushes)
+        for _ in range(_ROUNDS):
+            self._bridge(usual.way(self.best(usual)))
+            usual = Lattice(self.minima, self.motion.pushes)
+        return None if self.control.should_stop() else usual
+
+    def best(self, usual: Lattice) -> Ints[F]:
+        """Return the most probable way where frames change as they do on the most probable way by what is usual."""
+        change = self._change(usual.way(usual.best))
+        return replace(usual, change=change).best
+
+    def _change(self, poses: Floats[F, P]) -> Floats[P, P]:
+        """Return what a frame changes on a way, a variance: nine in ten changes are within 1.645 standard deviations, the others
+        may be mistakes; no more than is usual, since a way full of mistakes changes by anything.
+        """
+        usual = np.sqrt(np.diag(self.motion.pushes))
+        found = np.percentile(np.abs(changes(poses)), 90, axis=0) / 1.645
+        return np.diag(np.clip(found, _LEAST_CHANGE * usual, usual) ** 2)
+
+    def _bridge(self, poses: Floats[F, P]) -> None:
+        """Add the middle between the neighbours of frames that don't go together with these on a way: where a frame tells
+        little, no minimum of its own may be near.
+        """
+        for n in np.flatnonzero(self._pushed(poses)):
+            if self.minima[n][0].origin == "bridged":
+                continue
+            step = changes(poses[[n - 1, n + 1]])
+            middle = self.evidence.model.clipped(moved(poses[n - 1 : n], 0.5 * step)[0])
+            self._add(n, Minimum(middle, self._frame(n).at(middle), "between"))
 
     def _frame(self, n: int):
         return self.evidence.of(self.tracked[n].frame)
@@ -91,12 +126,16 @@ class Ways:
 
     def _apart(self, firm: Array[F], doubted: Array[F]) -> Array[F]:
         """Return which frames (F − 1) don't go together with the next: pushed by more than is usual, or only one in doubt."""
-        steps = changes(self.poses)
-        pushed = np.zeros(len(self.poses), bool)
-        pushes = np.abs(np.diff(steps, axis=0)) / np.sqrt(np.diag(self.motion.pushes))
-        pushed[1:-1] = (pushes > _SURPRISING).any(axis=1)
+        pushed = self._pushed(self.poses)
         apart = pushed[1:] | pushed[:-1] | (firm[1:] != firm[:-1])
         return apart | (doubted[1:] != doubted[:-1])
+
+    def _pushed(self, poses: Floats[F, P]) -> Array[F]:
+        """Return which frames change their neighbours' motion by more than is usual."""
+        pushed = np.zeros(len(poses), bool)
+        pushes = np.abs(np.diff(changes(poses), axis=0)) / np.sqrt(np.diag(self.motion.pushes))
+        pushed[1:-1] = (pushes > _SURPRISING).any(axis=1)
+        return pushed
 
     def _speed(self, n: int, towards: int, firm: Array[F]) -> Floats[P]:
         """Return the change to a frame from its neighbour on one side; 0 where that was lost or is far."""
@@ -115,7 +154,8 @@ class Ways:
                 return
             speed = self.motion.kept * speed
             expected = self.evidence.model.clipped(moved(pose[None], speed[None])[0])
-            found = self._descended(other, expected, True, "carried on")
+            there = self._known(other, expected)
+            found = there or self._descended(other, expected, True, "carried on")
             if found is None:
                 pose = expected
                 continue
@@ -125,7 +165,7 @@ class Ways:
             worse = max(worse + found.system.cost - least, 0.0)
             if worse > _HOPELESS:
                 return
-            met = 0 if self._add(other, found) else met + 1
+            met = 0 if there is None and self._add(other, found) else met + 1
             speed = changes(np.array([pose, found.pose]))[0]
             pose = found.pose
 
@@ -141,7 +181,8 @@ class Ways:
             terms = replace(terms, priors=(*terms.priors, expected))
         stop = self.control.should_stop
         terms = terms.as_seen_at(model.bones(start))
-        found = descend(model, self.evidence.settings.solver, terms, start, stop)[0].params
+        solver = self.evidence.settings.solver
+        found = descend(model, solver, terms, start, stop)[0].params
         if self.tracked[n].status == Status.LOST:
             again = assess(frame.terms, model.bones(found), 0.0, ())[0]
             if again == Status.LOST:
@@ -151,12 +192,18 @@ class Ways:
     def _add(self, n: int, found: Minimum) -> bool:
         """Add a minimum, unless it is known; return whether it isn't."""
         row = self.minima[n]
-        if any(self.differ_m(one.pose, found.pose) < APART_M for one in row):
+        if self._known(n, found.pose) is not None:
             return False
         if row[0].origin == "bridged":
             row.clear()
         row.append(found)
         return True
+
+    def _known(self, n: int, pose: Floats[P]) -> Minimum | None:
+        """Return the nearest of a frame's minima that a pose is one with."""
+        seen = [one for one in self.minima[n] if one.origin != "bridged"]
+        far = [self.differ_m(one.pose, pose) for one in seen]
+        return seen[int(np.argmin(far))] if far and min(far) < APART_M else None
 
     def differ_m(self, one: Floats[P], other: Floats[P]) -> float:
         """Return by how much the joint that differs most does [m]."""
