@@ -90,7 +90,9 @@ def _poor_still(
         if result.poor_cloud:
             poor[n] = poor_agreement(evidence.of(result.frame).terms, poses[n], POOR) is not None
     return [
-        n for n in np.flatnonzero(poor) if poor[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() > 0.5
+        n
+        for n in np.flatnonzero(poor).tolist()
+        if poor[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() > 0.5
     ]
 
 

@@ -101,7 +101,7 @@ class Ways:
         """Add the middle between the neighbours of frames that don't go together with these on a way: where a frame tells
         little, no minimum of its own may be near.
         """
-        for n in np.flatnonzero(self._pushed(poses)):
+        for n in np.flatnonzero(self._pushed(poses)).tolist():
             if self.minima[n][0].origin == "bridged":
                 continue
             step = changes(poses[[n - 1, n + 1]])
