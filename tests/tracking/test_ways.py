@@ -155,6 +155,26 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     assert "26 % probable, its index tip is" in apart.note
 
 
+def test_hypotheses_that_were_carried_are_candidates(turning):
+    """Nothing jumps and nothing is in doubt: no way is looked for, but one is known."""
+    poses, views = turning
+    taken = np.array([_bent(pose, "index", 100.0) for pose in poses])
+    tracked = [
+        replace(
+            result,
+            alternatives=tuple(
+                Alternative(HAND.joint_params(pose), 30.0, 0.5, -1, "followed") for pose in pair
+            ),
+        )
+        for result, pair in zip(_tracked(taken, views), zip(taken, poses, strict=True), strict=True)
+    ]
+    settings = TrackerSettings().with_values({"tracker.hypotheses": 2, "tracker.estimate": "whole"})
+    assert settings.refines
+    found = refined(HAND, settings, lambda n, _: views[n], tracked)
+    assert max(map(_off_mm, found, poses)) < 2.0
+    assert {len(result.alternatives) for result in found} == {2}
+
+
 def test_a_finger_in_the_wrong_place_does_not_make_a_damaged_cloud_poor():
     """One depth camera, 30 % of the points missing in regions, 20 % wrong: doubted depths would not say which finger it is."""
     rng = np.random.default_rng(4)

@@ -233,7 +233,7 @@ class FollowSettings:
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
         "forward", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
-        "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
+        "together, each by those after it as well; where several hypotheses are carried, on the most probable way through them.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
     hypotheses: int = setting(
@@ -295,12 +295,13 @@ class TrackerSettings:
     @property
     def refines(self) -> bool:
         """Whether all frames are looked at together once they are tracked."""
-        return self.tracker.estimate == "whole" and self.tracker.hypotheses == 1
+        return self.tracker.estimate == "whole"
 
     @property
     def chooses_at_the_end(self) -> bool:
         """Whether the last frame decides which hypothesis holds in those before it."""
-        return self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
+        chooses = self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
+        return chooses and not self.refines
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""

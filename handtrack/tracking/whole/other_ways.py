@@ -19,17 +19,23 @@ _LEAST = 0.03
 
 
 def with_other_ways(
-    model: ArticulatedModel, results: Sequence[FrameResult], lattice: Lattice, best: Ints[F]
+    model: ArticulatedModel,
+    results: Sequence[FrameResult],
+    lattice: Lattice,
+    best: Ints[F],
+    shown: int = 1,
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
     frame's own; one that was tracked is doubtful where another has a joint more than `APART_M` away.
 
-    best: which minimum of each frame the refined way went through.
+    best: which minimum of each frame the refined way went through; shown: how many poses a frame has that were asked for,
+    however probable.
     """
     found = []
     rows = zip(results, lattice.minima, lattice.probabilities, best, strict=True)
     for result, minima, share, own in rows:
-        others = [k for k in np.argsort(-share, kind="stable") if k != own and share[k] > _LEAST]
+        others = [k for k in np.argsort(-share, kind="stable").tolist() if k != own]
+        others = [k for n, k in enumerate(others, 1) if share[k] > _LEAST or n < shown]
         if not others:
             found.append(result)
             continue
@@ -57,7 +63,7 @@ def _doubt(
         bones = model.bones(model.transform.solver_params(other.parameters))
         off = np.linalg.norm(model.joint_positions(bones) - result.joint_positions, axis=1)
         worst = int(off.argmax())
-        if off[worst] <= APART_M:
+        if off[worst] <= APART_M or other.weight <= _LEAST:
             continue
         share += other.weight
         if far is None or off[worst] > far[1]:

@@ -76,7 +76,7 @@ def refined(
     if found is None or control.should_stop():
         return list(tracked)
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
-    return with_other_ways(model, results, lattice, best)
+    return with_other_ways(model, results, lattice, best, settings.tracker.hypotheses)
 
 
 def _poor_still(

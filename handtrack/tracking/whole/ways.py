@@ -69,6 +69,9 @@ class Ways:
             if self.tracked[n].poor_cloud:
                 first = self._descended(n, pose, False, "depths believed") or first
             self.minima.append([first])
+            for other in self.tracked[n].alternatives[1:]:
+                params = self.evidence.model.transform.solver_params(other.parameters)
+                self._add(n, Minimum(params, self._frame(n).at(params), other.origin))
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()
         for n, apart in enumerate(self._apart(firm, doubted), 1):
@@ -80,7 +83,8 @@ class Ways:
             self._try_fingers(n)
         usual = Lattice(self.minima, self.motion.pushes)
         for _ in range(_ROUNDS):
-            self._bridge(usual.way(self.best(usual)))
+            if not self._bridge(usual.way(self.best(usual))):
+                break
             usual = Lattice(self.minima, self.motion.pushes)
         return None if self.control.should_stop() else usual
 
@@ -97,16 +101,18 @@ class Ways:
         found = np.percentile(np.abs(changes(poses)), 90, axis=0) / 1.645
         return np.diag(np.clip(found, _LEAST_CHANGE * usual, usual) ** 2)
 
-    def _bridge(self, poses: Floats[F, P]) -> None:
+    def _bridge(self, poses: Floats[F, P]) -> bool:
         """Add the middle between the neighbours of frames that don't go together with these on a way: where a frame tells
-        little, no minimum of its own may be near.
+        little, no minimum of its own may be near. Return whether there is any.
         """
+        added = False
         for n in np.flatnonzero(self._pushed(poses)).tolist():
             if self.minima[n][0].origin == "bridged":
                 continue
             step = changes(poses[[n - 1, n + 1]])
             middle = self.evidence.model.clipped(moved(poses[n - 1 : n], 0.5 * step)[0])
-            self._add(n, Minimum(middle, self._frame(n).at(middle), "between"))
+            added |= self._add(n, Minimum(middle, self._frame(n).at(middle), "between"))
+        return added
 
     def _frame(self, n: int):
         return self.evidence.of(self.tracked[n].frame)
