@@ -46,8 +46,9 @@ def open_parts(model, joint_covariance, most_mm):
     return reason.words if reason else ""
 
 
-def earlier(energy, count=20, status=Status.TRACKED):
-    return [SimpleNamespace(energy=energy, status=status, fits=status == Status.TRACKED)] * count
+def earlier(energy, count=20, status=Status.TRACKED, views=0):
+    fits = status == Status.TRACKED
+    return [SimpleNamespace(energy=energy, status=status, fits=fits, views=views)] * count
 
 
 def shifted(metres):
@@ -148,6 +149,13 @@ def test_usual_is_what_tracked_frames_were():
     assert energy_ratio(200.0, 3, always_doubtful) == pytest.approx(2.0)
     mixed = earlier(100.0, 20) + earlier(900.0, 5)
     assert energy_ratio(200.0, 3, mixed) == pytest.approx(2.0)
+
+
+def test_energies_are_compared_a_view():
+    """Two views cost twice as much as one: that is no lost finger."""
+    one_view = earlier(50.0, views=1)
+    assert energy_ratio(100.0, 2, one_view) == pytest.approx(1.0)
+    assert energy_ratio(100.0, 1, one_view) == pytest.approx(2.0)
 
 
 def test_nearly_perfect_fits_do_not_call_each_other_bad():
@@ -271,7 +279,8 @@ def test_a_single_camera_leaves_the_hand_open_and_nothing_else_changes():
 
 
 def test_frames_that_only_leave_something_open_tell_what_is_usual():
-    unknown = [SimpleNamespace(energy=100.0, status=Status.DOUBTFUL, fits=True)] * 10
+    doubted = SimpleNamespace(energy=100.0, status=Status.DOUBTFUL, fits=True, views=0)
+    unknown = [doubted] * 10
     assert energy_ratio(200.0, 3, unknown + earlier(900.0, 20, Status.DOUBTFUL)) == pytest.approx(
         2.0
     )

@@ -50,15 +50,17 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
     """Return a frame's energy in units of what is usual: the lower quartile of the tracked frames before it.
 
     Of all frames where few are tracked: what is always so is usual. 1 where hardly anything came before. A floor
-    keeps nearly perfect fits from calling each other bad.
+    keeps nearly perfect fits from calling each other bad. Energies are compared a view: a frame that two cameras see is not
+    bad beside those that one saw.
     """
     posed = [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
-    known = [r.energy for r in posed if r.fits]
+    views = max(views, 1)
+    known = [r.energy / (r.views or views) for r in posed if r.fits]
     if len(known) < _ENOUGH:
-        known = [r.energy for r in posed]
+        known = [r.energy / (r.views or views) for r in posed]
     if len(known) < FEWEST_FRAMES:
         return 1.0
-    return energy / max(float(np.percentile(known, 25)), _LEAST_USUAL * max(views, 1))
+    return energy / views / max(float(np.percentile(known, 25)), _LEAST_USUAL)
 
 
 def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:

@@ -57,7 +57,7 @@ def solved_result(
     result = judged_result(
         model, observation, params, found, spread.parameter_std, system.cost, iterations, energies
     )
-    return Solved(result, spread.covariance)
+    return Solved(replace(result, views=terms.views), spread.covariance)
 
 
 def judged_result(

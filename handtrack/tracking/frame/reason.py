@@ -96,6 +96,9 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that a joint is 25 mm off): "
         f"{SIGNS[r.camera]}"
     ),
+    "other way": lambda r: (
+        f"by another way through the recording, {_percent(r.number)} probable, its {r.part} is {r.other:.0f} mm away"
+    ),
     "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
 }  # fmt: skip
 """what each kind says; the only place where a doubt is worded"""

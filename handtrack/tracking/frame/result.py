@@ -104,6 +104,8 @@ class FrameResult:
     """probability that some joint is more than 25 mm off; NaN where nothing is said."""
     p_off_10mm: Floats[K] | None = None
     """that some joint of each of PARTS is more than 10 mm off; hands only."""
+    views: int = 0
+    """silhouettes, clouds and images that the energy is of; 0: not known."""
     alternatives: tuple[Alternative, ...] = ()
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
 

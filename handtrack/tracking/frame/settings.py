@@ -231,7 +231,8 @@ class FollowSettings:
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
         "whole", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
-        "together, each by those after it as well. Not where several hypotheses or texture are carried.", label="Estimate",
+        "together, each by those after it as well; where several hypotheses are carried, on the most probable way through them. "
+        "Not where texture is carried.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
     hypotheses: int = setting(
@@ -293,13 +294,13 @@ class TrackerSettings:
     @property
     def refines(self) -> bool:
         """Whether all frames are looked at together once they are tracked: not where texture is carried from one to the next."""
-        alone = self.tracker.hypotheses == 1 and self.intensity.weight == 0
-        return self.tracker.estimate == "whole" and alone
+        return self.tracker.estimate == "whole" and self.intensity.weight == 0
 
     @property
     def chooses_at_the_end(self) -> bool:
         """Whether the last frame decides which hypothesis holds in those before it."""
-        return self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
+        chooses = self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
+        return chooses and not self.refines
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""

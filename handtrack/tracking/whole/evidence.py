@@ -58,6 +58,8 @@ class FrameEvidence:
     """all else that was seen"""
     prior: Problem
     """what is known of poses beforehand"""
+    around: BonePoses
+    """where its bands are frozen"""
 
     @cached_property
     def problem(self) -> Problem:
@@ -113,6 +115,17 @@ class FrameEvidence:
             keypoints.append(replace(term, observed=seen))
         terms = replace(self.terms, prepared=tuple(prepared), keypoints=tuple(keypoints))
         return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
+
+    def plain(self, pose: Floats[P]) -> JointSystem:
+        """Return the system of the pose alone, through the cameras as they were calibrated."""
+        return _by_changes(self.problem.linearize(pose), pose)
+
+    def at(self, pose: Floats[P]) -> JointSystem:
+        """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
+        model = self.terms.model
+        terms = self.terms.as_seen_at(model.bones(pose))
+        seen = terms.stage(terms.stages - 1, self.around)
+        return _by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
 
 def _by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
@@ -172,6 +185,17 @@ class Evidence:
                 seen = _exchanged(seen, later, name)
         return seen
 
+    def elsewhere(
+        self, poses: Mapping[int, Floats[P]], silent: frozenset[int], poor: frozenset[int]
+    ) -> Evidence:
+        """Return the evidence around other poses of some frames, other frames being silent or poor; what is known of the rest
+        stays.
+        """
+        moved = replace(self, around={**self.around, **poses}, silent=silent, poor=poor)
+        anew = set(poses) | (silent ^ self.silent) | (poor ^ self.poor)
+        moved._held.update({n: f for n, f in self._held.items() if n not in anew})
+        return moved
+
     def _read(self, frame: int) -> FrameEvidence:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
@@ -192,7 +216,7 @@ class Evidence:
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
             observation, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
-            Problem(model, (), terms.priors),
+            Problem(model, (), terms.priors), bones,
         )  # fmt: skip
 
 

@@ -14,21 +14,25 @@ from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.solver.covariance import uncertainty
-from handtrack.tracking.frame.assessment import assess
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import judged_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.policy import POOR
+from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
+from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.ways import Ways
 
+_BESIDE = 7
+"""frames to either side by which a cloud's is judged: half a second in all"""
 _FEWEST = 3
 """frames that have a motion"""
 _MEMORY = 2
@@ -68,29 +72,35 @@ def refined(
     seconds = abs(tracked[-1].time_s - tracked[0].time_s) / (len(tracked) - 1)
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
     poses = _bridged(poses, np.array([number not in lost for number in numbers]))
-    evidence = Evidence(
-        model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
-        frozenset(r.frame for r in tracked if r.poor_cloud), lost,
-        {frame: keyframe_prior(model, pose) for frame, pose in held.items()},
-    )  # fmt: skip
+    around = dict(zip(numbers, poses, strict=True))
+    priors = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
+    evidence = Evidence(model, settings, observe, around, seconds or 1.0, silent=lost, held=priors)
     if corrects_cameras:
         evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))
         evidence = evidence.through(with_late_cameras(evidence, numbers, poses))
+    ways = Ways(evidence, tracked, poses, control)
+    lattice = ways.gathered()
+    if lattice is None:
+        return list(live)
+    best = ways.best(lattice)
+    way = [row[k] for row, k in zip(lattice.minima, best.tolist(), strict=True)]
+    silent = lost & {n for n, one in zip(numbers, way, strict=True) if one.origin == "bridged"}
+    poses = lattice.way(best)
+    poor = _poor_still(evidence, tracked, poses)
+    changed = [n for n, one in enumerate(way) if one.origin != "tracked"]
+    evidence = evidence.elsewhere(
+        {numbers[n]: poses[n] for n in changed}, silent, frozenset(numbers[n] for n in poor)
+    )
+    for n in poor:
+        before = model.transform.solver_params(tracked[n].parameters)
+        poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
-    again = {} if found is None else _found_again(evidence, numbers, found, lost, control)
-    if found is not None and again:
-        around = {**dict(zip(numbers, found.poses, strict=True)), **again}
-        poses = np.array([around[number] for number in numbers])
-        evidence = replace(evidence, around=around, silent=lost - set(again), cameras=found.cameras)
-        found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is None or control.should_stop():
         return list(live)
     control.on_shared(Refinement.of(found).text)
-    return [
-        _result(evidence, found, n, tracked)
-        for n, number in enumerate(numbers)
-        if number not in held
-    ]
+    results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses)
+    return [result for result in results if result.frame not in held]
 
 
 def refined_near(
@@ -142,6 +152,23 @@ def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
     return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ())
 
 
+def _poor_still(
+    evidence: Evidence, tracked: Sequence[FrameResult], poses: Floats[F, P]
+) -> list[int]:
+    """Return the rows of frames whose cloud was poor, and agrees badly with the hand on the best way, too, as most of those
+    beside it do: fingers in the wrong place let a good cloud seem poor; a sensor that is does not change from frame to frame.
+    """
+    poor = np.zeros(len(tracked), bool)
+    for n, result in enumerate(tracked):
+        if result.poor_cloud:
+            poor[n] = poor_agreement(evidence.of(result.frame).terms, poses[n], POOR) is not None
+    return [
+        n
+        for n in np.flatnonzero(poor).tolist()
+        if poor[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() > 0.5
+    ]
+
+
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
     """Return poses with a straight way between those that are known, for a start; the root's turn by the shorter way."""
     every, posed, poses = np.arange(len(poses)), np.flatnonzero(known), poses.copy()
@@ -149,30 +176,6 @@ def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
         poses[here, TURN] = closest_equivalent(poses[here, TURN], poses[before, TURN])
     columns = [np.interp(every, posed, column[posed]) for column in poses.T]
     return np.stack(columns, axis=1)
-
-
-def _found_again(
-    evidence: Evidence,
-    numbers: Sequence[int],
-    found: WholeEstimate,
-    lost: frozenset[int],
-    control: Control,
-) -> dict[int, Floats[P]]:
-    """Return the poses of frames in which the hand was lost and is found from where the others put it."""
-    again = {}
-    for n, number in enumerate(numbers):
-        if number not in lost or control.should_stop():
-            continue
-        frame, pose = evidence.of(number), found.poses[n]
-        if not frame.terms.has_seen:
-            continue
-        summary, _, _ = descend(
-            evidence.model, evidence.settings.solver, frame.terms, pose, control.should_stop
-        )
-        bones = evidence.model.bones(summary.params)
-        if assess(frame.terms, bones, summary.cost, ())[0] != Status.LOST:
-            again[number] = summary.params
-    return again
 
 
 def _result(
@@ -194,8 +197,9 @@ def _result(
         found_at = judged(
             terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
         )
-    return judged_result(
+    result = judged_result(
         model, frame.observation, pose, found_at, spread.parameter_std,
         float(found.costs[n]) if seen else float("nan"),
         before.iterations + found.sweeps, energies,
     )  # fmt: skip
+    return replace(result, views=frame.terms.views)

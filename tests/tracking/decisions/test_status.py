@@ -215,7 +215,8 @@ def test_the_worse_of_outline_and_cloud_is_told():
 
 
 def frames(*energies, status=TRACKED):
-    return [SimpleNamespace(energy=e, status=status, fits=status == TRACKED) for e in energies]
+    fits = status == TRACKED
+    return [SimpleNamespace(energy=e, status=status, fits=fits, views=0) for e in energies]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,248 @@
+"""Where a recording may have gone another way: minima of frames besides the tracked poses, and the ways through all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from handtrack.arrays import Array, F, Floats, Ints, P
+from handtrack.tracking.frame.assessment import assess, energy_ratio
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.descent import descend, stage_problem
+from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.terms.priors import motion_prior
+from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
+from handtrack.tracking.search.proposers.depth_flips import depth_flips
+from handtrack.tracking.search.proposers.finger_moves import finger_grid
+from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.lattice import Lattice, Minimum
+from handtrack.tracking.whole.motion import Motion, changes, moved
+
+APART_M = 0.01
+"""[m] by which some joint of two minima differs at least: the breadth of half a finger"""
+_SURPRISING = 2.0
+"""usual changes of a frame from which two frames don't go together"""
+_MET = 2
+"""frames in a row after which a way that leads to known minima is taken for theirs"""
+_FAR = 50
+"""frames that a way is carried on at most"""
+_TRIALS_EVERY, _TRIED = 8, 4
+"""frames of a doubtful stretch after which other fingers are tried, and how many"""
+_ROUNDS = 3
+"""times at most that frames are bridged which jump on the best way, since each may open another"""
+_LEAST_CHANGE = 0.1
+"""of the usual: what hardly moved may still begin to"""
+_HOPELESS = 15.0
+"""[log-likelihood] a way that fits worse by more, all its frames together, isn't carried on"""
+
+
+@dataclass(eq=False)
+class Ways:
+    """Minima as they are gathered."""
+
+    evidence: Evidence
+    tracked: Sequence[FrameResult]
+    poses: Floats[F, P]
+    """solver parameters: as tracked, bridged where the hand was lost"""
+    control: Control
+    minima: list[list[Minimum]] = field(init=False, default_factory=list)
+    motion: Motion = field(init=False)
+
+    def __post_init__(self) -> None:
+        prior, seconds = self.evidence.settings.prior, self.evidence.seconds
+        self.motion = Motion.usual(prior, self.poses.shape[1], seconds)
+
+    def gathered(self) -> Lattice | None:
+        """Return the lattice of tracked poses, of those that they lead to where frames don't go together or are in doubt,
+        carried on from both sides, and of fingers tried elsewhere there; None when stopped.
+        """
+        for n, pose in enumerate(self.poses):
+            if self.control.should_stop():
+                return None
+            known = self.tracked[n].status != Status.LOST
+            system = self._frame(n).plain(pose)
+            first = Minimum(pose, system, "tracked" if known else "bridged")
+            if self.tracked[n].poor_cloud:
+                first = self._descended(n, pose, False, "depths believed") or first
+            self.minima.append([first])
+            for other in self.tracked[n].alternatives[1:]:
+                params = self.evidence.model.transform.solver_params(other.parameters)
+                self._add(n, Minimum(params, self._frame(n).at(params), other.origin))
+        firm = np.array([result.status != Status.LOST for result in self.tracked])
+        doubted = self._doubted()
+        for n, apart in enumerate(self._apart(firm, doubted), 1):
+            if apart and firm[n]:
+                self._carry(n, -1, self._pose(n), self._speed(n, 1, firm))
+            if apart and firm[n - 1]:
+                self._carry(n - 1, 1, self._pose(n - 1), self._speed(n - 1, -1, firm))
+        for n in _spread(doubted & firm):
+            self._try_fingers(n)
+        usual = Lattice(self.minima, self.motion.pushes)
+        for _ in range(_ROUNDS):
+            if not self._bridge(usual.way(self.best(usual))):
+                break
+            usual = Lattice(self.minima, self.motion.pushes)
+        return None if self.control.should_stop() else usual
+
+    def best(self, usual: Lattice) -> Ints[F]:
+        """Return the most probable way where frames change as they do on the most probable way by what is usual."""
+        change = self._change(usual.way(usual.best))
+        return replace(usual, change=change).best
+
+    def _change(self, poses: Floats[F, P]) -> Floats[P, P]:
+        """Return what a frame changes on a way, a variance: nine in ten changes are within 1.645 standard deviations, the others
+        may be mistakes; no more than is usual, since a way full of mistakes changes by anything.
+        """
+        usual = np.sqrt(np.diag(self.motion.pushes))
+        found = np.percentile(np.abs(changes(poses)), 90, axis=0) / 1.645
+        return np.diag(np.clip(found, _LEAST_CHANGE * usual, usual) ** 2)
+
+    def _bridge(self, poses: Floats[F, P]) -> bool:
+        """Add the middle between the neighbours of frames that don't go together with these on a way: where a frame tells
+        little, no minimum of its own may be near. Return whether there is any.
+        """
+        added = False
+        for n in np.flatnonzero(self._pushed(poses)).tolist():
+            if self.minima[n][0].origin == "bridged":
+                continue
+            step = changes(poses[[n - 1, n + 1]])
+            middle = self.evidence.model.clipped(moved(poses[n - 1 : n], 0.5 * step)[0])
+            added |= self._add(n, Minimum(middle, self._frame(n).at(middle), "between"))
+        return added
+
+    def _frame(self, n: int):
+        return self.evidence.of(self.tracked[n].frame)
+
+    def _pose(self, n: int) -> Floats[P]:
+        return self.minima[n][0].pose
+
+    def _doubted(self) -> Array[F]:
+        """Return which frames don't fit, or fit worse than those around them."""
+        found = []
+        for n, result in enumerate(self.tracked):
+            around = self.tracked[max(n - 15, 0) : n + 15]
+            views = self._frame(n).terms.views
+            ratio = energy_ratio(result.energy, views, around) if views else 1.0
+            found.append(not result.fits or ratio > SUSPICIOUS_RATIO)
+        return np.array(found)
+
+    def _apart(self, firm: Array[F], doubted: Array[F]) -> Array[F]:
+        """Return which frames (F − 1) don't go together with the next: pushed by more than is usual, or only one in doubt."""
+        pushed = self._pushed(self.poses)
+        apart = pushed[1:] | pushed[:-1] | (firm[1:] != firm[:-1])
+        return apart | (doubted[1:] != doubted[:-1])
+
+    def _pushed(self, poses: Floats[F, P]) -> Array[F]:
+        """Return which frames change their neighbours' motion by more than is usual."""
+        pushed = np.zeros(len(poses), bool)
+        pushes = np.abs(np.diff(changes(poses), axis=0)) / np.sqrt(np.diag(self.motion.pushes))
+        pushed[1:-1] = (pushes > _SURPRISING).any(axis=1)
+        return pushed
+
+    def _speed(self, n: int, towards: int, firm: Array[F]) -> Floats[P]:
+        """Return the change to a frame from its neighbour on one side; 0 where that was lost or is far."""
+        other = n + towards
+        if not 0 <= other < len(self.poses) or not firm[other]:
+            return np.zeros_like(self.poses[n])
+        step = changes(np.array([self.poses[other], self.poses[n]]))[0]
+        usual = np.sqrt(np.diag(self.motion.pushes))
+        return step if (np.abs(step) < _SURPRISING * usual).all() else np.zeros_like(step)
+
+    def _carry(self, n: int, towards: int, pose: Floats[P], speed: Floats[P]) -> None:
+        """Add the minima to which a pose leads, frame after frame, until it meets those that are known."""
+        met, worse = 0, 0.0
+        for other in range(n + towards, n + towards * (_FAR + 1), towards):
+            if not 0 <= other < len(self.poses) or self.control.should_stop() or met == _MET:
+                return
+            speed = self.motion.kept * speed
+            expected = self.evidence.model.clipped(moved(pose[None], speed[None])[0])
+            there = self._known(other, expected)
+            found = there or self._descended(other, expected, True, "carried on")
+            if found is None:
+                pose = expected
+                continue
+            row = self.minima[other]
+            seen = [one.system.cost for one in row if one.origin != "bridged"]
+            least = min(seen, default=found.system.cost)
+            worse = max(worse + found.system.cost - least, 0.0)
+            if worse > _HOPELESS:
+                return
+            met = 0 if there is None and self._add(other, found) else met + 1
+            speed = changes(np.array([pose, found.pose]))[0]
+            pose = found.pose
+
+    def _descended(self, n: int, start: Floats[P], pull: bool, origin: str) -> Minimum | None:
+        """Return the minimum near a pose; None where nothing was seen or the hand isn't there."""
+        frame, model = self._frame(n), self.evidence.model
+        terms: FrameTerms = frame.terms
+        if not terms.has_seen:
+            return None
+        if pull:
+            settings = self.evidence.settings
+            expected = motion_prior(model.joint_params(start), settings.prior, 1.0, 1)
+            terms = replace(terms, priors=(*terms.priors, expected))
+        stop = self.control.should_stop
+        terms = terms.as_seen_at(model.bones(start))
+        solver = self.evidence.settings.solver
+        found = descend(model, solver, terms, start, stop)[0].params
+        if self.tracked[n].status == Status.LOST:
+            again = assess(frame.terms, model.bones(found), 0.0, ())[0]
+            if again == Status.LOST:
+                return None
+        return Minimum(found, frame.at(found), origin)
+
+    def _add(self, n: int, found: Minimum) -> bool:
+        """Add a minimum, unless it is known; return whether it isn't."""
+        row = self.minima[n]
+        if self._known(n, found.pose) is not None:
+            return False
+        if row[0].origin == "bridged":
+            row.clear()
+        row.append(found)
+        return True
+
+    def _known(self, n: int, pose: Floats[P]) -> Minimum | None:
+        """Return the nearest of a frame's minima that a pose is one with."""
+        seen = [one for one in self.minima[n] if one.origin != "bridged"]
+        far = [self.differ_m(one.pose, pose) for one in seen]
+        return seen[int(np.argmin(far))] if far and min(far) < APART_M else None
+
+    def differ_m(self, one: Floats[P], other: Floats[P]) -> float:
+        """Return by how much the joint that differs most does [m]."""
+        model = self.evidence.model
+        a, b = (model.joint_positions(model.bones(pose)) for pose in (one, other))
+        return float(np.linalg.norm(a - b, axis=1).max())
+
+    def _try_fingers(self, n: int) -> None:
+        """Put fingers elsewhere in a frame, and carry on what fits."""
+        frame, model = self._frame(n), self.evidence.model
+        if not frame.terms.has_seen or not model.has_keypoints21:
+            return
+        pose = min(self.minima[n], key=lambda one: one.system.cost).pose
+        far = stage_problem(model, frame.terms, 0, pose)
+        starts = [start for _, start in finger_grid(far, pose, _TRIED)]
+        flips = sorted(depth_flips(model, frame.observation, pose), key=far.cost)
+        for start in [*starts, *flips[:_TRIED]]:
+            if self.control.should_stop():
+                return
+            found = self._descended(n, start, False, "tried")
+            least = min(one.system.cost for one in self.minima[n])
+            if found is None or found.system.cost > least + _HOPELESS:
+                continue
+            if self._add(n, found):
+                for towards in (-1, 1):
+                    self._carry(n, towards, found.pose, np.zeros_like(found.pose))
+
+
+def _spread(wanted: Array[F]) -> list[int]:
+    """Return the middle one of every few frames of each row of those that are wanted."""
+    edges = np.flatnonzero(np.diff(np.r_[0, wanted.astype(int), 0]))
+    found: list[int] = []
+    for begin, end in edges.reshape(-1, 2).tolist():
+        cuts = np.linspace(begin, end, -(-(end - begin) // _TRIALS_EVERY) + 1).astype(int)
+        found += [(a + b) // 2 for a, b in pairwise(cuts.tolist())]
+    return found
