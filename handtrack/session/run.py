@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -35,16 +34,16 @@ from handtrack.session.sizing import (
     size_of_frames,
     tracked_for_size,
 )
+from handtrack.session.takes.versions import version_of
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
-from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refined import refined, refined_near
 
 
 @dataclass(frozen=True)
@@ -270,15 +269,8 @@ class TrackingRun:
         held: Mapping[int, Floats[P]] | None = None,
         changed: Sequence[int] | None = None,
     ) -> list[FrameResult]:
-        """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed.
-
-        changed: which of these were set or let go since the frames were refined; only what those touch is done, and
-        returned. None: everything.
-        """
-        more = (self.model, self.settings, self.observation, tracked)
-        if changed is None:
-            return refined(*more, control, held)
-        return refined_near(*more, held or {}, changed, control)
+        """Return tracked frames refined together; see tracking.sequence.refine_recording."""
+        return refine_recording(self.tracker, self.observation, tracked, control, held, changed)
 
     def _prepare(self, frame: int) -> None:
         """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""
@@ -297,7 +289,7 @@ class TrackingRun:
         return TrackLabels(
             model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
             model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
-            json.dumps(self.settings.flat(), sort_keys=True), _version(),
+            json.dumps(self.settings.flat(), sort_keys=True), version_of("handtrack"),
             None if self.first is None else self.first.confidence,
             None if std_mm is None else hand_length_mm(model), std_mm,
         )  # fmt: skip
@@ -311,13 +303,6 @@ def given_in_images(
     whole = _whole(_model(session, settings, scale, forearm=False))
     seen = _seen(session, settings, first.frame)
     return poses_from_images(session, settings, whole, first, seen)
-
-
-def _version() -> str:
-    try:
-        return version("handtrack")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _seen(

@@ -13,7 +13,7 @@ from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
 from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.refined import refined, refined_near
 
 
 def track_recording(
@@ -31,9 +31,29 @@ def track_recording(
     for result in live:
         found[result.frame] = result
         yield result
-    if tracker.settings.refines and not control.should_stop():
+    if tracker.settings.refines and control.refines and not control.should_stop():
         tracked = [found[frame] for frame in sorted(found)]
-        yield from refined(tracker.model, tracker.settings, observe, tracked, control)
+        yield from refine_recording(tracker, observe, tracked, control)
+
+
+def refine_recording(
+    tracker: Tracker,
+    observe: Observe,
+    tracked: Sequence[FrameResult],
+    control: Control = Control(),
+    held: Mapping[int, Floats[P]] | None = None,
+    changed: Sequence[int] | None = None,
+) -> list[FrameResult]:
+    """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed.
+
+    changed: which of these were set or let go since the frames were refined; only what those touch is done, and returned.
+    None: everything.
+    """
+    if changed is None:
+        return refined(tracker.model, tracker.settings, observe, tracked, control, held)
+    return refined_near(
+        tracker.model, tracker.settings, observe, tracked, held or {}, changed, control
+    )
 
 
 def track_frames(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -225,6 +225,15 @@ class FakeRun:
             if control.on_early is not None:
                 control.on_early(result)
             yield result
+
+    def refined(
+        self,
+        tracked: Sequence[FrameResult],
+        control: Control = Control(),
+        held: Mapping[int, Floats] | None = None,
+        changed: Sequence[int] | None = None,
+    ) -> list[FrameResult]:
+        return list(tracked)
 
     def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
         joint = self.model.joint_params(params)

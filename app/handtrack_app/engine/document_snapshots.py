@@ -39,6 +39,7 @@ TERM_WORDS = {
     "rest": "priors",
     "posture": "priors",
     "motion": "priors",
+    "keyframe": "priors",
     "stabilise": "priors",
     "collision": "priors",
     "proportions": "priors",

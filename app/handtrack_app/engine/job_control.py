@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
-from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
@@ -18,7 +18,12 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.job_words import Outcome, one_frame, summary
+from handtrack_app.engine.job_words import (
+    Moved,
+    Outcome,
+    end_words,
+    found_words,
+)
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Carried,
@@ -27,12 +32,15 @@ from handtrack_app.engine.jobs import (
     Found,
     Leg,
     Questioned,
+    Refined,
+    RefiningJob,
     Report,
     Sized,
     SizingJob,
     Tracked,
     TrackingJob,
     Watch,
+    changed_keyframes,
     legs,
 )
 from handtrack_app.engine.live.live_control import LiveControl
@@ -48,7 +56,7 @@ _COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still chang
 _ENDLESS = 1 << 40  # frames
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 _BUSY = "Tracking is already running. Cancel it first."
-_QUIET = ("sizing", "finding", "carrying")
+_QUIET = ("sizing", "finding", "carrying", "refining")
 """jobs that count no frames"""
 _WORDS = {
     "paused": "Paused",
@@ -57,13 +65,8 @@ _WORDS = {
     "sizing": "Fitting the hand's size (once a session) …",
     "finding": "Looking for the hand …",
     "carrying": "Carrying corrected masks on …",
+    "refining": "Refining all frames together …",
 }
-
-
-_NOT_FOUND = (
-    "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
-    "hand is open and wholly in view, or pose it by hand."
-)
 
 
 class JobControl:
@@ -87,6 +90,8 @@ class JobControl:
         self._then: Track | None = None
         self._outcomes: dict[int, Outcome] = {}
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
+        self._moved = Moved()
+        self._refined_with: dict[int, Floats[P]] | None = None  # keyframes of the latest refining
         self._count = 0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
@@ -161,7 +166,23 @@ class JobControl:
                 "All these frames are set by hand or found; there is nothing to track."
             )
         self._store.begin_take(frames, order.first, start, tuple(held))
-        self._begin(TrackingJob(self._next(), document.run, frames, path, self._post, self._watch))
+        self._refined_with = None
+        job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, held)
+        self._begin(job)
+
+    def refine(self) -> None:
+        """Begin to refine all tracked frames together; only those that keyframes touch, where nothing else has changed since
+        that was done.
+        """
+        self._refuse()
+        document = self._document
+        held = document.keyframes(document.frames)
+        tracked = [document.results[frame] for frame in document.results if frame not in held]
+        if len(tracked) < 2:
+            raise HandtrackError("There is nothing to refine: track some frames first.")
+        changed = changed_keyframes(self._refined_with, held)
+        job = RefiningJob(self._next(), document.run, tracked, held, changed, self._post)
+        self._begin(job)
 
     def track_live(self) -> None:
         """Begin to track what the cameras show from now on, from the pose shown, until it is cancelled."""
@@ -226,6 +247,7 @@ class JobControl:
 
     def _begin(self, job: BackgroundJob) -> None:
         self._job, self._outcomes, self._latest = job, {}, {}
+        self._moved = Moved()
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -240,6 +262,8 @@ class JobControl:
         match report:
             case Tracked():
                 self._tracked(report)
+            case Refined():
+                self._refined(report)
             case Sized():
                 self._sized(job, report)
             case Found():
@@ -276,6 +300,22 @@ class JobControl:
             self._publish(timeline_change(document))
         self.show_progress()
 
+    def _refined(self, done: Refined) -> None:
+        """Lay refined frames over those that were tracked, as a take of their own."""
+        document = self._document
+        if not self._moved.frames:
+            frames, first = document.frames, document.first_frame
+            self._store.end_take(finished=True)
+            held = document.keyframes(frames)
+            params = document.start_params(first, anew=True)
+            self._store.begin_take(frames, first, params, tuple(held), is_refined=True)
+            self._refined_with = held
+        for result in done.results:
+            self._moved.note(document.results.get(result.frame), result)
+            self._outcomes[result.frame] = Outcome.of(result)
+            self._store.add(result)
+        self._publish(timeline_change(document))
+
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:
         document = self._document
         if not isinstance(job, SizingJob) or not job.is_late:
@@ -290,7 +330,7 @@ class JobControl:
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
-            self._publish(Notice("warning", "No hand found", _NOT_FOUND))
+            self._publish(found_words([]))
             return
         self.guesses.keep(found.candidates)
         best = found.candidates[0]
@@ -299,11 +339,7 @@ class JobControl:
         self._publish(pose_snapshot(self._document))
         if snapshot is not None:
             self._publish(snapshot)
-        more = len(found.candidates) - 1
-        text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
-        if more:
-            text += f" {more} other poses are below and in the scene; a click takes one."
-        self._publish(Notice("done", "The hand is found", text))
+        self._publish(found_words(found.candidates))
 
     def _ended(self, job: BackgroundJob, end: Ended) -> None:
         self._job = None
@@ -312,9 +348,11 @@ class JobControl:
         document.show(document.frame)
         self._publish(pose_snapshot(document))
         self._publish(timeline_snapshot(document))
-        if job.kind == "tracking":
+        if job.kind == "tracking" or self._moved.frames:
             self._store.end_take(finished=not end.cancelled and not end.error)
-        self._report_end(job, end)
+        said = end_words(job, end, document, list(self._outcomes.values()), self._moved, self._live)
+        if said is not None:
+            self._publish(said)
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
             self.track(then)
@@ -331,44 +369,6 @@ class JobControl:
         wanted = document.size_pending and document.run.settings.model.fit_size == "later"
         done = job.kind == "tracking" and job.total > 1 and not end.cancelled and not end.error
         return wanted and done
-
-    def _report_end(self, job: BackgroundJob, end: Ended) -> None:
-        if end.internal:
-            self._publish(Notice.of_mistake(end.error, "Internal error while tracking"))
-        elif end.error:
-            title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
-            self._publish(Notice("error", title, end.error))
-        elif job.kind in ("finding", "carrying"):
-            if end.cancelled:
-                self._publish(Notice("done", "Cancelled", ""))
-        elif job.kind == "sizing":
-            title = "Cancelled" if end.cancelled else "Hand size fitted"
-            self._publish(Notice("done", title, "" if end.cancelled else self._size_words(job)))
-        else:
-            took = time.monotonic() - job.began - job.waited
-            title = "Cancelled" if end.cancelled else "Tracking finished"
-            if self._live is not None and job.total == 0:
-                self._publish(Notice("done", "Tracking ended", self._live.words()))
-                return
-            one = self._document.results.get(job.frames.start) if len(job.frames) == 1 else None
-            if one is not None and not end.cancelled:
-                self._publish(one_frame(one))
-                return
-            text = summary([*self._outcomes.values()], job.total, len(job.frames) - job.total, took)
-            self._publish(Notice("done", title, text))
-
-    def _size_words(self, job: BackgroundJob) -> str:
-        document = self._document
-        size, offered = document.run.scale.overall, document.offered_scale
-        if offered is not None:
-            return (
-                f"The hand is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
-                "Track, 'Track again' takes the new size."
-            )
-        if isinstance(job, SizingJob) and job.is_late:
-            return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
-        known = hand_words(document.run.model).removeprefix("hand ")
-        return f"The hand is {size:.2f} times an adult's mean{known and f': {known}'}."
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""

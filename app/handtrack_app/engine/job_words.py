@@ -2,13 +2,41 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from handtrack.model.articulated import HandScale
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.jobs import BackgroundJob, Ended, SizingJob
+from handtrack_app.engine.live.live_control import LiveControl
+from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice
+
+_TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
+
+
+_NOT_FOUND = (
+    "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
+    "hand is open and wholly in view, or pose it by hand."
+)
+
+
+def found_words(candidates: Sequence[FirstPoseCandidate]) -> Notice:
+    """Return what a search for the hand found."""
+    if not candidates:
+        return Notice("warning", "No hand found", _NOT_FOUND)
+    best, more = candidates[0], len(candidates) - 1
+    text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
+    if more:
+        text += f" {more} other poses are below and in the scene; a click takes one."
+    return Notice("done", "The hand is found", text)
 
 
 def one_frame(result: FrameResult) -> Notice:
@@ -59,3 +87,92 @@ def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float
     if by_hand == 1:
         hand = " One, set by hand or found, stayed as it is."
     return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
+
+
+def size_words(run: Run, offered: HandScale | None, is_late: bool) -> str:
+    """Return how fitting the hand's size went. offered: what was found after tracking, and is not taken; is_late: it was
+    looked for then.
+    """
+    size = run.scale.overall
+    if offered is not None:
+        return (
+            f"The hand is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
+            "Track, 'Track again' takes the new size."
+        )
+    if is_late:
+        return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+    known = hand_words(run.model).removeprefix("hand ")
+    return f"The hand is {size:.2f} times an adult's mean{known and f': {known}'}."
+
+
+@dataclass
+class Moved:
+    """How far refining moved frames."""
+
+    frames: int = 0
+    """that it returned"""
+    most_mm: dict[int, float] = field(default_factory=dict)
+    """of those that it moved by more than is told, their furthest joint"""
+
+    def note(self, before: FrameResult | None, after: FrameResult) -> None:
+        """Take a frame as it was and as it is."""
+        self.frames += 1
+        if before is not None:
+            moves = np.linalg.norm(after.joint_positions - before.joint_positions, axis=1)
+            if (most := 1e3 * float(moves.max())) > _TOLD_MM:
+                self.most_mm[after.frame] = most
+
+    @property
+    def words(self) -> str:
+        """What changed, in a sentence; empty where nothing was refined."""
+        if not self.frames:
+            return ""
+        if not self.most_mm:
+            return f"Refined together; no joint moved by more than {_TOLD_MM:g} mm."
+        worst = max(self.most_mm, key=lambda frame: self.most_mm[frame])
+        count = len(self.most_mm)
+        many = f"1 frame has a joint that moved by more than {_TOLD_MM:g} mm, frame"
+        if count > 1:
+            many = (
+                f"{count} frames have a joint that moved by more than {_TOLD_MM:g} mm, most frame"
+            )
+        return f"Refined together; {many} {worst} ({self.most_mm[worst]:.0f} mm)."
+
+
+def end_words(
+    job: BackgroundJob,
+    end: Ended,
+    document: Document,
+    outcomes: Sequence[Outcome],
+    moved: Moved,
+    live: LiveControl | None,
+) -> Notice | None:
+    """Return how a job went; None where there is nothing to say."""
+    cancelled = end.cancelled
+    if end.internal:
+        return Notice.of_mistake(end.error, "Internal error while tracking")
+    if end.error:
+        title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
+        return Notice("error", title, end.error)
+    if job.kind in ("finding", "carrying"):
+        return Notice("done", "Cancelled", "") if cancelled else None
+    if job.kind == "refining":
+        return (
+            Notice("done", "Cancelled", "") if cancelled else Notice("done", "Refined", moved.words)
+        )
+    if isinstance(job, SizingJob):
+        text = size_words(document.run, document.offered_scale, job.is_late)
+        return (
+            Notice("done", "Cancelled", "")
+            if cancelled
+            else Notice("done", "Hand size fitted", text)
+        )
+    if live is not None and job.total == 0:
+        return Notice("done", "Tracking ended", live.words())
+    one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
+    if one is not None and not cancelled:
+        return one_frame(one)
+    took = time.monotonic() - job.began - job.waited
+    text = summary(outcomes, job.total, len(job.frames) - job.total, took)
+    title = "Cancelled" if cancelled else "Tracking finished"
+    return Notice("done", title, f"{text} {moved.words}".rstrip())

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
+import numpy as np
+
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import HandScale
@@ -26,6 +28,7 @@ from handtrack_app.engine.run import Run
 log = logging.getLogger(__name__)
 
 _KEPT = 64  # tracked frames, at most, by which cameras are judged
+_TOGETHER = 100  # refined frames that are handed over at once
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,14 @@ class Sized:
 
     job: int
     scale: HandScale
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Some of the frames, ascending, refined together with all others."""
+
+    job: int
+    results: list[FrameResult]
 
 
 @dataclass(frozen=True)
@@ -79,7 +90,7 @@ class Carried:
     """of the session's state"""
 
 
-Report = Tracked | Sized | Found | Questioned | Carried | Ended
+Report = Tracked | Refined | Sized | Found | Questioned | Carried | Ended
 Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
@@ -100,7 +111,7 @@ class BackgroundJob:
         self.share, self.words = 0.0, ""
         """of all the work, and what is done now; for jobs that do not count frames"""
         self._first_done, self._first_share = self.began, 0.0
-        self._post = post
+        self.post = post
         self._stop, self._hold = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
 
@@ -163,7 +174,7 @@ class BackgroundJob:
         except Exception as problem:  # reported to the user: the page must go on
             log.exception("%s failed", self.kind)
             error, internal = f"{type(problem).__name__}: {problem}", True
-        self._post(Ended(self.number, self._stop.is_set(), error, internal))
+        self.post(Ended(self.number, self._stop.is_set(), error, internal))
 
 
 class TrackingJob(BackgroundJob):
@@ -179,25 +190,29 @@ class TrackingJob(BackgroundJob):
         path: Sequence[Leg],
         post: Callable[[Report], None],
         watch: Watch | None = None,
+        held: Mapping[int, Floats[P]] | None = None,
     ) -> None:
+        """held: poses set by hand, solver parameters by frame."""
         super().__init__(number, frames, post)
-        self._run, self._path, self._watch = run, path, watch
+        self._run, self._path, self._watch, self._held_poses = run, path, watch, held or {}
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
-        self._found: list[str] = []
 
     def work(self) -> None:
         run = self._run
         recorded = run.session.live is None
-        control = Control(
-            self.should_stop, on_early=self._early, on_refined=self._refining, on_shared=self._shared,
-            waits=recorded,
-        )  # fmt: skip
+        control = Control(self.should_stop, on_early=self._early, waits=recorded, refines=False)
+        refines, found = (
+            run.settings.refines and recorded and self.total > 1,
+            dict[int, FrameResult](),
+        )
         for leg in self._path:
             self.share = 0.0
             for result in run.track_with(control, leg.frames, leg.first, leg.params):
-                self._post(Tracked(self.number, result))
+                self.post(Tracked(self.number, result))
+                if refines:
+                    found[result.frame] = result
                 self._some = [*self._some, result] if len(self._some) < _KEPT else self._some[::2]
                 if self._watch is not None:
                     self._watch(run, result)
@@ -205,28 +220,72 @@ class TrackingJob(BackgroundJob):
                     return
             if self.should_stop():
                 return
+        questioned = refines and refine(
+            self, run, [found[frame] for frame in sorted(found)], self._held_poses
+        )
         if (
             recorded
-            and not self._found
+            and not questioned
             and isinstance(run, TrackingRun)
             and (text := doubt_of_cameras(run, self._some))
         ):
-            self._post(Questioned(self.number, text))
-
-    def _shared(self, text: str) -> None:
-        self._found = Refinement.read(text).words
-        for words in self._found:
-            self._post(Questioned(self.number, words))
-
-    def _refining(self, share: float) -> None:
-        self.tell(share, "Refining all frames together …")
+            self.post(Questioned(self.number, text))
 
     def _early(self, result: FrameResult) -> None:
         self._solved.add(result.frame)  # frames may come again
         self.done, self.frame = len(self._solved), result.frame
         if self.done == 1:
             self._first_done, self.waited = time.monotonic(), 0.0
-        self._post(Tracked(self.number, result))
+        self.post(Tracked(self.number, result))
+
+
+class RefiningJob(BackgroundJob):
+    """Refines tracked frames together; where keyframes have changed since, those alone that they touch."""
+
+    kind = "refining"
+
+    def __init__(
+        self,
+        number: int,
+        run: Run,
+        tracked: Sequence[FrameResult],
+        held: Mapping[int, Floats[P]],
+        changed: Sequence[int] | None,
+        post: Callable[[Report], None],
+    ) -> None:
+        """tracked: ascending; held: poses set by hand; changed: which of these are new since they were refined, or let go;
+        None: all frames are to be refined.
+        """
+        super().__init__(number, range(0), post)
+        self._run, self._tracked, self._held_poses, self._changed = run, tracked, held, changed
+
+    def work(self) -> None:
+        refine(self, self._run, self._tracked, self._held_poses, self._changed)
+
+
+def refine(
+    job: BackgroundJob,
+    run: Run,
+    tracked: Sequence[FrameResult],
+    held: Mapping[int, Floats[P]],
+    changed: Sequence[int] | None = None,
+) -> bool:
+    """Refine frames on a job's thread, and post those that are not as they were; return whether a camera was questioned."""
+    shared: list[str] = []
+    control = Control(
+        job.should_stop,
+        on_refined=lambda share: job.tell(share, "Refining all frames together …"),
+        on_shared=shared.append,
+    )
+    before = {result.frame: result for result in tracked}
+    results = run.refined(tracked, control, held, changed)
+    results = [result for result in results if result is not before.get(result.frame)]
+    for first in range(0, len(results), _TOGETHER):
+        job.post(Refined(job.number, results[first : first + _TOGETHER]))
+    words = Refinement.read(shared[-1]).words if shared else []
+    for text in words:
+        job.post(Questioned(job.number, text))
+    return bool(words)
 
 
 class SizingJob(BackgroundJob):
@@ -249,7 +308,7 @@ class SizingJob(BackgroundJob):
     def work(self) -> None:
         scale = self._run.fit_size(self.should_stop, tell=self._tell, tracked=self._tracked).scale
         if not self.should_stop():
-            self._post(Sized(self.number, scale))
+            self.post(Sized(self.number, scale))
 
     def _tell(self, share: float, words: str) -> None:
         self.tell(share, f"Fitting the hand's size: {words}")
@@ -270,7 +329,7 @@ class FindingJob(BackgroundJob):
         run = cast(TrackingRun, self._run)  # only a session of files can be searched
         found = find_first_poses(run, self._frame, self.should_stop, self.tell)
         if not self.should_stop():
-            self._post(Found(self.number, found))
+            self.post(Found(self.number, found))
 
 
 # ---- keyframes: poses set by hand stay as they are, and tracking starts again from each
@@ -310,3 +369,13 @@ def legs(
     for mark, following in pairwise([*earlier, frames.start - 1]):
         found.append(Leg(range(following + 1, mark), mark - 1, held[mark]))
     return tuple(leg for leg in found if leg.frames)
+
+
+def changed_keyframes(
+    before: Mapping[int, Floats[P]] | None, held: Mapping[int, Floats[P]]
+) -> list[int] | None:
+    """Return which keyframes are new, moved or let go; None where none is, or nobody knows: everything may have changed."""
+    if before is None:
+        return None
+    same = {f for f in before.keys() & held.keys() if np.array_equal(before[f], held[f])}
+    return sorted((before.keys() | held.keys()) - same) or None

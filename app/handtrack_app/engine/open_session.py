@@ -156,6 +156,9 @@ class OpenSession:
                 if request.stop - request.start == 1 and document.frame == request.first:
                     self._see_arm()
                 jobs.track(request)
+            case commands.Refine():
+                self.store.write_what_rests(at_once=True)
+                jobs.refine()
             case commands.TrackLive():
                 self.store.write_what_rests(at_once=True)
                 self._see_arm()

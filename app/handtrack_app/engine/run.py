@@ -127,3 +127,10 @@ class Run(Protocol):
     def track_with(
         self, control: Control, frames: range, start_frame: int, start_params: Floats[P]
     ) -> Iterator[FrameResult]: ...
+    def refined(
+        self,
+        tracked: Sequence[FrameResult],
+        control: Control,
+        held: Mapping[int, Floats[P]] | None = None,
+        changed: Sequence[int] | None = None,
+    ) -> list[FrameResult]: ...

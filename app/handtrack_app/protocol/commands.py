@@ -99,6 +99,11 @@ class Track:
 
 
 @dataclass(frozen=True)
+class Refine:
+    """Refine the tracked frames together, each by those after it and by poses set by hand as well."""
+
+
+@dataclass(frozen=True)
 class TrackLive:
     """Track what the cameras show from now on, from the pose shown."""
 
@@ -337,7 +342,7 @@ class StartAgain:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | StartAgain

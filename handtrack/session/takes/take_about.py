@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Iterable
+from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import blake2b
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from handtrack.arrays import Floats, P
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files, place_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.takes.versions import versions_in_use
 from handtrack.store.take import TakeAbout
+
+REFINED = "refined"
 
 
 def about_take(
@@ -35,7 +37,7 @@ def about_take(
     }
     return TakeAbout(
         by=by,
-        begun=datetime.now(UTC).isoformat(timespec="seconds"),
+        begun=_now(),
         frames=(frames.start, frames.stop),
         labels=labels,
         inputs=asked | _files(run.session),
@@ -45,10 +47,15 @@ def about_take(
     )
 
 
-def versions_in_use() -> dict[str, str]:
-    """Return the versions of the programs that make a take."""
-    versions = {name: _version(name) for name in ("handtrack", "numpy", "numba")}
-    return versions | {"python": platform.python_version()}
+def refined_by(program: str) -> str:
+    """Return what a take is said to be by that holds the frames of another one, refined together."""
+    return f"{program}, {REFINED}"
+
+
+def about_refined(about: TakeAbout) -> TakeAbout:
+    """Return the description of the refined frames of a take."""
+    inputs = {**about.inputs, "estimate": REFINED}
+    return replace(about, by=refined_by(about.by), begun=_now(), inputs=inputs)
 
 
 def _files(session: Session) -> dict[str, str]:
@@ -87,8 +94,5 @@ def _digest(*parts: str | bytes) -> str:
     return total.hexdigest()
 
 
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -49,6 +49,8 @@ class Control:
     waits: bool = True
     """False: that search is then given up, for frames do not wait, as before a live camera; one search is made at a time, and
     of the frames since only a few are solved anew"""
+    refines: bool = True
+    """False: frames stay as they come, and aren't refined together once all are tracked"""
     searches: bool = True
     """False: a search for what may be lost isn't made, only told to be due"""
 

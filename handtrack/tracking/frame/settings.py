@@ -231,7 +231,7 @@ class FollowSettings:
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
         "whole", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
-        "together, each by those after it as well. Not where several hypotheses are carried.", label="Estimate",
+        "together, each by those after it as well. Not where several hypotheses or texture are carried.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
     hypotheses: int = setting(
@@ -292,8 +292,9 @@ class TrackerSettings:
 
     @property
     def refines(self) -> bool:
-        """Whether all frames are looked at together once they are tracked."""
-        return self.tracker.estimate == "whole" and self.tracker.hypotheses == 1
+        """Whether all frames are looked at together once they are tracked: not where texture is carried from one to the next."""
+        alone = self.tracker.hypotheses == 1 and self.intensity.weight == 0
+        return self.tracker.estimate == "whole" and alone
 
     @property
     def chooses_at_the_end(self) -> bool:

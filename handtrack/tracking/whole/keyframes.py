@@ -27,7 +27,7 @@ _HELD_M, _HELD_RAD = 1e-4, 1e-3
 """how exactly a keyframe is kept: nothing that was seen, in so many pixels, moves it by a tenth of a millimetre"""
 
 
-def held_at(model: ArticulatedModel, pose: Floats[P]) -> GaussianPrior:
+def keyframe_prior(model: ArticulatedModel, pose: Floats[P]) -> GaussianPrior:
     """Return what keeps a frame at a pose."""
     joint = model.joint_params(pose)
     sigma = np.full(len(joint), _HELD_RAD)

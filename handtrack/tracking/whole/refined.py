@@ -23,7 +23,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
-from handtrack.tracking.whole.keyframes import held_at, with_keyframes
+from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_change
 from handtrack.tracking.whole.refinement import Refinement
@@ -70,7 +70,7 @@ def refined(
     evidence = Evidence(
         model, settings, observe, dict(zip(numbers, poses, strict=True)), seconds or 1.0,
         frozenset(r.frame for r in tracked if r.poor_cloud), lost,
-        {frame: held_at(model, pose) for frame, pose in held.items()},
+        {frame: keyframe_prior(model, pose) for frame, pose in held.items()},
     )  # fmt: skip
     if corrects_cameras:
         evidence = evidence.through(_cameras(evidence, [n for n in numbers if n not in lost]))

@@ -184,7 +184,7 @@ def test_the_seed_is_a_setting_and_old_names_are_read_with_a_note(
         file.read_text() + "\n[tracking]\ntracker.jumps = false\nsolver.damping = 0.5\n"
     )
     words = ["track", session, "--frames", "0:1", "--out", out]
-    ended = handtrack(*words, "--seed", 3, "--set", "prior.collision=false")
+    ended = handtrack(*words, "--seed", 3, "--set", "cloud.crop_mm=99")
     assert ended.code == 0
     settings = json.loads(read_npz(out).settings)
     assert settings["tracker.seed"] == 3
@@ -192,7 +192,7 @@ def test_the_seed_is_a_setting_and_old_names_are_read_with_a_note(
     notes = [line for line in ended.err.splitlines() if line.startswith("note: ")]
     assert sum("'tracker.jumps' is called 'tracker.recovery' now" in note for note in notes) == 1
     assert sum("'solver.damping' is no longer a setting" in note for note in notes) == 1
-    assert sum("prior.collision = false has no effect" in note for note in notes) == 1
+    assert sum("cloud.crop_mm has no effect" in note for note in notes) == 1
     refused = handtrack(*words, "--seed", -1)
     assert refused.code == 2
     assert "'tracker.seed': expected a whole number of at least 0, found -1" in refused.err
@@ -227,7 +227,7 @@ def test_the_searches_of_a_frame_are_explained(handtrack: CommandLine, session: 
 
 def test_track_tells_how_it_went_as_json(handtrack: CommandLine, session: Path) -> None:
     ended = handtrack(
-        "track", session, "--frames", "0:2", "--set", "prior.collision=false", "--explain", "1", "--json"
+        "track", session, "--frames", "0:2", "--set", "cloud.crop_mm=99", "--explain", "1", "--json"
     )  # fmt: skip
     assert ended.code == 0
     told = json.loads(ended.out)
@@ -236,7 +236,7 @@ def test_track_tells_how_it_went_as_json(handtrack: CommandLine, session: Path) 
         "tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0, "interpolated": 0,
     }  # fmt: skip
     assert told["seconds"] > 0
-    assert any("prior.collision = false has no effect" in text for text in told["warnings"])
+    assert any("cloud.crop_mm has no effect" in text for text in told["warnings"])
     assert Path(told["output"]) == session / "tracks/poses.npz"
     assert "result: tracked, energy " in ended.err
 

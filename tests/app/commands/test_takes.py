@@ -18,10 +18,10 @@ from tests.app.command_line import FRAMES, CommandLine
 
 @pytest.fixture
 def session(tracked: Path, tmp_path: Path) -> Path:
-    """The small recording with two takes: the second, of three frames, is a centimetre off."""
+    """The small recording with three takes: as it came, refined, and one of three frames that is a centimetre off."""
     folder = Path(shutil.copytree(tracked, tmp_path / "session"))
     with WritableStore(folder / "tracks", "a test") as store:
-        first = store.take(1)
+        first = store.take(2)
         writer = store.begin(replace(first.about, by="another", frames=(1, 4)))
         for result in first.results(range(1, 4)):
             points = result.joint_positions + [0.01, 0.0, 0.0]
@@ -34,12 +34,15 @@ def session(tracked: Path, tmp_path: Path) -> Path:
 
 def test_takes_are_listed_with_their_size(handtrack: CommandLine, session: Path) -> None:
     shown = handtrack("takes", session).out.splitlines()
-    assert len(shown) == 2
-    assert " by handtrack track, frames 0:5, 5 tracked, 0.1 MB, current for 0:5" in shown[0]
-    assert " by another, frames 1:4, 3 tracked, 0.0 MB, not finished" in shown[1]
+    assert len(shown) == 3
+    assert " by handtrack track, frames 0:5, 5 tracked, 0.1 MB" in shown[0]
+    assert (
+        " by handtrack track, refined, frames 0:5, 5 tracked, 0.0 MB, current for 0:5" in shown[1]
+    )
+    assert " by another, frames 1:4, 3 tracked, 0.0 MB, not finished" in shown[2]
     told = json.loads(handtrack("takes", session, "--json").out)
-    assert [take["take"] for take in told["takes"]] == [1, 2]
-    assert told["takes"][1]["statuses"] == {"tracked": 3}
+    assert [take["take"] for take in told["takes"]] == [1, 2, 3]
+    assert told["takes"][2]["statuses"] == {"tracked": 3}
     assert told["takes"][0]["settings"]["silhouettes.weight"] == 1.0
     assert set(told["takes"][0]["versions"]) == {"handtrack", "numpy", "numba", "python"}
     assert told["damage"] == []
@@ -49,33 +52,33 @@ def test_takes_are_listed_with_their_size(handtrack: CommandLine, session: Path)
 def test_a_span_of_a_take_is_made_current_and_undone(handtrack: CommandLine, session: Path) -> None:
     poses = session / "tracks/poses.npz"
     before = poses.read_bytes()
-    assert handtrack("takes", session, "--restore", 2, "--frames", "2:5").code == 0
+    assert handtrack("takes", session, "--restore", 3, "--frames", "2:5").code == 0
     mixed = read_npz(poses)
     assert mixed.frame.tolist() == list(range(FRAMES))
-    ours = Store(session / "tracks").take(2).track()
+    ours = Store(session / "tracks").take(3).track()
     assert np.array_equal(mixed.at(3).joint_positions, ours.at(3).joint_positions)
-    ended = handtrack("takes", session, "--restore", 1)
-    assert ended.out == f"current: frames 0 to 4 of take 1. Saved to {poses}\n"
+    ended = handtrack("takes", session, "--restore", 2)
+    assert ended.out == f"current: frames 0 to 4 of take 2. Saved to {poses}\n"
     assert poses.read_bytes() == before
 
 
 def test_two_takes_are_compared(handtrack: CommandLine, session: Path) -> None:
-    found = json.loads(handtrack("takes", session, "--compare", 1, 2, "--json").out)
+    found = json.loads(handtrack("takes", session, "--compare", 2, 3, "--json").out)
     assert found["frames_of_both"] == 3
     assert found["distance_mm"] == pytest.approx(10.0)
     assert found["energy_of_first"] == found["energy_of_second"]
-    assert found["take_1_error_mm"] < found["take_2_error_mm"]
-    assert found["take_1_overlap"] > 0.9 > found["take_2_overlap"] > 0.5
-    assert "distance_max_mm" in handtrack("takes", session, "--compare", 1, 2).out
+    assert found["take_2_error_mm"] < found["take_3_error_mm"]
+    assert found["take_2_overlap"] > 0.9 > found["take_3_overlap"] > 0.5
+    assert "distance_max_mm" in handtrack("takes", session, "--compare", 2, 3).out
 
 
 def test_a_take_is_removed_by_its_user_alone(handtrack: CommandLine, session: Path) -> None:
-    ended = handtrack("takes", session, "--prune", 1)
+    ended = handtrack("takes", session, "--prune", 2)
     assert ended.code == 2
-    assert "take 1 is part of the current track; restore another one first." in ended.err
-    assert handtrack("takes", session, "--prune", 2).out == "take 2 is removed; 0.0 MB are free.\n"
-    assert len(handtrack("takes", session).out.splitlines()) == 1
-    assert handtrack("takes", session, "--restore", 2).code == 2
+    assert "take 2 is part of the current track; restore another one first." in ended.err
+    assert handtrack("takes", session, "--prune", 3).out == "take 3 is removed; 0.0 MB are free.\n"
+    assert len(handtrack("takes", session).out.splitlines()) == 2
+    assert handtrack("takes", session, "--restore", 3).code == 2
 
 
 def test_what_is_meant_of_which_frames_is_asked(handtrack: CommandLine, session: Path) -> None:

@@ -6,7 +6,7 @@ import argparse
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
@@ -14,7 +14,7 @@ from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.takes.take_about import about_take
+from handtrack.session.takes.take_about import about_refined, about_take
 from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
@@ -43,7 +43,7 @@ class TrackedTake:
         if self._own:
             self._folder = out.with_name(out.name + _UNFINISHED)
         self._store: WritableStore | None = None
-        self._writers: list[TakeWriter] = []  # one a pass
+        self._passes: list[list[TakeWriter]] = []  # of each the frames as they came, and refined
         self._finished = False
 
     def __enter__(self) -> TrackedTake:
@@ -75,13 +75,13 @@ class TrackedTake:
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:
-            self._writers.append(self._store.begin(about))
+            self._passes.append([self._store.begin(about)])
             return []
         for text in left.damage:
             say(f"note: {text}")
         steps = left.steps()
         done = [*takewhile(lambda step: step.result.frame != self._args.explain, steps)]
-        self._writers.append(self._store.go_on(left))
+        self._passes.append([self._store.go_on(left)])
         count = sum(step.result.frame in frames for step in done)
         if count:
             more = f"(take {left.number}; --restart begins anew)"
@@ -91,9 +91,9 @@ class TrackedTake:
     @property
     def is_first(self) -> bool:
         """Whether nothing was tracked to its end before from the same first pose with the same hand."""
-        if self._store is None or not self._writers:
+        if self._store is None or not self._passes:
             return True
-        own = self._writers[0].about.inputs
+        own = self._passes[0][0].about.inputs
         for take in self._store.takes():
             with suppress(HandtrackError):  # nobody knows what it was made from
                 made_from = take.about.inputs
@@ -103,18 +103,24 @@ class TrackedTake:
 
     def add(self, step: Step) -> None:
         """Keep a tracked frame."""
-        if self._writers:
-            self._writers[-1].add(step)
+        if self._passes:
+            self._passes[-1][0].add(step)
 
     def replace(self, result: FrameResult) -> None:
-        """Keep the pose that all frames together chose."""
-        if self._writers:
-            self._writers[-1].replace(result)
+        """Keep the pose that all frames together chose, in a take of its own: what came first stays."""
+        if self._store is None or not self._passes:
+            return
+        latest = self._passes[-1]
+        if len(latest) == 1:
+            about = about_refined(latest[0].about)
+            left = self._store.unfinished(about.inputs)
+            latest.append(self._store.begin(about) if left is None else self._store.go_on(left))
+        latest[-1].replace(result)
 
     def leave_pass(self) -> None:
         """Leave the latest pass unfinished, for the same command to go on with: the one before it holds."""
-        if len(self._writers) > 1:
-            self._writers.pop()
+        if len(self._passes) > 1:
+            self._passes.pop()
 
     def check(self) -> None:
         """Raise HandtrackError when another program took over: what it writes is not to be written over."""
@@ -123,15 +129,15 @@ class TrackedTake:
 
     def saved(self, frames: Sequence[int], finished: bool) -> None:
         """Say that the result is written; finished: whether it is all of it. It is the current track from now on."""
-        if self._store is None or not self._writers:
+        if self._store is None or not self._passes:
             return
         if not self._own:
-            number = self._writers[-1].take.number
             self._store.know_file(file_digest(self._out))
             first, last = min(frames), max(frames)
             words = f"{_PROGRAM} of frames {first} to {last}"
-            self._store.make_current([Span(number, first, last + 1)], words)
+            numbers = [writer.take.number for writer in self._passes[-1]]
+            self._store.make_current([Span(n, first, last + 1) for n in numbers], words)
         if finished:
-            for writer in self._writers:  # not before: the later ones follow from the earlier
+            for writer in chain(*self._passes):  # not before: the later follow from the earlier
                 writer.finish()
             self._finished = True

@@ -53,10 +53,14 @@ class TrackingPasses:
             control = replace(self._control, on_refined=refining, on_shared=shared)
             try:
                 for result in run.track_with(control, frames, start_frame, start, done):
-                    is_new = result.frame not in results
+                    before = results.get(result.frame)
+                    if before is result:
+                        continue  # nothing is better known of it
+                    is_new = before is None
                     results[result.frame] = result
                     if not is_new:
                         take.replace(result)
+                        bar.set_description("tracking", refresh=False)
                     if self._recorder is not None:
                         self._recorder.show(result)
                     bar.update(is_new)

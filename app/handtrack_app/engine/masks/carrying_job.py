@@ -52,7 +52,7 @@ class CarryingJob(BackgroundJob):
                 "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
                 "are corrected themselves."
             )
-        self._post(Carried(self.number, values))
+        self.post(Carried(self.number, values))
 
     def _carried(self, view: CameraSource, way: range) -> Iterator[tuple[str, Value]]:
         own = view.own_frame(self._frame)

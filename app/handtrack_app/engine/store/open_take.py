@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from handtrack.arrays import Floats, P
-from handtrack.session.takes.take_about import versions_in_use
+from handtrack.session.takes.take_about import refined_by
+from handtrack.session.takes.versions import versions_in_use
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
@@ -29,6 +30,7 @@ class OpenTake:
     """None: of a session that keeps nothing"""
     waiting: dict[int, FrameResult] = field(default_factory=dict)
     """frames that could not be written yet"""
+    is_refined: bool = False
     is_shown: bool = False
     is_told: bool = False
     """that frames cannot be written"""
@@ -42,12 +44,15 @@ class OpenTake:
         first: int,
         params: Floats[P],
         keyframes: tuple[int, ...] = (),
+        is_refined: bool = False,
     ) -> OpenTake:
-        """Begin a take; tracking starts at frame `first` with solver parameters. Raises HandtrackError."""
+        """Begin a take; tracking starts at frame `first` with solver parameters. is_refined: it is of all frames together.
+        Raises HandtrackError.
+        """
         run = document.run
         shelf = TakeFrames(run.model.parameter_names)
         about = TakeAbout(
-            by=PROGRAM,
+            by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
             frames=(frames.start, frames.stop),
             labels=run.labels,
@@ -58,7 +63,7 @@ class OpenTake:
         writer = None if store is None else store.begin(about)
         number = document.takes.next_number if writer is None else writer.take.number
         document.takes.put(number, shelf)
-        return cls(number, frames, first, shelf, writer)
+        return cls(number, frames, first, shelf, writer, is_refined=is_refined)
 
     def keep(self, result: FrameResult) -> None:
         """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""

@@ -215,10 +215,17 @@ class Persistence:
     # ---- takes
 
     def begin_take(
-        self, frames: range, first: int, params: Floats[P], keyframes: tuple[int, ...] = ()
+        self,
+        frames: range,
+        first: int,
+        params: Floats[P],
+        keyframes: tuple[int, ...] = (),
+        is_refined: bool = False,
     ) -> None:
         """Begin a take. It shows over what was tracked before from its first frame on."""
-        self._take = OpenTake.begin(self.document, self.store, frames, first, params, keyframes)
+        self._take = OpenTake.begin(
+            self.document, self.store, frames, first, params, keyframes, is_refined
+        )
 
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
@@ -245,6 +252,9 @@ class Persistence:
         if take.first in take.shelf and take.first in document.by_hand:
             values |= edits.forgotten_pose(take.first)
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
+        if take.is_refined:
+            self.do(f"Refining of {many}", keys.spans([*under, span]))
+            return
         self.do(f"Tracking of {f'frame {take.first}' if len(take.frames) == 1 else many}", values)
 
     def end_take(self, finished: bool) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
+from handtrack.session.takes.take_about import REFINED
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.store import Store
 from handtrack_app.protocol.snapshots import TakeCard
@@ -53,7 +54,8 @@ class TakeShelf:
                     continue  # a single frame that was fitted: undo goes back to it
                 when = about.begun.replace("T", " ").removesuffix("+00:00")
                 size = there[number].bytes / 1e6
-                words = f"{when} UTC, frames {first} to {stop - 1}, {size:.1f} MB"
+                kind = f"{REFINED}, " if about.by.endswith(REFINED) else ""
+                words = f"{when} UTC, {kind}frames {first} to {stop - 1}, {size:.1f} MB"
             cards.append(TakeCard(number, words, shown.get(number, 0)))
         return tuple(cards)
 

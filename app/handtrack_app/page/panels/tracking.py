@@ -15,6 +15,7 @@ from handtrack_app.protocol.commands import (
     Cancel,
     Follow,
     Pause,
+    Refine,
     SaveTrack,
     SetSetting,
     TakeSize,
@@ -90,6 +91,11 @@ class TrackingPanel:
                 if session.live
                 else "Show each frame as it is tracked.",
             )
+            self.refine = gui.add_button(
+                "Refine", icon=icon.SPARKLES, color="gray", visible=False,
+                hint="All tracked frames together, each by those after it as well. Poses set by hand hold, and what lies beside "
+                "follows from both sides. What was tracked stays as a take.",
+            )  # fmt: skip
             self.marked = gui.add_html("", visible=False)
             self.odd = gui.add_button(
                 "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
@@ -98,6 +104,7 @@ class TrackingPanel:
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         page.on(self.odd, lambda _: self.go_to_odd())
+        page.on(self.refine, lambda _: page.send(Refine()))
         for which, button in starters:
             page.on(button, lambda _, which=which: self._start(which))
         page.on(self.later, lambda event: self._put_off(bool(event.target.value)))
@@ -132,6 +139,14 @@ class TrackingPanel:
         self.marked.visible = bool(strip.by_hand)
         some = bool(len(odd_frames(strip)))
         put(self.odd, visible=some)
+        self._show_refine()
+
+    def _show_refine(self) -> None:
+        """Offer it where frames are tracked."""
+        assert self.session is not None
+        tracked = self.strip is not None and int((self.strip.status >= 0).sum()) > 1
+        idle = self.progress.state == "idle"
+        put(self.refine, visible=tracked and idle and not self.session.live)
 
     def go_to_odd(self) -> None:
         """Show the next frame that is doubtful or lost; after the last one the first again."""
@@ -234,6 +249,7 @@ class TrackingPanel:
             if button.visible == busy:
                 button.visible = not busy
         self._show_size()
+        self._show_refine()
 
 
 def odd_frames(strip: TimelineSnapshot) -> list[int]:

@@ -1,0 +1,20 @@
+"""Which versions of the programs are in use."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+
+def versions_in_use() -> dict[str, str]:
+    """Return the versions of the programs that make a take."""
+    versions = {name: version_of(name) for name in ("handtrack", "numpy", "numba")}
+    return versions | {"python": platform.python_version()}
+
+
+def version_of(name: str) -> str:
+    """Return a package's version; `unknown` where it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
