@@ -18,6 +18,7 @@ from handtrack.session.formats.tables import EXPORTS, read_npz, write_npz, write
 from handtrack.session.formats.truth import read_truth
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status, TrackResult
+from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
 
 
@@ -42,6 +43,16 @@ def test_a_result_comes_back_as_it_was(rng, tmp_path):
     assert_same(track, back)
     assert isinstance(back.session, str)
     assert isinstance(back.joint_names, tuple)
+
+
+def test_what_all_frames_share_comes_back(rng, tmp_path):
+    camera = CameraError("left", (0.5, 0.0, 0.0), (0.0, 0.0, 1.5), 0.2, 2.0, (0.1,) * 8)
+    found = Refinement("converged", 5, (camera,))
+    path = tmp_path / "poses.npz"
+    write_result(path, replace(sample_track(rng), refinement=found.text))
+    text = read_npz(path).refinement
+    assert text is not None
+    assert Refinement.read(text) == found
 
 
 def test_a_result_without_keypoints_comes_back(rng, tmp_path):
