@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack.bench.honesty.diagram import diagram
 from handtrack.bench.honesty.honesty import compared, figures_of, honesty
 from handtrack.bench.honesty.meshes import HandMesh
 from handtrack.bench.honesty.motions import moving
@@ -87,3 +88,9 @@ def test_a_folder_without_recordings_is_said_to_be_so(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HONESTY", str(tmp_path))
     with pytest.raises(HandtrackError, match="no session with truth"):
         honesty()
+
+
+def test_the_diagram_shows_what_is_stated_beside_what_is_so():
+    found = diagram({"recall": 1.0, "P 0.0-0.2: frames": 100.0, "P 0.0-0.2: bad": 0.5})
+    assert 'cx="72" cy="200"' in found
+    assert found.count("<circle") == 1
