@@ -55,6 +55,7 @@ _LONG = {
     "dance_appearance": "jumps.dance_appearance",
     "monocular_dance": "jumps.monocular_dance",
     "balancing": "silhouettes.balancing",
+    "honesty": "honesty.honesty",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
 }

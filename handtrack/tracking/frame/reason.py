@@ -60,9 +60,11 @@ def _odd_size(reason: Reason) -> str:
 
 
 SIGNS = {
+    "outline": "model and silhouettes differ",
     "few": "few views show it",
     "open": "what was seen leaves it open",
     "curled": "closed fingers hide each other",
+    "odd": "nobody has a finger of such a length",
     "moved": "the frames after moved it",
 }
 """what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name"""

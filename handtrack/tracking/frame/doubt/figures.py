@@ -36,8 +36,8 @@ CLOUD = Seen(0.85, 0.3, 1.2, 1.8, 0.7)
 NEEDLESS_LOOK = 0.3
 """a frame is doubtful above this probability that a joint is 25 mm off: what a needless look costs, of that and what a wrong frame
 costs that nobody looks at, which is taken for a little more than two looks: 1 / (1 + 2.3)"""
-ALWAYS = -5.1
-SIGNS = {"few": 0.1, "open": 2.0, "curled": 1.8, "moved": 0.6}
+ALWAYS = -5.3
+SIGNS = {"outline": 12.0, "few": 1.2, "open": 0.9, "curled": 2.3, "odd": 0.35, "moved": 0.6}
 """logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts"""
 PART = (0.4, 0.6)
 """the same of a part, at 10 mm: always, and times the frame's"""

@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K, P
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
 from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
@@ -57,9 +58,11 @@ def judged(
     off = None
     if model.has_keypoints21:
         signs = Signs(
+            outline=_outline(terms, params),
             few=1.0 / max(terms.views, 1),
             open=_above(spread_m(stated).max(), _OPEN_M),
             curled=float(curls(model, joint).mean()),
+            odd=float(odd_size(model) is not None),
             moved=_above(moved_m or 0.0, _MOVED_M),
         )
         off = probably_off(model, stated, signs)
@@ -73,6 +76,14 @@ def judged(
     if off is None:
         return Judgement(status, reason, stated)
     return Judgement(status, reason, stated, off.frame, off.parts)
+
+
+def _outline(terms: FrameTerms, params: Floats[P]) -> float:
+    if not terms.prepared:
+        return 0.0
+    model = terms.model
+    found = outline_overlap(terms.prepared, model.flesh["fine"], model.bones(params))
+    return float(1.0 - found.iou.min())
 
 
 def _above(length_m: float, usual_m: float) -> float:

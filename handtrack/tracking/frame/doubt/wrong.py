@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, gammaincc
 
 from handtrack.arrays import D3, Floats, J, K
 from handtrack.model.articulated import FINGERS, ArticulatedModel
@@ -19,12 +18,16 @@ FRAME_OFF_M, PART_OFF_M = 0.025, 0.010
 class Signs:
     """What of a solved frame tells that it may be wrong: each is 0 where nothing does, and grows."""
 
+    outline: float = 0.0
+    """1 − intersection over union of model and mask in the worst view"""
     few: float = 0.0
     """1 / number of views"""
     open: float = 0.0
     """logarithm of the least sure joint's stated standard deviation, in units of 3 mm; 0 below"""
     curled: float = 0.0
     """how far the fingers are closed, 0 … 1, on average"""
+    odd: float = 0.0
+    """1 where nobody has a finger of such a share"""
     moved: float = 0.0
     """logarithm of how far the frames after moved a joint, in units of 5 mm; 0 below"""
 
@@ -51,8 +54,8 @@ def probably_off(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], s
         [_tails(joint_covariance[p], PART_OFF_M).max() if p.any() else 0.0 for p in own]
     )
     always, frame = figures.PART
-    gross = expit(always + frame * odds)
-    return Off(float(1 - (1 - tail) * (1 - expit(odds))), 1 - (1 - near) * (1 - gross), telling)
+    gross = _logistic(always + frame * odds)
+    return Off(float(1 - (1 - tail) * (1 - _logistic(odds))), 1 - (1 - near) * (1 - gross), telling)
 
 
 def gross_odds(signs: Signs) -> tuple[float, str]:
@@ -71,6 +74,10 @@ def part_of(joint: str) -> str:
     )
 
 
+def _logistic(odds: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-odds)))
+
+
 def spread_m(covariance: Floats[J, D3, D3]) -> Floats[J]:
     """Return each joint's standard deviation [m], of its place in space."""
     return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
@@ -78,6 +85,8 @@ def spread_m(covariance: Floats[J, D3, D3]) -> Floats[J]:
 
 def _tails(covariance: Floats[J, D3, D3], off_m: float) -> Floats[J]:
     """Return how probably normal errors are longer than that: χ² of the same mean and variance (Satterthwaite 1946)."""
+    from scipy.special import gammaincc  # slow to import
+
     trace = np.trace(covariance, axis1=1, axis2=2)
     square = np.einsum("jab,jab->j", covariance, covariance)
     scale, freedom = square / trace, trace**2 / square
