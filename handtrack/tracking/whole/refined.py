@@ -33,6 +33,9 @@ from handtrack.tracking.whole.ways import Ways
 
 _BESIDE = 7
 """frames to either side by which a cloud's is judged: half a second in all"""
+_STILL = 0.4
+"""share of these from which depths are doubted, chosen on two damaged recordings (docs/derivations/whole_recording.md): made of
+`webxr_exact_depth_768` with small holes, 0.25 and 0.4 give 8.8 and 7.0 mm; of `webxr_depth_640` without whole fingers, 6.2 and 6.6"""
 _FEWEST = 3
 """frames that have a motion"""
 _MEMORY = 2
@@ -155,18 +158,16 @@ def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
 def _poor_still(
     evidence: Evidence, tracked: Sequence[FrameResult], poses: Floats[F, P]
 ) -> list[int]:
-    """Return the rows of frames whose cloud was poor, and agrees badly with the hand on the best way, too, as most of those
-    beside it do: fingers in the wrong place let a good cloud seem poor; a sensor that is does not change from frame to frame.
+    """Return the rows of frames whose cloud was poor, and of which many beside them agree badly with the hand on the best way, too:
+    fingers in the wrong place let a good cloud seem poor; a sensor that is poor does not change from frame to frame.
     """
-    poor = np.zeros(len(tracked), bool)
-    for n, result in enumerate(tracked):
-        if result.poor_cloud:
-            poor[n] = poor_agreement(evidence.of(result.frame).terms, poses[n], POOR) is not None
-    return [
-        n
-        for n in np.flatnonzero(poor).tolist()
-        if poor[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() > 0.5
-    ]
+    once = [result.poor_cloud for result in tracked]
+    still = np.zeros(len(tracked), bool)
+    for n in np.flatnonzero(once).tolist():
+        terms = evidence.of(tracked[n].frame).terms
+        still[n] = poor_agreement(terms, poses[n], POOR) is not None
+    share = [still[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() for n in range(len(tracked))]
+    return [n for n in range(len(tracked)) if once[n] and share[n] > _STILL]
 
 
 def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
