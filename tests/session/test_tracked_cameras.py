@@ -60,7 +60,8 @@ def turned(folder: Path, number: int, degrees: tuple[float, float, float]) -> No
 def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
     """Return what is said after tracking, and the run."""
     run = TrackingRun.open(Session.open(folder), QUICK | use)
-    results = list(run.track(run.session.frame_range, *run.initial()))
+    tracked = {r.frame: r for r in run.track(run.session.frame_range, *run.initial())}
+    results = [tracked[frame] for frame in sorted(tracked)]
     (folder / POSES_FILE).parent.mkdir(exist_ok=True)
     write_result(folder / POSES_FILE, run.result(results))
     return doubt_of_cameras(run, results), run

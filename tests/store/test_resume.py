@@ -90,7 +90,7 @@ def test_a1_hypotheses_are_carried_on(tmp_path, sequence: str) -> None:
         pixels = camera.project(ball.joint_positions(ball.bones(moved)))
         joints = ImageKeypoints(camera, ball.joint_names, pixels, 1.0)
         seen.append(Observation(frame, frame / 25.0, keypoints=(joints,)))
-    several = {"tracker.hypotheses": 4, "mixture.sequence": sequence}
+    several = {"tracker.hypotheses": 4, "mixture.sequence": sequence, "tracker.estimate": "forward"}
     tracker = Tracker(ball, TrackerSettings().with_values(several))
     results = check_every_cut(tmp_path, tracker, seen, [pose] * 4, 1, range(4))
     assert all(result.alternatives for result in results)

@@ -166,7 +166,12 @@ def test_the_seed_decides_on_what_is_sampled(body, truth, observations):
 def test_frames_come_again_with_the_poses_that_the_last_one_chose(
     body, observations, truth, sequence
 ):
-    tracker = Tracker(body, TrackerSettings().with_values(FEW | {"mixture.sequence": sequence}))
+    tracker = Tracker(
+        body,
+        TrackerSettings().with_values(
+            FEW | {"mixture.sequence": sequence, "tracker.estimate": "forward"}
+        ),
+    )
     found = list(track_frames(tracker, lambda f, _: observations[f], 0, truth[0], range(4)))
     again = found[4:]
     assert [r.frame for r in found[:4]] == [0, 1, 2, 3]

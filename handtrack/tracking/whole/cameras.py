@@ -20,6 +20,8 @@ _LATE_FRAMES = 0.1
 number: a Cauchy bell, under which one camera that is two frames late costs less than three that share it"""
 _COMMON_FRAMES = 1e-3
 """what all cameras are late by together nobody can see: it is held at nothing"""
+_COMMON_ZOOM = 1e-5
+"""what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM])
 _OTHER_FRAME = 0.75
 """frames by which a camera must be late before its next image is nearer for sure: half a frame, and a margin against going to
@@ -86,6 +88,13 @@ class CameraChanges:
         gradient[:, LATE] += common * by_late / _COMMON_FRAMES**2
         hessian[LATE::8, LATE::8] += np.outer(by_late, by_late) / _COMMON_FRAMES**2
         cost += 0.5 * (common / _COMMON_FRAMES) ** 2
+        zoomed, count = (
+            float(self.values[:, ZOOMED].mean()) if len(told) else 0.0,
+            max(len(told), 1),
+        )
+        gradient[:, ZOOMED] += zoomed / (count * _COMMON_ZOOM**2)
+        hessian[ZOOMED::8, ZOOMED::8] += 1.0 / (count * _COMMON_ZOOM) ** 2
+        cost += 0.5 * (zoomed / _COMMON_ZOOM) ** 2
         return JointSystem(float(cost), gradient.ravel(), hessian)
 
     @property

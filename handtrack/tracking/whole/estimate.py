@@ -77,6 +77,7 @@ def estimate_whole(
     poses: Floats[F, P],
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
+    sweeps: int = _SWEEPS,
 ) -> WholeEstimate | None:
     """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
     the evidence's cameras; None when stopped.
@@ -84,7 +85,7 @@ def estimate_whole(
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
     What lies at a limit and would leave is held there. The pushes of the motion are estimated beside (EM). tell: is called with
-    the share that is done, frame by frame, since reading them takes longest.
+    the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
     """
     model = evidence.model
     usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
@@ -112,7 +113,7 @@ def estimate_whole(
 
     try:
         best = swept(_within(model, poses))
-        for sweep in range(1, _SWEEPS + 1):
+        for sweep in range(1, sweeps + 1):
             for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
                 system, right = _system(model, best, motion)
                 ahead = moved(best.poses, system.solve(*right)[0])
