@@ -24,7 +24,7 @@ FRAMES = range(5)
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> TrackingRun:
     folder = small_recording(tmp_path_factory.mktemp("recorder") / "small")
-    return TrackingRun.open(Session.open(folder))
+    return TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,8 @@ from handtrack.tracking.frame.doubt import figures
 
 OBSERVED = ("coverage", "conic_field", "cloud_distance", "cloud_rays", "cloud_emptiness")
 """terms that see a surface, by name: what a misfit is told by"""
+_UNSEEN_M = 0.003
+"""standard deviation above which a direction is open rather than noisy: twice an outline's usual error"""
 _CLOSED_RAD = 4.0
 """sum of a finger's bends in a fist"""
 
@@ -48,7 +50,13 @@ def stated_covariance(
     flesh = 1e-3 * model.scale.overall * (seen.flesh_mm + seen.closed_mm * closed)
     noise = seen.noise**2 * how_bad ** (2 * seen.noise_by_misfit)
     flesh = flesh**2 * how_bad ** (2 * seen.flesh_by_misfit)
-    return noise * joint_covariance + flesh[:, None, None] * np.eye(3)
+    scaled = noise * joint_covariance
+    if noise < 1.0:  # less noise makes nothing surer that was not seen at all
+        values, axes = np.linalg.eigh(joint_covariance)
+        unseen = values / (values + _UNSEEN_M**2)
+        values = values * (noise + (1.0 - noise) * unseen)
+        scaled = np.einsum("jab,jb,jcb->jac", axes, values, axes)
+    return scaled + flesh[:, None, None] * np.eye(3)
 
 
 def curls(model: ArticulatedModel, joint_params: Floats[S]) -> Floats[J]:
