@@ -240,6 +240,14 @@ def test_only_what_a_keyframe_touches_is_refined_again():
     assert ends[-1].max() < 2.5
 
 
+def test_stopped_no_frame_beside_a_keyframe_changes():
+    poses = _opening_and_closing()
+    observe, live = _followed_while(np.zeros((FRAMES, 21), bool), poses, _points(poses))
+    at, settings = FRAMES // 2, Tracker(HAND).settings
+    stopped = Control(should_stop=lambda: True)
+    assert refined_near(HAND, settings, observe, live, {at: poses[at]}, [at], stopped) == []
+
+
 def _followed_while(hidden, poses, truth):
     noise = np.random.default_rng(5).normal(size=truth.shape)
     seen = np.where(hidden[:, :, None], np.nan, truth + SIGMA_M * noise)

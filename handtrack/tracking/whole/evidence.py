@@ -69,9 +69,7 @@ class FrameEvidence:
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def linearize(
-        self, pose: Floats[P], views: Sequence[SeenPoses] = (), n: int = 0
-    ) -> FrameSystem:
+    def linearize(self, pose: Floats[P], views: Sequence[SeenPoses], n: int) -> FrameSystem:
         """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
         size = len(pose)
         count = sum(view.by_camera.shape[2] for view in views)
@@ -153,7 +151,7 @@ class Evidence:
     """frames whose cloud is poor: its depths are doubted"""
     silent: frozenset[int] = frozenset()
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
-    held: Mapping[int, ParameterTerm] = field(default_factory=dict)
+    keyframes: Mapping[int, ParameterTerm] = field(default_factory=dict)
     """what keeps frames at poses that a person set"""
     cameras: CameraChanges = field(default_factory=CameraChanges.none)
     """those that may change, and how they do"""
@@ -207,8 +205,8 @@ class Evidence:
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
-        if frame in self.held:
-            terms = replace(terms, priors=(*terms.priors, self.held[frame]))
+        if frame in self.keyframes:
+            terms = replace(terms, priors=(*terms.priors, self.keyframes[frame]))
         told, others = by_camera(terms.stage(terms.stages - 1, bones))
         if frame in self.silent:
             told, others = {}, []

@@ -85,11 +85,10 @@ def refined(
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
     poses = _bridged(poses, np.array([number not in lost for number in numbers]))
     around = dict(zip(numbers, poses, strict=True))
-    priors = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
-    evidence = Evidence(model, settings, observe, around, seconds or 1.0, silent=lost, held=priors)
-    cameras = CameraChanges.none()
-    if corrects_cameras and seconds * len(numbers) >= _MOVED_S:
-        cameras = _cameras(evidence, [n for n in numbers if n not in lost])
+    keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
+    evidence = Evidence(
+        model, settings, observe, around, seconds or 1.0, silent=lost, keyframes=keyframes
+    )
     ways = Ways(evidence, tracked, poses, control)
     lattice = ways.gathered()
     if lattice is None:
@@ -107,6 +106,9 @@ def refined(
         before = model.transform.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
+    cameras = CameraChanges.none()
+    if found is not None and corrects_cameras and seconds * len(numbers) >= _MOVED_S:
+        cameras = _cameras(evidence, [n for n in numbers if n not in lost])
     if found is not None and cameras.count:
         corrected = evidence.through(cameras)
         corrected = corrected.through(with_late_cameras(corrected, numbers, found.poses))
@@ -133,7 +135,7 @@ def refined_near(
     changed: Sequence[int],
     control: Control = Control(),
 ) -> list[FrameResult]:
-    """Return the frames that keyframes touch, refined again, as `refined` does; all others stand as they are.
+    """Return the frames that keyframes touch, refined again, as `refined` does; all others stand as they are; no frame when stopped.
 
     tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
     """
@@ -155,7 +157,9 @@ def refined_near(
             for r in inside
             if r.frame in held or r.frame in ends
         }
-        found += refined(model, settings, observe, inside, control, kept)
+        again = refined(model, settings, observe, inside, control, kept)
+        # stopped, they come back as they went in: at poses from which it was only begun
+        found += [result for result in again if all(result is not one for one in inside)]
     return found
 
 
