@@ -41,6 +41,7 @@ def with_keyframes(
     observe: Observe,
     tracked: Sequence[FrameResult],
     held: Mapping[int, Floats[P]],
+    seconds: float,
     control: Control = Control(),
     new: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
@@ -48,7 +49,7 @@ def with_keyframes(
 
     held: solver parameters by frame. From each on, in both directions, what it corrects is carried to the next frame and
     fitted there to what was seen; until that leads back to the pose that stood, or the pose that stood fits better by more
-    than a hand moves in a frame. new: those from which it is carried; all, unless given.
+    than a hand moves in a frame. seconds: from one frame to the next; new: those from which it is carried; all, unless given.
     """
     known = {result.frame: result for result in tracked}
     posed = {
@@ -57,7 +58,7 @@ def with_keyframes(
     }
     numbers = sorted(known | posed)
     around = {n: model.transform.solver_params(known[n].parameters) for n in known}
-    evidence = Evidence(model, settings, observe, {**around, **held}, 1.0)
+    evidence = Evidence(model, settings, observe, {**around, **held}, seconds)
     found: dict[int, Floats[P]] = {}
     for frame, pose in (held if new is None else new).items():
         at = numbers.index(frame)

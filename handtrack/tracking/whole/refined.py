@@ -76,19 +76,19 @@ def refined(
     """
     held, live = held or {}, tracked
     if set(held) - {result.frame for result in tracked}:
-        tracked = with_keyframes(model, settings, observe, tracked, held, control)
+        tracked = with_keyframes(
+            model, settings, observe, tracked, held, _seconds(tracked), control
+        )
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     if len(tracked) - len(lost) < _FEWEST:
         return list(live)
     numbers = [result.frame for result in tracked]
-    seconds = abs(tracked[-1].time_s - tracked[0].time_s) / (len(tracked) - 1)
+    seconds = _seconds(tracked)
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
     poses = _bridged(poses, np.array([number not in lost for number in numbers]))
     around = dict(zip(numbers, poses, strict=True))
     keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
-    evidence = Evidence(
-        model, settings, observe, around, seconds or 1.0, silent=lost, keyframes=keyframes
-    )
+    evidence = Evidence(model, settings, observe, around, seconds, silent=lost, keyframes=keyframes)
     ways = Ways(evidence, tracked, poses, control)
     lattice = ways.gathered()
     if lattice is None:
@@ -143,7 +143,9 @@ def refined_near(
     found: list[FrameResult] = []
     stood = {result.frame: result for result in tracked}
     new = {frame: held[frame] for frame in changed if frame in held}
-    followed = with_keyframes(model, settings, observe, tracked, held, control, new)
+    followed = with_keyframes(
+        model, settings, observe, tracked, held, _seconds(tracked), control, new
+    )
     numbers = np.array([result.frame for result in followed])
     touched = np.array([r.frame in changed or r is not stood.get(r.frame, r) for r in followed])
     near = np.convolve(touched, np.ones(2 * _EASES + 1), "same") > 0
@@ -161,6 +163,12 @@ def refined_near(
         # stopped, they come back as they went in: at poses from which it was only begun
         found += [result for result in again if all(result is not one for one in inside)]
     return found
+
+
+def _seconds(tracked: Sequence[FrameResult]) -> float:
+    """Return how long a frame lasts [s]; 1 where nobody knows."""
+    lasted = abs(tracked[-1].time_s - tracked[0].time_s) if len(tracked) > 1 else 0.0
+    return lasted / max(len(tracked) - 1, 1) or 1.0
 
 
 def _explains_more(corrected: WholeEstimate, plain: WholeEstimate) -> bool:
