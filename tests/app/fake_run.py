@@ -157,6 +157,8 @@ class FakeRun:
     forearm: bool = False
     hungry: bool = False
     """a frame takes 100 GB"""
+    refined_by: float = 0.0
+    """[rad] by which refining bends the index finger"""
 
     @property
     def notes(self) -> list[str]:
@@ -233,7 +235,20 @@ class FakeRun:
         held: Mapping[int, Floats] | None = None,
         changed: Sequence[int] | None = None,
     ) -> list[FrameResult]:
-        return list(tracked)
+        if not self.refined_by:
+            return list(tracked)
+        control.on_refined(0.5)
+        bend = self.model.parameter_names.index("index_mcp_flex")
+        near = lambda frame: changed is None or min(abs(frame - k) for k in changed) <= 1  # noqa: E731
+        found = []
+        for result in tracked:
+            joint = result.parameters.copy()
+            joint[bend] += self.refined_by * near(result.frame)
+            bones = self.model.bones(self.model.transform.solver_params(joint))
+            places = self.model.joint_positions(bones)
+            moved = replace(result, parameters=joint, joint_positions=places)
+            found.append(moved if near(result.frame) else result)
+        return found
 
     def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
         joint = self.model.joint_params(params)

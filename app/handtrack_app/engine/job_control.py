@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
@@ -18,12 +17,7 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.job_words import (
-    Moved,
-    Outcome,
-    end_words,
-    found_words,
-)
+from handtrack_app.engine.job_words import Moved, Outcome, end_words, found_words
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Carried,
@@ -33,6 +27,7 @@ from handtrack_app.engine.jobs import (
     Leg,
     Questioned,
     Refined,
+    RefinedWith,
     RefiningJob,
     Report,
     Sized,
@@ -40,12 +35,11 @@ from handtrack_app.engine.jobs import (
     Tracked,
     TrackingJob,
     Watch,
-    changed_keyframes,
     legs,
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.store import edits
+from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
@@ -91,7 +85,7 @@ class JobControl:
         self._outcomes: dict[int, Outcome] = {}
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()
-        self._refined_with: dict[int, Floats[P]] | None = None  # keyframes of the latest refining
+        self._refined_with: RefinedWith | None = None  # the latest
         self._count = 0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
@@ -166,21 +160,20 @@ class JobControl:
                 "All these frames are set by hand or found; there is nothing to track."
             )
         self._store.begin_take(frames, order.first, start, tuple(held))
-        self._refined_with = None
         job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, held)
         self._begin(job)
 
     def refine(self) -> None:
-        """Begin to refine all tracked frames together; only those that keyframes touch, where nothing else has changed since
-        that was done.
-        """
+        """Begin to refine all tracked frames together; where nothing but keyframes has changed since, those that they touch."""
         self._refuse()
         document = self._document
         held = document.keyframes(document.frames)
         tracked = [document.results[frame] for frame in document.results if frame not in held]
         if len(tracked) < 2:
             raise HandtrackError("There is nothing to refine: track some frames first.")
-        changed = changed_keyframes(self._refined_with, held)
+        before = self._refined_with
+        now = document.run, document.state.get(keys.SPANS), held
+        changed = None if before is None else before.changed(*now)
         job = RefiningJob(self._next(), document.run, tracked, held, changed, self._post)
         self._begin(job)
 
@@ -302,18 +295,18 @@ class JobControl:
 
     def _refined(self, done: Refined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
-        document = self._document
+        document, job = self._document, self._job
+        held = job.keyframes if isinstance(job, TrackingJob | RefiningJob) else {}
         if not self._moved.frames:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
-            held = document.keyframes(frames)
             params = document.start_params(first, anew=True)
             self._store.begin_take(frames, first, params, tuple(held), is_refined=True)
-            self._refined_with = held
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)
             self._store.add(result)
+        self._refined_with = RefinedWith(document.run, document.state.get(keys.SPANS), held)
         self._publish(timeline_change(document))
 
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:

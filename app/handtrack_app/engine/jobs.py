@@ -194,7 +194,7 @@ class TrackingJob(BackgroundJob):
     ) -> None:
         """held: poses set by hand, solver parameters by frame."""
         super().__init__(number, frames, post)
-        self._run, self._path, self._watch, self._held_poses = run, path, watch, held or {}
+        self._run, self._path, self._watch, self.keyframes = run, path, watch, held or {}
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
@@ -221,7 +221,7 @@ class TrackingJob(BackgroundJob):
             if self.should_stop():
                 return
         tracked = [found[frame] for frame in sorted(found)]
-        told = refines and refine(self, run, tracked, self._held_poses)
+        told = refines and refine(self, run, tracked, self.keyframes)
         if (
             recorded
             and not told
@@ -256,10 +256,10 @@ class RefiningJob(BackgroundJob):
         None: all frames are to be refined.
         """
         super().__init__(number, range(0), post)
-        self._run, self._tracked, self._held_poses, self._changed = run, tracked, held, changed
+        self._run, self._tracked, self.keyframes, self._changed = run, tracked, held, changed
 
     def work(self) -> None:
-        refine(self, self._run, self._tracked, self._held_poses, self._changed)
+        refine(self, self._run, self._tracked, self.keyframes, self._changed)
 
 
 def refine(
@@ -371,11 +371,19 @@ def legs(
     return tuple(leg for leg in found if leg.frames)
 
 
-def changed_keyframes(
-    before: Mapping[int, Floats[P]] | None, held: Mapping[int, Floats[P]]
-) -> list[int] | None:
-    """Return which keyframes are new, moved or let go; None where none is, or nobody knows: everything may have changed."""
-    if before is None:
-        return None
-    same = {f for f in before.keys() & held.keys() if np.array_equal(before[f], held[f])}
-    return sorted((before.keys() | held.keys()) - same) or None
+@dataclass(frozen=True, eq=False)
+class RefinedWith:
+    """What frames were refined with."""
+
+    run: Run
+    spans: Value
+    """of the current track, once they lay in it"""
+    held: Mapping[int, Floats[P]]
+
+    def changed(self, run: Run, spans: Value, held: Mapping[int, Floats[P]]) -> list[int] | None:
+        """Return which keyframes are new, moved or let go since; None where none is, or anything else may have changed."""
+        if run is not self.run or spans != self.spans:
+            return None
+        before = self.held
+        same = {f for f in before.keys() & held.keys() if np.array_equal(before[f], held[f])}
+        return sorted((before.keys() | held.keys()) - same) or None
