@@ -113,3 +113,14 @@ def test_a_body_whose_joints_are_15_cm_open_is_doubtful():
     assert reason is not None
     assert reason.words == "what was seen leaves the whole body open: ± 180 mm"
     assert what_is_open(body, wide / 4, 15.0) is None
+
+
+def test_what_was_not_seen_is_no_surer_for_little_noise():
+    """Masks that fit better than their noise say so of what they show, not of a finger behind the HAND."""
+    joint = HAND.joint_params(HAND.rest_params())
+    known, hidden = 0.0005**2, 0.02**2
+    covariance = np.tile(np.diag([known, known, hidden]), (len(HAND.joint_names), 1, 1))
+    stated = stated_covariance(HAND, joint, covariance, 0.3)
+    wrist = HAND.joint_names.index("wrist")
+    assert stated[wrist, 2, 2] > 0.9 * hidden
+    assert stated[wrist, 0, 0] < 0.5 * known

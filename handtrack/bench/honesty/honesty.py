@@ -80,8 +80,9 @@ def figures_of(recordings: dict[str, Compared]) -> dict[str, float]:
         "frames": float(len(bad)),
         "mean_mm": float(np.mean([t.off_mm.mean() for t in every])),
         "bad_share": float(bad.mean()),
-        "recall": float((bad & said).sum() / max(bad.sum(), 1)),
-        "precision": float((bad & said).sum() / max(said.sum(), 1)),
+        # NaN where nothing is bad, or said
+        "recall": float((bad & said).sum() / bad.sum()) if bad.any() else np.nan,
+        "precision": float((bad & said).sum() / said.sum()) if said.any() else np.nan,
         "said": float(said.sum()),
         "coverage90_tracked": float(inside[~said].mean()),
         "coverage90_fists": float(inside[fist & ~said].mean()) if (fist & ~said).any() else np.nan,
