@@ -8,7 +8,7 @@ from typing import Any
 
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import Setting
-from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED
+from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED, REPLACED
 from handtrack.tracking.frame.settings import GROUPS, SETTINGS
 
 PAGE = Path(__file__).resolve().with_name("settings.md")
@@ -51,9 +51,10 @@ def settings_page() -> str:
         blocks.append(f"## {group}\n\n{title}.\n\n{_table(own)}")
     blocks.append(_CLOUDS + "\n" + _table(CLOUD_SETTINGS.values()))
     renamed = ", ".join(f"`{old}` is `{new}`" for old, new in RENAMED.items())
+    replaced = ", ".join(f"{now} does what `{old}` did" for old, now in REPLACED.items())
     gone = len(CONSTANTS)
     blocks.append(
-        f"{_OLD}{renamed}; {gone} others are constants now, and a note names each that is given.\n"
+        f"{_OLD}{renamed}; {replaced}; {gone} others are constants now, and a note names each that is given.\n"
     )
     return "\n".join(blocks)
 

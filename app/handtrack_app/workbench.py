@@ -103,8 +103,11 @@ class Workbench:
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.page.on(self.layout.session.others, lambda _: self.left.set())
-        self.player = Player(self.state, self.go_to)
+        self.player = Player(self.state, self.go_to, self.redraw)
         self.server.on_client_connect(self._welcome)
+        self.server.on_client_connect(self.layout.room.welcome)
+        self.layout.help.offers_tour = self._demo is not None
+        self.server.on_client_connect(self.layout.help.welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
         self.editing = Editing(self.page)
@@ -217,6 +220,12 @@ class Workbench:
             case snapshots.GuessesSnapshot():
                 self.stage.show_guesses(snapshot)
                 self.layout.guesses.show(snapshot)
+            case snapshots.CurvesSnapshot():
+                self.layout.plots.show(snapshot)
+            case snapshots.ScoreSnapshot():
+                self.layout.pose.show_score(snapshot)
+            case snapshots.ComparedSnapshot():
+                self.layout.compared.show(snapshot)
             case snapshots.WorkSnapshot():
                 self.layout.show_work(snapshot)
             case snapshots.LiveSnapshot():
@@ -258,7 +267,8 @@ class Workbench:
         with self.state.lock:
             newest = pose.version >= self.state.version
             if newest:
-                self.state.frame, self.state.values = pose.frame, tuple(pose.values.tolist())
+                self.state.frame = self.state.values_at = pose.frame
+                self.state.values = tuple(pose.values.tolist())
         self.stage.show_pose(pose, move_handle=newest)
         self.server.flush()
         if newest:

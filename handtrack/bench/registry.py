@@ -34,6 +34,7 @@ _LONG = {
     "cloud_frame_vs_blas": "speed.frames",
     "two_cores": "speed.frames",
     "as_if_live": "speed.as_if_live",
+    "whole_length": "speed.whole_length",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
     "field_recovery": "silhouettes.field_recovery",
@@ -56,6 +57,7 @@ _LONG = {
     "monocular_dance": "jumps.monocular_dance",
     "balancing": "silhouettes.balancing",
     "honesty": "honesty.honesty",
+    "honesty_bodies": "honesty.bodies",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
 }

@@ -119,14 +119,15 @@ class SizeParameters:
         """
         skeleton, rates, growth = self.model.skeleton, self._rates, bones.growth
         assert growth is not None
-        moved = np.zeros((*bones.position.shape, rates.shape[1]))
         moves = self.model.proportion_moves
-        for bone, above in list(enumerate(skeleton.parent))[1:]:
-            along = bones.position[bone] - bones.position[above]
-            moved[bone] = moved[above] + along[:, None] * rates[above]
-            if moves is not None:
-                turned = bones.rotation[above] @ moves[:, bone].T
-                moved[bone, :, self._proportions] += growth[above] * turned
+        above = np.array(skeleton.parent[1:], int)
+        along = bones.position[1:] - bones.position[above]
+        further = np.zeros((*bones.position.shape, rates.shape[1]))
+        further[1:] = along[:, :, None] * rates[above][:, None, :]
+        if moves is not None:
+            turned = np.einsum("bij,kbj->bik", bones.rotation[above], moves[:, 1:])
+            further[1:, :, self._proportions] += growth[above][:, None, None] * turned
+        moved = np.tensordot(self._carried, further, axes=1)
         twists = np.zeros((len(moved), 7, rates.shape[1]))
         arm = bones.position - bones.reference
         twists[:, :3] = moved - arm[:, :, None] * rates[:, None, :]
@@ -146,6 +147,14 @@ class SizeParameters:
     def _sigmas(self) -> dict[str, float]:
         """By part, how much its logarithm differs among adults."""
         return _PARTS[self.model.kind]
+
+    @cached_property
+    def _carried(self) -> Floats:
+        """(B, B) 1 where a bone's column is itself or one that it hangs on."""
+        carried = np.eye(self.model.skeleton.bone_count)
+        for bone, above in list(enumerate(self.model.skeleton.parent))[1:]:
+            carried[bone] += carried[above]
+        return carried
 
     @cached_property
     def _at(self) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
+from handtrack.observation.pins import ImagePins
 
 UNKNOWN = np.float32(-1.0)
 """in a silhouette's mask: hand or background, nobody knows; the lowest of its values, and the only one below 0"""
@@ -82,3 +83,5 @@ class Observation:
     """what can have seen the cloud's points: camera centres, world [m], that must all see one"""
     images: tuple[ImageView, ...] = ()
     """only where edges or intensity are looked at"""
+    pins: tuple[ImagePins, ...] = ()
+    """where a person said that joints and segments lie"""

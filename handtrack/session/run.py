@@ -15,7 +15,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_na
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.model.size import hand_length_mm
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
@@ -33,6 +33,7 @@ from handtrack.session.sizing import (
     posed_by_joints,
     size_of_frames,
     tracked_for_size,
+    who_is_open,
 )
 from handtrack.session.takes.versions import version_of
 from handtrack.tracking.frame.control import Control
@@ -223,12 +224,8 @@ class TrackingRun:
         return replace(seen, keypoints=(given, *seen.keypoints))
 
     def _named(self, seen: Observation) -> Observation:
-        """Return what was seen, with those keypoints only that the model has: a simpler one lacks some."""
-        points = [
-            of_model(joints, self.model) if isinstance(joints, ImageKeypoints) else joints
-            for joints in seen.keypoints
-        ]
-        return replace(seen, keypoints=tuple(p for p in points if p.names)) if points else seen
+        """Return what was seen, with those keypoints and pins only that the model has: a simpler one lacks some."""
+        return of_model(seen, self.model)
 
     def _near(self, bones: BonePoses | None) -> HandDistance | None:
         return None if bones is None else hand_distance(self.model, bones)
@@ -257,8 +254,8 @@ class TrackingRun:
         observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_recording(
-                self.tracker, observe, start_frame, start_params, frames, control, done
-            )
+                self.tracker, observe, start_frame, start_params, frames, control, done, who_is_open(self)
+            )  # fmt: skip
         finally:
             observe.close()
 
@@ -268,9 +265,13 @@ class TrackingRun:
         control: Control = Control(),
         held: Mapping[int, Floats[P]] | None = None,
         changed: Sequence[int] | None = None,
+        pinned: Mapping[int, Floats[P]] | None = None,
     ) -> list[FrameResult]:
         """Return tracked frames refined together; see tracking.sequence.refine_recording."""
-        return refine_recording(self.tracker, self.observation, tracked, control, held, changed)
+        who = None if held or pinned else who_is_open(self)  # poses were set for this person
+        return refine_recording(
+            self.tracker, self.observation, tracked, control, held, changed, pinned, who
+        )
 
     def _prepare(self, frame: int) -> None:
         """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""
@@ -299,10 +300,8 @@ def given_in_images(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[FirstPoseCandidate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
-    scale = _hand_scale(session, settings, None)
-    whole = _whole(_model(session, settings, scale, forearm=False))
-    seen = _seen(session, settings, first.frame)
-    return poses_from_images(session, settings, whole, first, seen)
+    whole = _whole(_model(session, settings, _hand_scale(session, settings, None), forearm=False))
+    return poses_from_images(session, settings, whole, first, _seen(session, settings, first.frame))
 
 
 def _seen(

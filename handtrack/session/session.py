@@ -35,6 +35,7 @@ from handtrack.session.layout import (
 from handtrack.session.seen.camera_times import SessionTimes, recording_of, session_times
 from handtrack.session.seen.clouds import CloudSource, cloud_source
 from handtrack.session.seen.memory import Memory, most_clouds, most_observations
+from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.seen.views import MaskChoice, View, scaled_camera
 from handtrack.session.session_file import (
     CloudSettings,
@@ -74,6 +75,8 @@ class Session:
         self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
         """first pose, None without init.json."""
         self.check_init(self.known_frames)
+        self.pins = SessionPins(folder, rig, has_file=self.live is None)
+        """where a person pointed at joints and segments"""
         self._observations = Memory[tuple[int, bool, bool], Observation]()
         self._measured = Memory[int, PointCloud | None]()
 
@@ -299,9 +302,10 @@ class Session:
             )
         cloud = cloud and self.has_clouds
         cropped = cloud and hand_distance is not None and self.cloud_filters.crop_m is not None
-        if cropped:
-            return self._with_cloud(self._kept(frame, silhouettes, False), hand_distance)
-        return self._kept(frame, silhouettes, cloud)
+        seen = self._kept(frame, silhouettes, cloud and not cropped)
+        seen = self._with_cloud(seen, hand_distance) if cropped else seen
+        pins = self.pins.observed(frame)
+        return replace(seen, pins=pins) if pins else seen
 
     def prepare(self, frame: int, silhouettes: bool, cloud: bool) -> None:
         """Read and keep what `observation` needs of a frame wherever the hand is."""

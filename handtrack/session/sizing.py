@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from handtrack.arrays import D3, Floats
-from handtrack.model.articulated import HandScale
-from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.size.person import OpenPerson
+from handtrack.tracking.size.seen_around import (
+    FEWEST_BY_JOINTS,
+    image_joints,
+    joints_around,
+    seen_around,
+)
 from handtrack.tracking.size.size import refine_scale
 
 if TYPE_CHECKING:
@@ -28,8 +35,6 @@ MOST_BY_JOINTS = 16
 TRACKED_SHARE = 0.6
 """of the time that a fit takes, where its frames are to be tracked first"""
 _STRETCH = 40  # frames tracked to fit the hand's size
-_ANGLE = np.deg2rad(20.0)  # between two lines of sight
-_FEWEST_BY_JOINTS = 4  # frames; fewer do not tell an offset from a posture
 
 
 def stretch_after(start: int, count: int) -> range:
@@ -68,12 +73,12 @@ def posed_by_joints(
         if should_stop is not None and should_stop():
             return []
         seen = run.seen(frame)
-        joints = _joints(seen)
+        joints = image_joints(seen)
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)
             posed.append(posed_result(run.model, seen, params, Status.TRACKED, None))
-    return posed if len(posed) >= _FEWEST_BY_JOINTS else []
+    return posed if len(posed) >= FEWEST_BY_JOINTS else []
 
 
 def size_of_frames(
@@ -91,9 +96,10 @@ def size_of_frames(
     """
     tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
     seen = [(result, run.seen_at(result)) for result in _spread(tracked, most)]
-    around = [pair for pair in seen if _seen_around(pair[1], pair[0])]
+    around = [(r, known) for r, known in seen if seen_around(known, _middle(r))]
     used = around or [pair for pair in seen if pair[1].cloud is not None]
-    joints = _joints_around(used) if run.sees_joints else ()
+    places = [(known, _middle(result)) for result, known in used]
+    joints = joints_around(places) if run.sees_joints else ()
     if not used or not (sizes or joints):
         return None
     return refine_scale(
@@ -110,6 +116,17 @@ def size_of_frames(
     )
 
 
+def who_is_open(run: TrackingRun) -> OpenPerson | None:
+    """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
+    if not run.size_is_open:
+        return None
+
+    def build(scale: HandScale) -> ArticulatedModel:
+        return replace(run.with_scale(scale).model, limits=run.model.limits)
+
+    return OpenPerson(build, sizes=run.session.hand_scale == "fit")
+
+
 def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     """Return at most so many, evenly spread."""
     if len(results) <= most:
@@ -117,29 +134,5 @@ def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
 
 
-def _joints_around(used: Sequence[tuple[FrameResult, Observation]]) -> tuple[str, ...]:
-    """Return the joints that a detector saw in frames enough, from directions that differ enough."""
-    sets = [_joints(known) for result, known in used if _apart(_joints(known), result)]
-    if len(sets) < _FEWEST_BY_JOINTS:
-        return ()
-    return tuple(dict.fromkeys(name for points in sets for p in points for name in p.names))
-
-
-def _seen_around(seen: Observation, result: FrameResult) -> bool:
-    """Return whether silhouettes, or joints, show the hand from directions that differ enough to tell its size.
-
-    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
-    """
-    return _apart([*seen.silhouettes, *_joints(seen)], result)
-
-
-def _joints(seen: Observation) -> list[ImageKeypoints]:
-    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
-
-
-def _apart(views: Sequence[Silhouette | ImageKeypoints], result: FrameResult) -> bool:
-    middle = result.joint_positions.mean(axis=0)
-    sights: list[Floats[D3]] = [middle - view.camera.centre for view in views]
-    sights = [sight / np.linalg.norm(sight) for sight in sights]
-    least = min((float(a @ b) for a in sights for b in sights), default=1.0)
-    return least < np.cos(_ANGLE)
+def _middle(result: FrameResult) -> Floats[D3]:
+    return np.asarray(result.joint_positions.mean(axis=0))

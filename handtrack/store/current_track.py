@@ -71,6 +71,13 @@ class CurrentTrack(Mapping[int, FrameResult]):
         take = self._take(frame)
         return None if take is None else take.heads[frame]
 
+    def below(self, frame: int) -> FrameResult | None:
+        """Return what showed at a frame before the take that shows there was laid over it; None where nothing did."""
+        takes = [
+            take for frames, take in reversed(self.layers) if frame in take and frame in frames
+        ]
+        return takes[1][frame] if len(takes) > 1 else None
+
     def count_of(self, take: TakeFrames) -> int:
         """Return how many frames a take shows."""
         return sum(self._take(frame) is take for frame in take)

@@ -33,6 +33,21 @@ def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:
     return tuple(joined)
 
 
+def beside_accepted(
+    spans: Sequence[Span], current: Sequence[Span], accepted: Sequence[Sequence[int]]
+) -> tuple[Span, ...]:
+    """Return spans that become current, except for accepted frames: what shows there stays. current: what shows now, each frame
+    once; accepted: half-open pairs of frames.
+    """
+    laid = tuple(spans)
+    for first, stop in accepted:
+        for span in current:
+            kept = Span(span.take, max(span.first, first), min(span.stop, stop))
+            if kept.first < kept.stop:
+                laid = with_span(laid, kept)
+    return laid
+
+
 def resolved(
     spans: Sequence[Span], frames_of: Callable[[int], Collection[int]]
 ) -> tuple[Span, ...]:

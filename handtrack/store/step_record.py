@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from math import prod
 from typing import Any
@@ -11,7 +11,6 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes
 from handtrack.store.record import Record
-from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -111,34 +110,42 @@ def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
     }
 
 
-def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
+def result_head(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a record's data says of a frame without its arrays, by the names of FrameResult."""
     reason = data["reason"]
+    return {
+        "frame": int(data["frame"]),
+        "status": Status(data["status"]),
+        "energy": float(data["energy"]),
+        "energies": dict(data["energies"]),
+        "reason": None if reason is None else Reason(**reason),
+        "p_off_25mm": float(data.get("p_off_25mm", float("nan"))),
+        "views": int(data.get("views", 0)),
+    }
+
+
+def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
+    known: dict[str, Any] = result_head(data)
+    known |= {name: arrays.get(name) for name in _RESULT}
     return FrameResult(
-        frame=int(data["frame"]),
+        **known,
         time_s=float(data["time_s"]),
-        status=Status(data["status"]),
-        energy=float(data["energy"]),
         iterations=int(data["iterations"]),
-        views=int(data.get("views", 0)),
-        energies=dict(data["energies"]),
-        reason=None if reason is None else Reason(**reason),
-        p_off_25mm=float(data.get("p_off_25mm", float("nan"))),
         alternatives=tuple(
             Alternative(arrays[f"alternative{n}"], energy, weight, parent, origin)
             for n, (energy, weight, parent, origin) in enumerate(data["alternatives"])
         ),
-        **{name: arrays.get(name) for name in _RESULT},  # type: ignore[arg-type]
     )
 
 
 def _of_hypothesis(known: MovingHypothesis, number: int, packed: _Packed) -> list[object]:
     for name, read in _HYPOTHESIS.items():
         packed.add(f"hypothesis{number}.{name}", read(known))
-    return [float(known.cost), float(known.weight), known.origin, float(known.seen.cost)]
+    return [float(known.cost), float(known.weight), known.origin]
 
 
 def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> MovingHypothesis:
-    cost, weight, origin, seen_cost = numbers
+    cost, weight, origin = numbers[:3]  # older records have a fourth
     a = {name: arrays[f"hypothesis{number}.{name}"] for name in _HYPOTHESIS}
     return MovingHypothesis(
         params=a["params"],
@@ -147,7 +154,6 @@ def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> Mo
         weight=weight,
         origin=origin,
         belief=MotionBelief(a["mean"], a["velocity"], a["motion"]),
-        seen=JointSystem(seen_cost, a["gradient"], a["hessian"]),
     )
 
 
@@ -157,6 +163,4 @@ _HYPOTHESIS: dict[str, Callable[[MovingHypothesis], Array]] = {
     "mean": lambda h: h.belief.mean,
     "velocity": lambda h: h.belief.velocity,
     "motion": lambda h: h.belief.covariance,
-    "gradient": lambda h: h.seen.gradient,
-    "hessian": lambda h: h.seen.hessian,
 }

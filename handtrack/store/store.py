@@ -21,7 +21,7 @@ from handtrack.errors import HandtrackError
 from handtrack.store.history import NOTE, Action, Change, History
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
-from handtrack.store.spans import Span, resolved, with_span
+from handtrack.store.spans import Span, beside_accepted, resolved, with_span
 from handtrack.store.take import Take, TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 
@@ -30,6 +30,8 @@ _ACTION, _PRUNED, _FILE = "action", "pruned", "file"
 _CURRENT = "current"  # of an earlier version: spans alone
 SPANS = "spans"
 """the value of a session's state that says what the current track is composed of"""
+ACCEPTED = "accepted"
+"""likewise, which frames a person accepted, half-open pairs: no tracking changes what shows there"""
 _SYNC_S = 0.5
 
 
@@ -179,8 +181,12 @@ class WritableStore(Store):
         self._act(_ACTION, action.content)
 
     def make_current(self, spans: Sequence[Span], words: str = "Another take") -> None:
-        """Say what the current track is composed of; undo in the workbench takes it back."""
-        history, after = self._history, [[s.take, s.first, s.stop] for s in spans]
+        """Say what the current track is composed of, but for frames that were accepted; undo in the workbench takes it back."""
+        history = self._history
+        accepted = history.state.get(ACCEPTED) or ()
+        if accepted:
+            spans = beside_accepted(resolved(spans, self.frames_of), self.current(), accepted)
+        after = [[s.take, s.first, s.stop] for s in spans]
         action = history.next(words, [Change(SPANS, history.state.get(SPANS), after)])
         self.write(action)
         history.take(action)

@@ -13,7 +13,14 @@ import msgspec
 from handtrack.errors import HandtrackError
 from handtrack.store.log import LogWriter, read_at, read_log, read_segments, size_of
 from handtrack.store.record import Record
-from handtrack.store.step_record import read_result, read_step, result_content, step_content
+from handtrack.store.step_record import (
+    read_result,
+    read_step,
+    result_content,
+    result_head,
+    step_content,
+)
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.state import Step
 
@@ -50,6 +57,9 @@ class FrameHead:
     energy: float
     energies: Mapping[str, float]
     """its parts, by the names of the terms"""
+    reason: Reason | None
+    p_off_25mm: float
+    views: int
     path: Path
     offset: int
 
@@ -198,8 +208,7 @@ class TakeWriter:
 
 
 def _head(data: Mapping[str, Any], path: Path, offset: int) -> FrameHead:
-    status, energies = Status(data["status"]), dict(data["energies"])
-    return FrameHead(int(data["frame"]), status, float(data["energy"]), energies, path, offset)
+    return FrameHead(**result_head(data), path=path, offset=offset)
 
 
 def _about(record: Record) -> TakeAbout | None:

@@ -1,30 +1,31 @@
-"""Keypoint terms: the model's joints near points in space or in an image, robust."""
+"""Keypoint terms: the model's joints, or pinned points of its bones, near points in space or in an image, robust."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D7, Array, B, Floats, Ints, J, K, N
+from handtrack.arrays import D3, D7, Array, Axes, B, Floats, Ints, J, K, N
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.observation.pins import ImagePins, Pin
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.keypoint_kernels import keypoint_kernel
 from handtrack.terms.loss import Loss, Quadratic, compiled_loss
 from handtrack.terms.rows import Rows, grown_row, point_row
 from handtrack.terms.term_table import TermTable
 
+Observed = Keypoints | ImageKeypoints | ImagePins
+
 
 def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints:
-    for name in names:
-        if name not in model.joint_names:
-            raise unknown_name("joint", name, model.joint_names, f"the keypoints of {model.name}")
-    return np.array(
-        [model.joint_names.index(n) for n, s in zip(names, seen, strict=True) if s], int
-    )
+    where = f"the keypoints of {model.name}"
+    joint = [_index(model.joint_names, name, "joint", where) for name in names]
+    return np.array(joint, int)[seen]
 
 
 @dataclass(frozen=True)
@@ -35,24 +36,21 @@ class KeypointTerm:
     """
 
     model: ArticulatedModel
-    observed: Keypoints | ImageKeypoints
+    observed: Observed
     weight: float = 1.0
     loss: Loss = Quadratic()
     name: str = "keypoints"
 
     def rows(self, bones: BonePoses, growing: bool = False) -> Rows:
         """Return two (image) or three (space) rows a point. growing: with the bones' growth."""
-        targets, sigma = _targets(self.observed)
-        seen = np.asarray(np.isfinite(targets).all(axis=1))
-        joint = _known(self.model, self.observed.names, seen)
-        bone = self.model.joint_bone[joint]
-        points = bones.to_world(bone, self._points[joint])
+        bone, own, targets, sigma = self._places
+        points = bones.to_world(bone, own)
         if isinstance(self.observed, Keypoints):
-            difference = (points - targets[seen]) / sigma
+            difference = (points - targets) / sigma
             directions = np.tile(np.eye(3) / sigma, (len(points), 1, 1))
         else:
             camera = self.observed.camera
-            difference = (camera.project(points) - targets[seen]) / sigma
+            difference = (camera.project(points) - targets) / sigma
             directions = camera.project_jacobian(points) / sigma
         count, width = difference.shape
         squared = (difference**2).sum(axis=1)
@@ -69,15 +67,26 @@ class KeypointTerm:
         return isinstance(self.observed, ImageKeypoints)
 
     @property
-    def _points(self) -> Floats:
-        return points_meant(self.model, self.observed)
+    def _places(self) -> tuple[Ints[K], Floats[K, D3], Floats[K, *Axes], float]:
+        """Bones, points in their frames [m], where they were seen, and sigma, of what is known."""
+        if isinstance(self.observed, ImagePins):
+            return *pinned_places(self.model, self.observed.pins), *_targets(self.observed)
+        targets, sigma = _targets(self.observed)
+        joint = self._joints
+        own = points_meant(self.model, self.observed)[joint]
+        return self.model.joint_bone[joint], own, targets[_are_known(targets)], sigma
+
+    @property
+    def _joints(self) -> Ints[K]:
+        """Which joints of the model were seen."""
+        assert not isinstance(self.observed, ImagePins), "pins lie on bones"
+        seen = _are_known(_targets(self.observed)[0])
+        return _known(self.model, self.observed.names, seen)
 
     def misses(self, bones: BonePoses) -> tuple[Ints[K], Floats[K]]:
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""
-        targets, _ = _targets(self.observed)
-        off = np.linalg.norm(self.rows(bones).residual.reshape(-1, targets.shape[1]), axis=1)
-        seen = np.asarray(np.isfinite(targets).all(axis=1))
-        return _known(self.model, self.observed.names, seen), off
+        off = self.rows(bones).residual.reshape(-1, _targets(self.observed)[0].shape[1])
+        return self._joints, np.linalg.norm(off, axis=1)
 
     def cost(self, bones: BonePoses) -> float:
         return self.rows(bones).cost
@@ -99,8 +108,7 @@ class KeypointTerm:
         rows = self.rows(bones, growing=True)
         derivative = np.einsum("kl,kln->kn", rows.twist, jacobian[rows.bone])
         if isinstance(self.observed, ImageKeypoints):
-            seen = np.asarray(np.isfinite(self.observed.pixels).all(axis=1))
-            joint = np.repeat(_known(self.model, self.observed.names, seen), 2)
+            joint = np.repeat(self._joints, 2)
             along = np.einsum("ki,kij->kj", rows.twist[:, :3], bones.rotation[rows.bone])
             derivative += np.einsum("kj,kjn->kn", bones.grown(rows.bone, along), moves[joint])
         weighted = derivative * rows.weight[:, None]
@@ -108,19 +116,16 @@ class KeypointTerm:
 
     def tables(self) -> list[TermTable] | None:
         """Return one; None for a distorted camera."""
-        targets, sigma = _targets(self.observed)
-        seen = np.asarray(np.isfinite(targets).all(axis=1))
-        joint = _known(self.model, self.observed.names, seen)
+        bone, own, targets, sigma = self._places
         kind, scale = compiled_loss(self.loss, self.name)
         camera = np.zeros((0, 4))
-        if isinstance(self.observed, ImageKeypoints):
+        if not isinstance(self.observed, Keypoints):
             if self.observed.camera.is_distorted:
                 return None
             camera = self.observed.camera.projection
         return [
             TermTable(
-                keypoint_kernel, self.model.joint_bone[joint], self._points[joint], targets[seen], camera,
-                np.array([sigma, kind, scale, self.weight]),
+                keypoint_kernel, bone, own, targets, camera, np.array([sigma, kind, scale, self.weight]),
             )
         ]  # fmt: skip
 
@@ -130,7 +135,34 @@ def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) 
     return model.seen_point if isinstance(observed, ImageKeypoints) else model.joint_point
 
 
-def _targets(observed: Keypoints | ImageKeypoints) -> tuple[Floats, float]:
+def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:
+    """Return the bones, and the points in their frames [m], that are pinned. Raises HandtrackError for a place that the model
+    has not.
+    """
+    where = f"a pin on {model.name}"
+    names, bones, points = model.skeleton.bone_names, list[int](), list[Array]()
+    for pin in pins:
+        if pin.joint:
+            joint = _index(model.joint_names, pin.joint, "joint", where)
+            bones.append(int(model.joint_bone[joint]))
+            points.append(model.joint_point[joint])
+        else:
+            bones.append(_index(names, pin.bone, "bone", where))
+            points.append(np.array(pin.point, float))
+    return np.array(bones, int), np.array(points).reshape(-1, 3)
+
+
+def _index(names: Sequence[str], name: str, kind: str, where: str) -> int:
+    if name not in names:
+        raise unknown_name(kind, name, names, where)
+    return list(names).index(name)
+
+
+def _targets(observed: Observed) -> tuple[Floats, float]:
     if isinstance(observed, Keypoints):
         return observed.positions, observed.sigma_m
     return observed.pixels, observed.sigma_px
+
+
+def _are_known(targets: Floats) -> Array[K]:
+    return np.asarray(np.isfinite(targets).all(axis=1))

@@ -9,8 +9,8 @@ from itertools import takewhile
 from handtrack.arrays import Floats, P
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
 from handtrack.tracking.pursuit import Observe, Pursuit
+from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.refined import refined, refined_near
@@ -24,8 +24,12 @@ def track_recording(
     frames: range,
     control: Control = Control(),
     done: Sequence[Step] = (),
+    who: OpenPerson | None = None,
 ) -> Iterator[FrameResult]:
-    """Yield results as `track_frames` does; then all of them again, refined together, where the settings ask for it."""
+    """Yield results as `track_frames` does; then all of them again, refined together, where the settings ask for it.
+
+    who: what of the person is then found too.
+    """
     found = {step.result.frame: step.result for step in done if step.result.frame in frames}
     live = track_frames(tracker, observe, start_frame, start_params, frames, control, done)
     for result in live:
@@ -33,7 +37,7 @@ def track_recording(
         yield result
     if tracker.settings.refines and control.refines and not control.should_stop():
         tracked = [found[frame] for frame in sorted(found)]
-        yield from refine_recording(tracker, observe, tracked, control)
+        yield from refine_recording(tracker, observe, tracked, control, who=who)
 
 
 def refine_recording(
@@ -43,17 +47,19 @@ def refine_recording(
     control: Control = Control(),
     held: Mapping[int, Floats[P]] | None = None,
     changed: Sequence[int] | None = None,
+    pinned: Mapping[int, Floats[P]] | None = None,
+    who: OpenPerson | None = None,
 ) -> list[FrameResult]:
-    """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed.
+    """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed, which stay
+    so; pinned: of frames where a person's pins led.
 
-    changed: which of these were set or let go since the frames were refined; only what those touch is done, and returned.
-    None: everything.
+    changed: at which frames such were set or let go since the frames were refined; only what those touch is done, and
+    returned. None: everything, and what may be found of the person, `who`.
     """
+    model, settings = tracker.model, tracker.settings
     if changed is None:
-        return refined(tracker.model, tracker.settings, observe, tracked, control, held)
-    return refined_near(
-        tracker.model, tracker.settings, observe, tracked, held or {}, changed, control
-    )
+        return refined(model, settings, observe, tracked, control, held, pinned=pinned, who=who)
+    return refined_near(model, settings, observe, tracked, held or {}, changed, control, pinned)
 
 
 def track_frames(
@@ -69,9 +75,7 @@ def track_frames(
 
     The start frame comes first, then the later ones, then the earlier ones backward from it. When the start
     lies outside `frames`, it is still solved there first, so that the path to the range is tracked, but only
-    the range is yielded. A step cut short by `control.should_stop` is not yielded. Where several hypotheses are carried
-    and `mixture.sequence` asks for more than the best of each frame, frames come again once the last one is done, with
-    the poses that it chose: the latest of a frame holds.
+    the range is yielded. A step cut short by `control.should_stop` is not yielded.
 
     done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
     would have; they are not yielded again.
@@ -88,7 +92,7 @@ def track_frames(
             state = _state_after(steps, tracker, observe)
         todo = path[len(steps) - len(begun) :]
         for after, result in Pursuit(tracker, observe, state, control).frames(todo):
-            if not steps or tracker.settings.chooses_at_the_end:
+            if not steps:
                 steps.append(after.step)
             if control.on_step is not None:
                 control.on_step(after.step)
@@ -96,8 +100,6 @@ def track_frames(
                 yield result
         if control.should_stop():
             return
-        if tracker.settings.chooses_at_the_end:
-            yield from _chosen(tracker, steps[path is backward :], frames)
         begun = steps[:1]
 
 
@@ -125,12 +127,3 @@ def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> T
         now = tracker.seen_with(observe(last.frame, None), last)
         texture = now and replace(now, first=texture)
     return TrackerState.after_steps(steps, texture)
-
-
-def _chosen(tracker: Tracker, steps: Sequence[Step], frames: range) -> Iterator[FrameResult]:
-    """Yield the frames of one direction whose poses the last one changes."""
-    carried = [(step.result, step.hypotheses) for step in steps]
-    chosen = chosen_sequence(tracker.model, tracker.settings, carried)
-    for step, now in zip(steps, chosen, strict=True):
-        if now is not step.result and now.frame in frames:
-            yield now

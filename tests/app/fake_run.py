@@ -18,14 +18,16 @@ from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, scale_table
-from handtrack.observation.observation import Observation, Silhouette
+from handtrack.observation.observation import ImageView, Observation, Silhouette
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.idle_settings import idle_settings
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.corrected_masks import CorrectedMasks
+from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import (
     CameraSettings,
@@ -36,6 +38,7 @@ from handtrack.session.session_file import (
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.run import Run
 
@@ -103,6 +106,13 @@ class FakeSession:
     cloud_camera_centres: Floats | None = None
     is_counted: bool = True
     live: LiveFeed | None = None
+    held: list[SessionPins] = field(default_factory=list)
+
+    @property
+    def pins(self) -> SessionPins:
+        if not self.held:
+            self.held.append(SessionPins(self.folder, self.rig))
+        return self.held[0]
 
     @property
     def views(self) -> tuple[FakeView, ...]:
@@ -142,6 +152,9 @@ class FakeSession:
     def image(self, camera: str, frame: int) -> Array | None:
         return self.view(camera).image(frame)
 
+    def images(self, frame: int) -> tuple[ImageView, ...]:
+        return ()
+
 
 @dataclass(frozen=True, eq=False)
 class FakeRun:
@@ -158,6 +171,7 @@ class FakeRun:
     hungry: bool = False
     """a frame takes 100 GB"""
     refined_by: float = 0.0
+    refined_size: float = 0.0
     """[rad] by which refining bends the index finger"""
 
     @property
@@ -168,6 +182,9 @@ class FakeRun:
         settings = self.settings.with_values(overrides)
         model = load_model(settings.model.name or "hand26", coupling=settings.model.coupling)
         return replace(self, settings=settings, model=model)
+
+    def observation(self, frame: int, bones: BonePoses | None = None) -> Observation:
+        return self.session.observation(frame)
 
     def with_clouds(self, clouds: CloudSettings | None) -> FakeRun:
         raise HandtrackError("the fake session has no clouds")
@@ -234,10 +251,14 @@ class FakeRun:
         control: Control = Control(),
         held: Mapping[int, Floats] | None = None,
         changed: Sequence[int] | None = None,
+        pinned: Mapping[int, Floats] | None = None,
     ) -> list[FrameResult]:
         if not self.refined_by:
             return list(tracked)
         control.on_refined(0.5)
+        if self.refined_size:
+            found_size = HandScale(self.refined_size)
+            control.on_shared(Refinement("converged", 1, (), found_size).text)
         bend = self.model.parameter_names.index("index_mcp_flex")
         near = lambda frame: changed is None or min(abs(frame - k) for k in changed) <= 1  # noqa: E731
         found = []

@@ -39,14 +39,15 @@ ARROWS: dict[str, set[str]] = {
     },
     "tracking.whole": {
         "geometry", "observation", "model", "terms", "solver", "tracking.frame", "tracking.search",
+        "tracking.size",
     },
     "tracking": {
-        "geometry", "observation", "model", "sampling", "tracking.frame", "tracking.search",
-        "tracking.hypotheses", "tracking.whole",
+        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
+        "tracking.search", "tracking.hypotheses", "tracking.size", "tracking.whole",
     },
     "detector": {"files", "geometry"},
     "diagnostics": {"geometry", "model", "observation", "terms", "tracking.frame"},
-    "store": {"files", "terms", "tracking", "tracking.frame", "tracking.hypotheses"},
+    "store": {"files", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
         "files", "geometry", "capture", "observation", "model", "detector", "tracking", "tracking.frame",
         "tracking.size", "tracking.search", "store",

@@ -54,7 +54,7 @@ def test_the_best_is_never_worse_than_the_choice(dance):
     figures = summary(several, one)
     assert figures["best_of_8_mm"] <= figures["own_choice_mm"]
     assert figures["best_of_8_mm"] < 120.0
-    assert set(figures) >= {"single_near", "own_path_mm", "own_path_smoothed_near"}
+    assert set(figures) >= {"single_near", "refined_mm", "refined_best_of_8_near"}
 
 
 def test_points_are_triangulated_where_two_cameras_see_them(dance):

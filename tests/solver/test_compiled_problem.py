@@ -11,6 +11,7 @@ from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.observation.pins import ImagePins, Pin
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.assembly import assemble
@@ -30,7 +31,7 @@ from handtrack.terms.term_table import TermTable
 
 CAMERAS = simulated_rig(2, (160, 120)).cameras
 CASES = (
-    "coverage", "coverage by rows", "conic field", "points", "pixels", "distance", "emptiness", "rays", "collision", "all",
+    "coverage", "coverage by rows", "conic field", "points", "pixels", "pins", "distance", "emptiness", "rays", "collision", "all",
 )  # fmt: skip
 
 
@@ -85,6 +86,12 @@ def scene(case, rng):
         "points": lambda: KeypointTerm(model, Keypoints(model.joint_names, points, 0.005), 2.0),
         "pixels": lambda: KeypointTerm(
             model, ImageKeypoints(CAMERAS[0], model.joint_names, pixels, 2.0), 1.5, Huber(1.0)
+        ),
+        "pins": lambda: KeypointTerm(
+            model,
+            ImagePins(
+                CAMERAS[0], (Pin("cam0", (80.0, 60.0), "", "ring_distal", (0.0, 0.01, 0.0)),)
+            ),
         ),
         "distance": lambda: CloudDistanceTerm(prepare_cloud(cloud), surface, loss=Huber(2.0)),
         "emptiness": lambda: emptiness,

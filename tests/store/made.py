@@ -11,7 +11,6 @@ import numpy as np
 from handtrack.model.articulated import keypoint_names
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
-from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, TrackLabels
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -34,7 +33,6 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
         MovingHypothesis(
             rng.normal(size=count), 1.5, np.asfortranarray(rng.normal(size=(count, count))), 0.5, "followed",
             MotionBelief(rng.normal(size=count), rng.normal(size=count), rng.normal(size=(2 * count, 2 * count))),
-            JointSystem(0.25, rng.normal(size=count), rng.normal(size=(count, count))),
         )
         for _ in range(hypotheses)
     )  # fmt: skip

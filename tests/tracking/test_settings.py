@@ -12,7 +12,7 @@ from docs.settings_page import settings_page
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import NotAcceptedError, declared, setting
-from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED
+from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED, REPLACED
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 from handtrack_app.page.panels.controls import CONTROLS
 
@@ -99,6 +99,13 @@ def test_old_names_are_read_with_a_note():
 def test_a_name_of_today_wins_over_an_old_one_beside_it():
     both = {"tracker.recovery": True, "tracker.jumps": False}
     assert TrackerSettings().with_values(both).tracker.recovery is True
+
+
+@pytest.mark.parametrize("name", REPLACED)
+def test_a_setting_that_another_replaces_is_told_and_changes_nothing(name):
+    found = TrackerSettings().with_values({name: "smooth"})
+    assert found == TrackerSettings()
+    assert REPLACED[name] in found.notes[0]
 
 
 @pytest.mark.parametrize("name", CONSTANTS)

@@ -23,7 +23,7 @@ MATRIX = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
 AROUND = np.deg2rad([-50.0, 0.0, 45.0])
 
 
-def _camera(k, turn=0.0, zoom=1.0):
+def camera_at(k, turn=0.0, zoom=1.0):
     """Return one of three cameras around the hand, at 0.5 m, turned about the vertical too far [rad] and zoomed."""
     away = rotation_matrix(np.array([0.3, AROUND[k] + turn, 0.0]))
     seen = rotation_matrix(np.array([0.3, AROUND[k], 0.0]))
@@ -33,7 +33,7 @@ def _camera(k, turn=0.0, zoom=1.0):
     return Camera(f"cam{k}", (640, 480), matrix, np.zeros(5), away, place)
 
 
-def _poses():
+def waving_poses():
     """Return poses (F, P) of a hand that waves and closes."""
     way = np.linspace(0.0, 2.0 * np.pi, FRAMES)
     poses = np.tile(HAND.rest_params(), (FRAMES, 1))
@@ -50,9 +50,9 @@ def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
 
     cameras: as the program knows them; late: by how many frames each one's pictures are.
     """
-    poses, noise = _poses(), np.random.default_rng(5)
+    poses, noise = waving_poses(), np.random.default_rng(5)
     truth = np.array([HAND.keypoints21(HAND.bones(pose)) for pose in poses])
-    true = [_camera(k) for k in range(3)]
+    true = [camera_at(k) for k in range(3)]
     pixels = np.array([camera.project(truth) for camera in true])
     pixels += SIGMA_PX * noise.normal(size=pixels.shape)
 
@@ -82,7 +82,7 @@ def _off_mm(frames, truth):
 
 
 def test_a_camera_that_was_turned_is_put_right():
-    cameras = [_camera(0, np.deg2rad(0.6)), _camera(1), _camera(2, zoom=1.004)]
+    cameras = [camera_at(0, np.deg2rad(0.6)), camera_at(1), camera_at(2, zoom=1.004)]
     frames, truth, found = _tracked(cameras)
     left, _, _ = _tracked(cameras, corrects_cameras=False)
     off = _off_mm(frames, truth)
@@ -92,7 +92,7 @@ def test_a_camera_that_was_turned_is_put_right():
 
 
 def test_a_camera_that_was_touched_is_named():
-    cameras = [_camera(0, np.deg2rad(2.0)), _camera(1), _camera(2)]
+    cameras = [camera_at(0, np.deg2rad(2.0)), camera_at(1), camera_at(2)]
     _, _, found = _tracked(cameras)
     (text,) = found.words
     assert "camera 'cam0' is turned by" in text
@@ -100,7 +100,7 @@ def test_a_camera_that_was_touched_is_named():
 
 
 def test_clean_cameras_are_left_alone():
-    cameras = [_camera(k) for k in range(3)]
+    cameras = [camera_at(k) for k in range(3)]
     frames, truth, found = _tracked(cameras)
     clean, _, _ = _tracked(cameras, corrects_cameras=False)
     assert _off_mm(frames, truth) < 1.25 * _off_mm(clean, truth)  # measured 0.55 and 0.48 mm
@@ -109,7 +109,7 @@ def test_clean_cameras_are_left_alone():
 
 
 def test_a_camera_that_is_late_is_found_and_put_right():
-    cameras = [_camera(k) for k in range(3)]
+    cameras = [camera_at(k) for k in range(3)]
     frames, truth, found = _tracked(cameras, (0, 2, 0))
     left, _, _ = _tracked(cameras, (0, 2, 0), corrects_cameras=False)
     assert _off_mm(frames, truth) < 0.3 * _off_mm(left, truth)  # measured 0.57 of 2.9 mm

@@ -139,10 +139,14 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     rows = [
         [minimum(pose, 5.0)],
         [minimum(pose, 5.0), minimum(near, 5.5)],
-        [minimum(pose, 5.0), minimum(far, 6.0)],
+        [minimum(pose, 5.0), minimum(far, 5.5)],
     ]
     lattice = Lattice(rows, 100.0 * np.eye(len(pose)))
-    results = [posed_result(HAND, seen, pose, Status.TRACKED, None) for seen in views]
+    known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
+    results = [
+        posed_result(HAND, seen, pose, Status.TRACKED, None, joint_covariance=known)
+        for seen in views
+    ]
     alone, two, apart = with_other_ways(HAND, results, lattice, lattice.best)
     assert not alone.alternatives
     assert alone.status == two.status == Status.TRACKED
@@ -150,9 +154,33 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     held, other = apart.alternatives
     assert isinstance(other, Alternative)
     assert held.weight + other.weight == pytest.approx(1.0)
-    assert other.weight == pytest.approx(np.exp(-1) / (1 + np.exp(-1)), abs=0.01)
+    assert other.weight == pytest.approx(np.exp(-0.5) / (1 + np.exp(-0.5)), abs=0.01)
     assert apart.status == Status.DOUBTFUL
-    assert "26 % probable, its index tip is" in apart.note
+    assert "37 % probable, its index tip is" in apart.note
+    tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
+    off = HAND.joint_positions(HAND.bones(far))[tip] - apart.joint_positions[tip]
+    added = other.weight * np.outer(off, off)
+    np.testing.assert_allclose(apart.joint_covariance[tip], known[tip] + added, rtol=0.02)
+    np.testing.assert_array_equal(apart.joint_covariance[wrist], known[wrist])
+    np.testing.assert_array_equal(two.joint_covariance, known)
+
+
+def test_poses_that_were_asked_for_differ_in_shape():
+    """Of eight that nearly look alike, one would do; what is turned has hardly any weight, and is worth more."""
+    pose = HAND.rest_params()
+    alike = [_bent(pose, "index", angle) for angle in (20.0, 30.0, 40.0)]
+    turned = pose.copy()
+    turned[3] += 1.5
+    sure = 1e4 * np.eye(len(pose))
+    minima = [
+        Minimum(x, JointSystem(5.0 + cost, np.zeros(len(x)), sure), "followed")
+        for x, cost in ((pose, 0.0), *((x, 1.0) for x in alike), (turned, 9.0))
+    ]
+    lattice = Lattice([minima], 100.0 * np.eye(len(pose)))
+    result = posed_result(HAND, Observation(0, 0.0), pose, Status.TRACKED, None)
+    (found,) = with_other_ways(HAND, [result], lattice, lattice.best, shown=2)
+    np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
+    assert len(found.alternatives) == 5, "others above 3 % stay as well"
 
 
 def test_hypotheses_that_were_carried_are_candidates(turning):

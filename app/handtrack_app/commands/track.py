@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.images.frame_notes import listed
+from handtrack.diagnostics.review import queue_words, worth_a_look
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.doctor.examine import examine_start
@@ -119,8 +120,12 @@ def run(args: argparse.Namespace) -> int:
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
             doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
-            found = Refinement.read(passes.refinement).words if passes.refinement else []
-            doubts += found or ([doubt_of_cameras(run_, results)] if not stop() else [])
+            refinement = Refinement.read(passes.refinement) if passes.refinement else None
+            if refinement is not None and refinement.scale is not None:
+                run_ = run_.with_scale(refinement.scale)
+            doubts += (refinement and refinement.words) or (
+                [doubt_of_cameras(run_, results)] if not stop() else []
+            )
             code = _save(
                 run_, results, passes.refinement, frames, out, stop(), problem, take, doubts,
                 began if args.json else None,
@@ -265,7 +270,8 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
             notes.append(
                 f"{word}: frames {frames}; the first: {found[0].note or 'no reason told'}."
             )
-    return notes
+    queue = queue_words(worth_a_look(sorted(results, key=lambda r: r.frame)))
+    return [*notes, queue] if queue else notes
 
 
 def _summarise(recorder: ResidualRecorder, args: argparse.Namespace) -> None:

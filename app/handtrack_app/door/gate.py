@@ -28,6 +28,9 @@ _LARGEST_NUMBER = 1e9
 _MOST_KEPT = 2000
 """widgets whose last value is kept; the page has about 200"""
 
+_OF_THE_PAGE = ("camera", "kept")
+"""kinds of messages that tell of a page itself: where it looks from, what its browser keeps"""
+
 Value = words.Value
 _Widgets = Mapping[str, Any]
 
@@ -79,7 +82,9 @@ class Gate:
         name = getattr(message, "uuid", None) or getattr(message, "name", "")
         if isinstance(message, words.GuiUpdateMessage) and name in self.own and client is not None:
             return kind, partial(self.own[name], client, message.updates.value)
-        looking = kind == "camera" or name in private or name in self.everyones
+        looking = kind in _OF_THE_PAGE or name in private or name in self.everyones
+        if isinstance(message, words.ScenePointerMessage):
+            looking = looking or (message.modifier or "").startswith("cmd/ctrl")  # turns its view
         if not (looking or client is None or self.may_edit(client)):
             raise LooksOn(name)
         if isinstance(message, words.GuiUpdateMessage):
@@ -137,6 +142,8 @@ class Gate:
                     if not any(vector):
                         raise NotForUs("a camera without a direction")
                 return "camera", message
+            case words.LocalStorageGetItemResponseMessage():
+                return "kept", message
             case words.CommandTriggerMessage():
                 if (
                     self.server is None

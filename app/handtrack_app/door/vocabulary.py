@@ -1,7 +1,7 @@
 """The words of viser's page that the workbench listens to; whatever else a client sends is none of them.
 
 The fields are viser's own (its `_messages.py`). Not among them, because nothing in the workbench asks for them: uploads,
-forms, buttons held down, pictures rendered by the page, its local storage, public tunnels.
+forms, buttons held down, pictures rendered by the page, public tunnels.
 """
 
 from __future__ import annotations
@@ -52,6 +52,12 @@ class Updates(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class GuiUpdateMessage(_Message, frozen=True):
     uuid: _Name
     updates: Updates
+
+
+class LocalStorageGetItemResponseMessage(_Message, frozen=True):
+    value: Annotated[str, Meta(max_length=4096)] | None
+    error: Annotated[str, Meta(max_length=1024)] | None
+    request_uuid: _Name
 
 
 class CommandTriggerMessage(_Message, frozen=True):
@@ -111,6 +117,11 @@ OfNode = (
     | SceneNodeDragMessage
 )
 Message = (
-    ViewerCameraMessage | GuiUpdateMessage | CommandTriggerMessage | ScenePointerMessage | OfNode
+    ViewerCameraMessage
+    | GuiUpdateMessage
+    | LocalStorageGetItemResponseMessage
+    | CommandTriggerMessage
+    | ScenePointerMessage
+    | OfNode
 )
 DECODER = msgspec.msgpack.Decoder(Message)

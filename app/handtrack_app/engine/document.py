@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,48 +20,14 @@ from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
 from handtrack.store.store import spans_of
-from handtrack_app.engine.inverse_kinematics import tip_names
 from handtrack_app.engine.masks import mask_state
+from handtrack_app.engine.posing import pin_state
+from handtrack_app.engine.posing.inverse_kinematics import tip_names
+from handtrack_app.engine.posing.page_values import params_of, renamed
 from handtrack_app.engine.run import Run
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.shelf import TakeShelf
 from handtrack_app.engine.timeline import TrackedRows
-
-_FAR = 100.0  # [m] nobody's hand is further from the world's origin
-
-
-def drivers(model: ArticulatedModel) -> list[int]:
-    """Return (P,) for each solver parameter the joint parameter that stands for it on the page."""
-    chosen = []
-    for p, name in enumerate(model.transform.names):
-        same = name in model.parameter_names
-        column = np.abs(model.transform.matrix[:, p])
-        chosen.append(model.parameter_names.index(name) if same else int(np.argmax(column)))
-    return chosen
-
-
-def params_of(model: ArticulatedModel, values: Floats[S]) -> Floats[P]:
-    """Return solver parameters, within limits, for joint parameters as set on the page.
-
-    Under a coupling the driving joints count and the driven ones follow.
-    """
-    values = np.clip(np.nan_to_num(values, nan=0.0), -_FAR, _FAR)
-    transform = model.transform
-    params = np.array(
-        [
-            (values[s] - transform.offset[s]) / transform.matrix[s, p]
-            for p, s in enumerate(drivers(model))
-        ]
-    )
-    return model.clipped(params)
-
-
-def renamed(
-    values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
-) -> Floats[S]:
-    """Return joint parameters of another model by name; those that are not known are `others`."""
-    known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
-    return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
 
 
 class Document:
@@ -88,6 +54,8 @@ class Document:
         self.results = CurrentTrack()
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
+        self.accepted: frozenset[int] = frozenset()
+        """frames that the user has accepted: neither tracking nor refining changes them"""
         self.limits: dict[str, tuple[float, float]] = {}
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
@@ -106,6 +74,8 @@ class Document:
         """where each camera's masks come from, as session.toml has it"""
         self.size_pending = size_pending
         """the hand's size is to be fitted before the first tracking, or after it"""
+        self.live_scale: HandScale | None = None
+        """the size before refining found another, with which tracking begins"""
         self.offered_scale: HandScale | None = None
         """the size that was fitted after tracking, and is not taken yet"""
 
@@ -121,13 +91,16 @@ class Document:
         if kind == keys.SETTING:
             return self.run.settings.flat().get(name)
         if kind == keys.SIZE:
-            return scale_table(self.run.scale) | {"pending": self.size_pending}
+            live = {} if self.live_scale is None else {"live": scale_table(self.live_scale)}
+            return scale_table(self.run.scale) | {"pending": self.size_pending} | live
         if kind == keys.CLOUDS:
             return {"table": None if self.clouds is None else self.clouds.table}
         if kind == keys.MASKS:
             return mask_state.choice_value(self.masks[name])
         if kind == keys.CORRECTION:
             return mask_state.corrected_value(self.run.session, name, self.state.get(key))
+        if kind == keys.PINS:
+            return pin_state.pins_value(self.run.session.pins.of(int(name)))
         if kind == keys.POSE and key not in self.state and int(name) not in self.results:
             # what is seen there now, so that undo can come back to it
             seen = self.pose_at(int(name)).tolist()
@@ -146,6 +119,7 @@ class Document:
         kinds = {keys.parts(key)[0] for key in values}
         run = self._run_with(values)
         corrections = mask_state.corrections_in(run.session, values)
+        pins = pin_state.pins_in(run.session, values)
         for key, value in values.items():
             if value is None:
                 self.state.pop(key, None)
@@ -157,6 +131,8 @@ class Document:
             self._use(run, resized=keys.SIZE in values)
         if keys.SPANS in values:
             self._lay()
+        if keys.ACCEPTED in values:
+            self.accepted = keys.accepted_frames(values[keys.ACCEPTED])
         for key in values:
             kind, name = keys.parts(key)
             if kind == keys.POSE:
@@ -165,6 +141,8 @@ class Document:
             correction.place.hold(correction.own_frame, correction.content)
         if corrections:
             self.run.session.look_again()
+        for frame, own in pins.items():
+            self.run.session.pins.hold(frame, own)
         if keys.START in values and self.run.first is None:
             self._start_at(values[keys.START])
 
@@ -207,7 +185,7 @@ class Document:
     def _size_of(self, value: Value) -> tuple[HandScale, bool]:
         if value is None:
             return self._own_size
-        size = {key: part for key, part in value.items() if key != "pending"}
+        size = {key: part for key, part in value.items() if key not in ("pending", "live")}
         scale = scale_from(size, Path("the saved size"))
         return scale, bool(value.get("pending", False))
 
@@ -220,6 +198,8 @@ class Document:
 
     def _pend(self, size: Value) -> None:
         self.size_pending, self.offered_scale = self._size_of(size)[1], None
+        live = (size or {}).get("live")
+        self.live_scale = None if live is None else self._size_of(live)[0]
 
     def _use(self, run: Run, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""
@@ -324,6 +304,10 @@ class Document:
         """Return whether a frame's pose is as a search found it."""
         return bool((self.state.get(keys.pose(frame)) or {}).get("found", False))
 
+    def is_pinned(self, frame: int) -> bool:
+        """Return whether a frame's pose is where its pins led: tracking solves it anew, by its pins."""
+        return bool((self.state.get(keys.pose(frame)) or {}).get("pinned", False))
+
     @property
     def pose_names(self) -> tuple[str, ...]:
         """The pose library of the model."""
@@ -362,10 +346,15 @@ class Document:
         return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
     def keyframes(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses set by hand at some of the frames, as solver parameters."""
-        return {
-            f: params_of(self.model, self.by_hand[f]) for f in sorted(self.by_hand) if f in frames
-        }
+        """Return the poses set by hand at some of the frames, as solver parameters; not those to which pins led."""
+        return self._posed_at(f for f in self.by_hand if f in frames and not self.is_pinned(f))
+
+    def pinned(self, frames: range) -> dict[int, Floats[P]]:
+        """Return the poses to which pins led at some of the frames, as solver parameters."""
+        return self._posed_at(f for f in self.by_hand if f in frames and self.is_pinned(f))
+
+    def _posed_at(self, frames: Iterable[int]) -> dict[int, Floats[P]]:
+        return {frame: params_of(self.model, self.by_hand[frame]) for frame in sorted(frames)}
 
     # ---- clouds
 

@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, K
+from handtrack.diagnostics.flexion import flexion_deg
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document import Document, drivers, params_of
-from handtrack_app.engine.timeline import TrackedRows
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.posing.page_values import drivers, params_of
+from handtrack_app.engine.posing.pin_cards import pin_cards
+from handtrack_app.engine.review.glance import numbers_of, queue, take_spans
+from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     CameraCard,
@@ -34,6 +38,7 @@ TERM_WORDS = {
     "cloud_emptiness": "model→cloud",
     "cloud_rays": "lines of sight",
     "keypoints": "keypoints",
+    "pins": "pins",
     "edges": "edges",
     "intensity": "intensity",
     "rest": "priors",
@@ -41,6 +46,7 @@ TERM_WORDS = {
     "motion": "priors",
     "keyframe": "priors",
     "stabilise": "priors",
+    "stay": "priors",
     "collision": "priors",
     "proportions": "priors",
     "prior": "priors",
@@ -74,6 +80,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         own_settings=document.own_settings,
         has_truth=session.truth is not None,
         tip_names=document.tip_names,
+        joint_names=model.joint_names,
         pose_names=document.pose_names,
         model=model_words(model),
         kind=model.kind,
@@ -126,11 +133,16 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
         truth=truth_at(document, frame),
         error_mm=_error_mm(document, frame, bones),
         note=status_note(result) if result is not None and not by_hand else "",
+        joints=model.joint_positions(bones),
+        pins=pin_cards(document, frame, bones),
+        accepted=frame in document.accepted,
     )
 
 
 def _origin(document: Document, frame: int) -> str:
     if frame in document.by_hand:
+        if document.is_pinned(frame):
+            return "pinned"
         return "found" if document.is_found(frame) else "set"
     return "tracked" if frame in document.results else "carried"
 
@@ -145,9 +157,11 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
     terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
+    lanes = {word: row.copy() for word, row in rows.lanes.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
-        document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found
-    )
+        document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
+        document.accepted, queue(document), take_spans(document),
+    )  # fmt: skip
 
 
 def timeline_change(document: Document) -> TimelineChange:
@@ -160,12 +174,15 @@ def timeline_change(document: Document) -> TimelineChange:
         if frame in document.by_hand:
             error[n] = _given_error(document, frame)
     terms = {word: values[row] for word, values in rows.terms.items()}
-    return TimelineChange(document.frames, row, rows.status[row], rows.energy[row], error, terms)
+    lanes = {word: values[row] for word, values in rows.lanes.items()}
+    return TimelineChange(
+        document.frames, row, rows.status[row], rows.energy[row], error, terms, lanes
+    )
 
 
 def _followed(document: Document) -> TrackedRows:
     rows = document.rows
-    rows.follow(document.results, lambda frame: _tracked_error(document, frame), energy_parts)
+    rows.follow(document.results, lambda frame: _whole_frame(document, frame), energy_parts)
     return rows
 
 
@@ -177,20 +194,23 @@ def _given_error(document: Document, frame: int) -> float:
     return document.rows.given_error(frame, document.by_hand[frame], error)
 
 
-def read_errors(document: Document) -> bool:
-    """Find the errors of more tracked frames against the truth; return whether some are to be found yet."""
-    return document.rows.read_errors(
-        document.results, lambda frame: _tracked_error(document, frame)
-    )
+def read_more(document: Document) -> bool:
+    """Read more tracked frames whole: their errors, what lies at limits, what moved; return whether some are to be read yet."""
+    return document.rows.read_more(document.results, lambda frame: _whole_frame(document, frame))
 
 
-def _tracked_error(document: Document, frame: int) -> float:
-    truth = truth_at(document, frame)
-    if truth is None:
-        return float("nan")
+def _whole_frame(document: Document, frame: int) -> WholeFrame:
     result = document.results[frame]
     found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-    return mean_error_mm(found, truth)
+    truth, bent = truth_at(document, frame), None
+    error = mean_error_mm(found, truth)
+    if truth is not None and result.keypoints21 is not None:
+        own, true = flexion_deg(np.stack([result.keypoints21, truth]))
+        bent = np.deg2rad(true - own)
+    other = None if document.rows.compared is None else document.rows.compared.get(frame)
+    lanes = numbers_of(document.model, result, document.results.below(frame), other)
+    there = None if other is None else other.parameters
+    return WholeFrame(error, result.parameters, result.parameter_std, there, bent, lanes)
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:

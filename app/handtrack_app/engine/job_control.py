@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     session_snapshot,
@@ -24,10 +25,8 @@ from handtrack_app.engine.jobs import (
     Ended,
     FindingJob,
     Found,
-    Leg,
     Questioned,
     Refined,
-    RefinedWith,
     RefiningJob,
     Report,
     Sized,
@@ -35,10 +34,13 @@ from handtrack_app.engine.jobs import (
     Tracked,
     TrackingJob,
     Watch,
-    legs,
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.posing.given import Given, RefinedWith
+from handtrack_app.engine.posing.legs import Leg, legs
+from handtrack_app.engine.posing.page_values import params_of
+from handtrack_app.engine.review.frozen_frames import given_poses, refuse_to_fit
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.commands import Track
@@ -86,6 +88,7 @@ class JobControl:
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()
         self._refined_with: RefinedWith | None = None  # the latest
+        self._given = RefinedWith.of(document)  # when the job began
         self._count = 0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
@@ -144,6 +147,8 @@ class JobControl:
                 f"No frames to track: {order.start} to {order.stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
+        if document.live_scale is not None and order.anew and not document.by_hand:
+            self._store.do("Size of the hand as before refining", edits.size(document.live_scale))
         later = document.run.settings.model.fit_size == "later"
         if document.size_pending and not later and len(frames) > 1:
             document.begin_at(order.first)
@@ -151,30 +156,33 @@ class JobControl:
                 self.fit_size(order)
                 return
         start = document.start_params(order.first, order.anew)
-        held = {} if len(frames) == 1 else document.keyframes(frames)
-        if order.anew:
-            held.pop(order.first, None)  # where tracking starts by itself the pose is only a start
-        path = legs(frames, order.first, start, held)
+        if len(frames) == 1:
+            refuse_to_fit(document, frames.start)
+        given = Given() if len(frames) == 1 else given_poses(document, frames)
+        if order.anew and order.first not in document.accepted:
+            given = given.without(order.first)  # where tracking starts by itself it is only a start
+        path = legs(frames, order.first, start, given, order.both_ends)
         if not path:
             raise HandtrackError(
-                "All these frames are set by hand or found; there is nothing to track."
+                "All these frames are set by hand, found or accepted; there is nothing to track."
             )
-        self._store.begin_take(frames, order.first, start, tuple(held))
-        job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, held)
+        self._store.begin_take(frames, order.first, start, tuple(given.held))
+        job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, given)
         self._begin(job)
 
     def refine(self) -> None:
-        """Begin to refine all tracked frames together; where nothing but keyframes has changed since, those that they touch."""
+        """Begin to refine all tracked frames together; where nothing but keyframes and pins has changed since, those that they
+        touch.
+        """
         self._refuse()
         document = self._document
-        held = document.keyframes(document.frames)
-        tracked = [document.results[frame] for frame in document.results if frame not in held]
+        given = given_poses(document, document.frames)
+        tracked = [document.results[f] for f in document.results if f not in given.held]
         if len(tracked) < 2:
             raise HandtrackError("There is nothing to refine: track some frames first.")
         before = self._refined_with
-        now = document.run, document.state.get(keys.SPANS), held
-        changed = None if before is None else before.changed(*now)
-        job = RefiningJob(self._next(), document.run, tracked, held, changed, self._post)
+        changed = None if before is None else before.changed(RefinedWith.of(document))
+        job = RefiningJob(self._next(), document.run, tracked, given, changed, self._post)
         self._begin(job)
 
     def track_live(self) -> None:
@@ -240,7 +248,7 @@ class JobControl:
 
     def _begin(self, job: BackgroundJob) -> None:
         self._job, self._outcomes, self._latest = job, {}, {}
-        self._moved = Moved()
+        self._moved, self._given = Moved(), RefinedWith.of(self._document)
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -296,17 +304,17 @@ class JobControl:
     def _refined(self, done: Refined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
         document, job = self._document, self._job
-        held = job.keyframes if isinstance(job, TrackingJob | RefiningJob) else {}
+        held = job.given.held if isinstance(job, TrackingJob | RefiningJob) else {}
         if not self._moved.frames:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self._store.begin_take(frames, first, params, tuple(held), is_refined=True)
+            self._store.begin_take(frames, first, params, tuple(held), True, done.scale)
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)
             self._store.add(result)
-        self._refined_with = RefinedWith(document.run, document.state.get(keys.SPANS), held)
+        self._refined_with = replace(self._given, spans=document.state.get(keys.SPANS))
         self._publish(timeline_change(document))
 
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:

@@ -43,7 +43,7 @@ def one_frame(result: FrameResult) -> Notice:
     """Return how fitting one frame went."""
     if result.status == Status.TRACKED:
         return Notice("done", f"Frame {result.frame} is fitted", "What was seen is explained well.")
-    if result.is_open:
+    if result.is_open or result.is_unlikely:
         return Notice(
             "warning",
             f"Frame {result.frame} fits, as far as it is seen",

@@ -5,14 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import cast
 
-import numpy as np
-
-from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import HandScale
 from handtrack.session.doctor.check_tracked import doubt_of_cameras
@@ -23,6 +19,8 @@ from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack_app.engine.posing.given import Given
+from handtrack_app.engine.posing.legs import Leg
 from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
@@ -53,6 +51,8 @@ class Refined:
 
     job: int
     results: list[FrameResult]
+    scale: HandScale | None = None
+    """of the hand, where it was found anew with them"""
 
 
 @dataclass(frozen=True)
@@ -190,11 +190,10 @@ class TrackingJob(BackgroundJob):
         path: Sequence[Leg],
         post: Callable[[Report], None],
         watch: Watch | None = None,
-        held: Mapping[int, Floats[P]] | None = None,
+        given: Given | None = None,
     ) -> None:
-        """held: poses set by hand, solver parameters by frame."""
         super().__init__(number, frames, post)
-        self._run, self._path, self._watch, self.keyframes = run, path, watch, held or {}
+        self._run, self._path, self._watch, self.given = run, path, watch, given or Given()
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
@@ -221,7 +220,7 @@ class TrackingJob(BackgroundJob):
             if self.should_stop():
                 return
         tracked = [found[frame] for frame in sorted(found)]
-        told = refines and refine(self, run, tracked, self.keyframes)
+        told = refines and refine(self, run, tracked, self.given)
         if (
             recorded
             and not told
@@ -248,41 +247,43 @@ class RefiningJob(BackgroundJob):
         number: int,
         run: Run,
         tracked: Sequence[FrameResult],
-        held: Mapping[int, Floats[P]],
+        given: Given,
         changed: Sequence[int] | None,
         post: Callable[[Report], None],
     ) -> None:
-        """tracked: ascending; held: poses set by hand; changed: which of these are new since they were refined, or let go;
-        None: all frames are to be refined.
+        """tracked: ascending; changed: at which frames what was given is new since they were refined, or let go; None: all
+        frames are to be refined.
         """
         super().__init__(number, range(0), post)
-        self._run, self._tracked, self.keyframes, self._changed = run, tracked, held, changed
+        self._run, self._tracked, self.given, self._changed = run, tracked, given, changed
 
     def work(self) -> None:
-        refine(self, self._run, self._tracked, self.keyframes, self._changed)
+        refine(self, self._run, self._tracked, self.given, self._changed)
 
 
 def refine(
     job: BackgroundJob,
     run: Run,
     tracked: Sequence[FrameResult],
-    held: Mapping[int, Floats[P]],
+    given: Given,
     changed: Sequence[int] | None = None,
 ) -> bool:
     """Refine frames on a job's thread, and post those that are not as they were; return whether a camera was found to be off,
     which is posted, too.
     """
-    told: list[str] = []
+    shared: list[Refinement] = []
     control = Control(
         job.should_stop,
         on_refined=lambda share: job.tell(share, "Refining all frames together …"),
-        on_shared=lambda text: told.extend(Refinement.read(text).words),
+        on_shared=lambda text: shared.append(Refinement.read(text)),
     )
     before = {result.frame: result for result in tracked}
-    results = run.refined(tracked, control, held, changed)
+    results = run.refined(tracked, control, given.held, changed, given.pinned)
     results = [result for result in results if result is not before.get(result.frame)]
     for first in range(0, len(results), _TOGETHER):
-        job.post(Refined(job.number, results[first : first + _TOGETHER]))
+        scale = shared[-1].scale if shared else None
+        job.post(Refined(job.number, results[first : first + _TOGETHER], scale))
+    told = [words for found in shared for words in found.words]
     for words in told:
         job.post(Questioned(job.number, words))
     return bool(told)
@@ -330,60 +331,3 @@ class FindingJob(BackgroundJob):
         found = find_first_poses(run, self._frame, self.should_stop, self.tell)
         if not self.should_stop():
             self.post(Found(self.number, found))
-
-
-# ---- keyframes: poses set by hand stay as they are, and tracking starts again from each
-
-
-@dataclass(frozen=True, eq=False)
-class Leg:
-    """Frames to be tracked on from one pose: forward from `first`, and backward where there are earlier ones."""
-
-    frames: range
-    first: int
-    params: Floats[P]
-    """to start with at `first`"""
-
-
-def legs(
-    frames: range, first: int, params: Floats[P], held: Mapping[int, Floats[P]]
-) -> tuple[Leg, ...]:
-    """Return in which legs frames are tracked from a pose at `first`: away from it, up to the next keyframe, and on
-    from that.
-
-    held: poses set by hand, by frame. They are not tracked; their neighbours start from them. If the pose at
-    `first` is among them, tracking begins beside it.
-    """
-    later = [k for k in sorted(held) if first < k < frames.stop]
-    earlier = [k for k in sorted(held, reverse=True) if frames.start <= k < first]
-    low = earlier[0] + 1 if earlier else frames.start
-    high = later[0] if later else frames.stop
-    found = []
-    if first in held:
-        found.append(Leg(range(first + 1, high), first + 1, held[first]))
-        found.append(Leg(range(low, first), first - 1, held[first]))
-    else:
-        found.append(Leg(range(low, high), first, params))
-    for mark, following in pairwise([*later, frames.stop]):
-        found.append(Leg(range(mark + 1, following), mark + 1, held[mark]))
-    for mark, following in pairwise([*earlier, frames.start - 1]):
-        found.append(Leg(range(following + 1, mark), mark - 1, held[mark]))
-    return tuple(leg for leg in found if leg.frames)
-
-
-@dataclass(frozen=True, eq=False)
-class RefinedWith:
-    """What frames were refined with."""
-
-    run: Run
-    spans: Value
-    """of the current track, once they lay in it"""
-    held: Mapping[int, Floats[P]]
-
-    def changed(self, run: Run, spans: Value, held: Mapping[int, Floats[P]]) -> list[int] | None:
-        """Return which keyframes are new, moved or let go since; None where none is, or anything else may have changed."""
-        if run is not self.run or spans != self.spans:
-            return None
-        before = self.held
-        same = {f for f in before.keys() & held.keys() if np.array_equal(before[f], held[f])}
-        return sorted((before.keys() | held.keys()) - same) or None

@@ -10,7 +10,7 @@ from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
-    read_errors,
+    read_more,
     session_snapshot,
     timeline_snapshot,
     work_snapshot,
@@ -23,6 +23,9 @@ from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.posing.pin_service import PinService
+from handtrack_app.engine.review.live_score import LiveScore
+from handtrack_app.engine.review.review_service import ReviewService
 from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import export
@@ -37,7 +40,8 @@ from handtrack_app.protocol.snapshots import (
 
 Request = commands.Command | Report
 _EDITS = (
-    commands.TakePose | commands.PullTip | commands.ForgetPose | commands.Track | commands.TakeGuess
+    commands.TakePose | commands.PullTip | commands.SetPin | commands.DropPins | commands.CopyPins
+    | commands.ForgetPose | commands.Track | commands.TakeGuess
     | commands.Undo | commands.Redo
 )  # fmt: skip
 _KEEPS = (
@@ -86,9 +90,11 @@ class OpenSession:
         )
         self._clouds = CloudService(document, self.store, self.jobs, render_thread, publish)
         self._masks = MaskService(document, self.store, self.jobs, render_thread, publish)
+        self._pins = PinService(document, self._edit)
+        self._review = ReviewService(document, self.store, publish)
+        self._score = LiveScore(document, publish)
         self._counted, self._told = False, set[str]()
         self._told_work: WorkSnapshot | None = None
-        self._reads_errors = True  # of a long track, while nobody waits
 
     def show_first(self, wishes: Sequence[commands.Command]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
@@ -129,7 +135,8 @@ class OpenSession:
                     pose = edits.pose(document, request.frame, request.values)
                     self._edit(request.frame, pose, request.tag)
             case commands.ShowFrame():
-                self.store.write_what_rests(at_once=True)
+                if self.store.write_what_rests(at_once=True):
+                    self._announce(timeline_snapshot(document))
                 document.show(request.frame)
                 self._show_pose()
             case commands.TakePose():
@@ -137,6 +144,8 @@ class OpenSession:
             case commands.PullTip():
                 bent = edits.pulled_tip(document, request.frame, request.tip, request.target)
                 self._edit(request.frame, bent, request.tag)
+            case commands.SetPin() | commands.DropPins() | commands.CopyPins():
+                self._pins.serve(request)
             case commands.ForgetPose():
                 known = document.clamped(request.frame) in document.by_hand
                 self._edit(request.frame, edits.forgotten_pose(request.frame) if known else {})
@@ -144,10 +153,13 @@ class OpenSession:
                 self._travel(request)
             case commands.RestoreTake():
                 self.jobs.require_idle()
-                if self.store.restore_take(request.number):
+                frames = request.span and range(request.span[0], request.span[1] + 1)
+                if self.store.restore_take(request.number, frames):
                     document.show(document.frame)
                     self._show_all()
                     self._say("done", f"Take {request.number} is the track again", "")
+            case commands.Accept() | commands.CompareTake() | commands.WantCurves():
+                self._review.serve(request)
             case commands.WantPictures():
                 self.painter.want(request)
                 self._masks.want(request)
@@ -296,7 +308,7 @@ class OpenSession:
         """Write edits once none came for a while; what fails is told, and tried again with the next."""
         try:
             if self.store.write_what_rests():
-                self._publish(timeline_snapshot(self.document))
+                self._announce(timeline_snapshot(self.document))
         finally:
             self._tell_work()
 
@@ -315,8 +327,10 @@ class OpenSession:
     def _announce(self, snapshot: Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
         self._publish(snapshot)
+        self._review.seen(snapshot)
         if isinstance(snapshot, PoseSnapshot):
             self.painter.is_stale, self.painter.hurried = True, self.jobs.busy
+            self._score.shown()
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)
@@ -331,7 +345,7 @@ class OpenSession:
 
     def _show_all(self) -> None:
         self._show_pose()
-        self._publish(timeline_snapshot(self.document))
+        self._announce(timeline_snapshot(self.document))
 
     @property
     def rest_s(self) -> float:
@@ -348,10 +362,11 @@ class OpenSession:
             self._take_count()
         if self.painter.is_stale:
             self.painter.paint()
-        elif self._reads_errors:
-            self._reads_errors = read_errors(self.document)
-            if not self._reads_errors:
-                self._publish(timeline_snapshot(self.document))
+        elif self._score.is_due and not self.jobs.busy:
+            self._score.tell()
+        elif not self.document.rows.is_whole:  # of a long track, while nobody waits
+            if not read_more(self.document):
+                self._announce(timeline_snapshot(self.document))
         else:
             self.jobs.tick()
 
@@ -364,7 +379,7 @@ class OpenSession:
     def _watch_live(self, live: LiveControl) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
         if live.tell() and not self.jobs.busy:
-            self._publish(timeline_snapshot(self.document))
+            self._announce(timeline_snapshot(self.document))
         follow = self.jobs.follow
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
             self._show_pose()

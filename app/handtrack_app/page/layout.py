@@ -12,15 +12,22 @@ from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.live import LivePanel
 from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.page.panels.pose import PosePanel, certainty_table
+from handtrack_app.page.panels.pose import PosePanel, certainty_table, group_of
 from handtrack_app.page.panels.session import SessionPanel, head
-from handtrack_app.page.panels.takes import TakesPanel
-from handtrack_app.page.panels.timeline import TimelinePanel
 from handtrack_app.page.panels.tracking import TrackingPanel
+from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import STYLE_SHEET
+from handtrack_app.page.time.compared_hand import ComparedHand
+from handtrack_app.page.time.plots import PlotsPanel
+from handtrack_app.page.time.review import ReviewPanel
+from handtrack_app.page.time.takes import TakesPanel
+from handtrack_app.page.time.timeline import TimelinePanel
+from handtrack_app.page.views.help import Help
+from handtrack_app.page.views.room import POSE, REST, WIDTHS, Room, colours
+from handtrack_app.page.views.work_keys import add_work_keys
+from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.commands import StartAgain
-from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
@@ -37,13 +44,7 @@ class PageLayout:
     def __init__(self, page: Page, stage: Stage) -> None:
         self.page = page
         gui = page.gui
-        gui.configure_theme(
-            dark_mode=True,
-            show_logo=False,
-            show_share_button=False,
-            control_width="medium",
-            brand_color=BRAND,
-        )
+        colours(gui)
         self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
         self.saved = ""
@@ -54,11 +55,20 @@ class PageLayout:
         page.on(self.again, lambda _: page.send(StartAgain()))
         tabs = gui.add_tab_group()
         self.keys = Keys(gui)
-        self._add_keys(page)
+        self.help = Help(page, self.keys)
+        self.room = Room(page, self.keys)
+        zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls, self.keys)
         self.session = SessionPanel(
-            page, tabs.add_tab("View"), stage.look, stage.looking.set_paint, self.keys
+            page,
+            tabs.add_tab("View"),
+            stage.look,
+            stage.looking.set_paint,
+            self.keys,
+            zoom,
+            self.room,
         )
         self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
+        add_work_keys(self.keys, page, self.tracking)
         self.live = LivePanel(page, self.tracking.tab)
         self.takes = TakesPanel(page, self.tracking.tab)
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
@@ -66,32 +76,35 @@ class PageLayout:
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
         self.export = ExportPanel(page, tabs.add_tab("Export"))
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(342)
+        gui.main_panel.set_width(WIDTHS[REST])
 
+        self.compared = ComparedHand(page)
         left = gui.add_panel()
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
         nudges = NudgePanel(page, stage.hand_middle, stage.view_axes, self.keys)
-        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses)
+        pins = PinPanel(page, stage.grips, self.keys)
+        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins)
+        stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
         self.limits = LimitsPanel(page, left.add_tab("Limits"))
         certainty = left.add_tab("Certainty")
         with certainty:
             self.certainty = gui.add_html("")
+        self.review = ReviewPanel(page, left.add_tab("Review"))
+        self.review.add_keys(self.keys)
+        self.plots = PlotsPanel(
+            page, left.add_tab("Plots"), lambda: self.timeline.window, self.export.deliver
+        )
         left.dock_left()
-        left.set_width(310)
+        left.set_width(WIDTHS[POSE])
+
+        self.room.panels = {POSE: left, REST: gui.main_panel}
 
         below = gui.add_panel()
         self.timeline = TimelinePanel(page, below.add_tab("Timeline"))
+        self.timeline.add_keys(self.keys)
+        self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
-
-    def _add_keys(self, page: Page) -> None:
-        add, state = self.keys.add, page.state
-        add("Undo", "Z", lambda _: page.travel(back=True), "cmd/ctrl")
-        add("Redo", "Z", lambda _: page.travel(back=False), "cmd/ctrl+shift")
-        add("Play or pause", "P", lambda _: page.play(not state.playing))
-        add("Next frame", "N", lambda _: page.go_to(state.frame + 1))
-        add("Previous frame", "B", lambda _: page.go_to(state.frame - 1))
-        add("Next doubtful or lost frame", "N", lambda _: self.tracking.go_to_odd(), "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make all panels fit a session."""
@@ -104,6 +117,7 @@ class PageLayout:
             self.live,
             self.settings,
             self.timeline,
+            self.plots,
         ):
             panel.fit(session)
         self.head.content = head(session, self.progress, self.saved)
@@ -112,11 +126,16 @@ class PageLayout:
         """Show a pose in the panels."""
         self.pose.show(pose)
         self.timeline.show_frame(pose.frame)
+        self.review.show_frame()
+        self.tracking.show_frame()
+        self.compared.show_frame(pose.frame)
         self.certainty.content = certainty_table(self.pose.names, pose.std)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
         self.timeline.show_timeline(strip)
+        self.review.show_timeline(strip)
+        self.takes.show_timeline(strip)
         self.tracking.show_timeline(strip)
 
     def show_progress(self, progress: ProgressSnapshot) -> None:

@@ -7,6 +7,7 @@ import html
 import logging
 import math
 import operator
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from viser._messages import HotkeyKey, KeyModifier, Message
 
 log = logging.getLogger(__name__)
+_ASKED_S = 60.0  # a browser is waited for
 
 
 class UserEvent(Protocol):
@@ -98,6 +100,23 @@ class Page:
         """Send one page what no other gets."""
         client._websock_connection.queue_message(message)
 
+    def remembered(
+        self, client: viser.ClientHandle, name: str, act: Callable[[str | None], None]
+    ) -> None:
+        """Call back with what a page's browser keeps under a name, None for nothing or no answer; a page that draws its first
+        picture answers late, and the threads of viser are for others.
+        """
+
+        def ask() -> None:
+            try:
+                kept = client.local_storage.get_item(name, timeout=_ASKED_S)
+            except (RuntimeError, TimeoutError):
+                kept = None
+            if client.client_id in self.server.get_clients():
+                self._tried(client, partial(act, kept))
+
+        threading.Thread(target=ask, name="remembered", daemon=True).start()
+
     def own(
         self,
         widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle,
@@ -159,6 +178,8 @@ def number(value: object, low: float, high: float) -> float | None:
 
 _MODIFIERS = {"cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift"}
 
+_KEY_WORDS = {"pageup": "Page ↑", "pagedown": "Page ↓", "home": "Home", "end": "End"}
+
 
 @dataclass
 class Keys:
@@ -168,11 +189,16 @@ class Keys:
     known: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
 
-    def add(self, words: str, key: str, action: Action, modifier: KeyModifier | None = None) -> str:
-        """Let a key do something; `action` gets viser's event. Return the command's id."""
-        command = self.gui.add_command(words, hotkey=cast("HotkeyKey", key), modifier=modifier)
+    def add(
+        self, words: str, key: str | None, action: Action, modifier: KeyModifier | None = None
+    ) -> str:
+        """Let a key do something, or the palette alone (None); `action` gets viser's event. Return the command's id."""
+        hotkey = cast("HotkeyKey | None", key)
+        command = self.gui.add_command(words, hotkey=hotkey, modifier=modifier)
         command.on_trigger(action)
-        self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {key}".strip(), words))
+        if key is not None:
+            shown = _KEY_WORDS.get(key, key)
+            self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
         return command._impl.uuid
 
     def table(self) -> str:

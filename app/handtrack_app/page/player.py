@@ -15,9 +15,15 @@ from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, 
 class Player:
     """A clock on its own thread. It asks for frames; frames that come too late are skipped."""
 
-    def __init__(self, state: UserState, go_to: Callable[[float], None]) -> None:
+    def __init__(
+        self,
+        state: UserState,
+        go_to: Callable[[float], None],
+        ended: Callable[[], None] = lambda: None,
+    ) -> None:
+        """ended: called when playback ends, or whoever edits has ended it."""
         self.fps = 25.0
-        self._state, self._go_to = state, go_to
+        self._state, self._go_to, self._ended = state, go_to, ended
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name="player", daemon=True)
 
@@ -44,15 +50,19 @@ class Player:
                     began, first, due = time.monotonic(), state.start, state.start
                 if due != last_asked:
                     last_asked = due
-                    self._go_to(due)
+                    with state.lock:  # an edit that begins now comes first, and ends it
+                        if state.playing:
+                            self._go_to(due)
                 time.sleep(0.4 / max(pace, 1.0))
+            if not state.playing:
+                self._ended()
 
 
 class Demo:
     """Watches what the page shows, and presses the buttons that a new user would."""
 
     def __init__(self) -> None:
-        self._begun = self._tracking = False
+        self._begun = self._waits = self._tracking = False
 
     def begin(self, strip: TimelineSnapshot, page: Page, session: SessionSnapshot | None) -> None:
         """Track all frames once the session is shown; play what was tracked the last time."""
@@ -62,13 +72,15 @@ class Demo:
         if (strip.status >= 0).any():
             page.state.playing = True
             return
-        page.state.follow = True
+        page.state.follow = self._waits = True
         page.send(Track(session.start, session.stop, session.first_frame, anew=True))
 
     def follow(self, progress: ProgressSnapshot, page: Page) -> None:
-        """Play when tracking is done, unless the user looks at something else by then."""
+        """Play once when what it began to track is done, unless the user looks at something else by then."""
+        if not self._waits:
+            return
         if progress.state == "tracking":
             self._tracking = True
         elif self._tracking and progress.state == "idle":
-            self._tracking = False
+            self._tracking = self._waits = False
             page.state.playing = page.state.follow

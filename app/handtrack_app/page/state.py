@@ -85,6 +85,8 @@ class UserState:
     stop: int = 1
     values: tuple[float, ...] = ()
     """(S,) joint parameters as the user last set or saw them [m, rad]"""
+    values_at: int | None = None
+    """the frame that they are of"""
     version: int = 0
     playing: bool = False
     tracking: bool = False
@@ -122,13 +124,17 @@ class UserState:
             if values == self.values:
                 return None
             self.values = values
+            if (
+                self.values_at is not None
+            ):  # while it was played, the next frame was asked for already
+                self.frame = self.values_at
             return PoseEdit(self.frame, values, self.begin_edit())
 
     def begin_edit(self) -> int:
         """Return the version of an edit that begins: poses shown before it no longer move the page's widgets."""
         with self.lock:
             self.version += 1
-            self.follow = False
+            self.follow = self.playing = False  # no frame comes over who edits
             return self.version
 
     def clamp_frame(self, frame: float) -> int | None:

@@ -16,7 +16,44 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .multi-slider { margin-inline: 6px 12px; width: calc(100% - 18px) !important; }
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { width: calc(100vw - 684px) !important; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
+/* the timeline below all else, as wide as the window: nothing stands before scene and panels */
+:root { --handtrack-below: 142px; }
+div:has(> .mantine-Paper-root[style*="position: absolute"] .handtrack-timeline) {
+  height: calc(100% - var(--handtrack-below)) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) {
+  position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;
+  z-index: 4 !important; border-radius: 0 !important; overflow: hidden !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none !important; }
+div:has(> .handtrack-timeline) + div + div { margin-top: calc(-1 * var(--handtrack-lanes)); height: var(--handtrack-lanes);
+  padding: 0 10px 0 0 !important; position: relative; pointer-events: none; }
+div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root { height: 100%; align-items: stretch !important; }
+div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root > div:first-child { visibility: hidden; width: 120px !important;
+  padding: 0 !important; }
+div:has(> .handtrack-timeline) + div + div .mantine-Flex-root .mantine-Flex-root { height: 100%; align-items: flex-end; }
+div:has(> .handtrack-timeline) + div + div :is(.mantine-InputWrapper-root, .mantine-Slider-root) { pointer-events: auto; }
+div:has(> .handtrack-timeline) + div + div :is(.mantine-Slider-root, .mantine-Slider-trackContainer) { height: 100% !important;
+  padding: 0 !important; cursor: crosshair; }
+div:has(> .handtrack-timeline) + div + div .mantine-Slider-track { height: 100% !important; }
+div:has(> .handtrack-timeline) + div + div .mantine-Slider-track::before, div:has(> .handtrack-timeline) + div + div
+  :is(.mantine-Slider-bar, .mantine-Slider-markWrapper) { display: none !important; }
+div:has(> .handtrack-timeline) + div + div .mantine-Slider-thumb { height: 100% !important; width: 2px !important; border: 0 !important;
+  border-radius: 0 !important; background: currentColor !important; box-shadow: none !important; }
+div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }
+div:has(> .handtrack-queue) ~ div .mantine-Button-inner { justify-content: flex-start; }
+div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; text-align: left; height: auto; line-height: 1.3;
+  font-weight: 500; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div[style*="padding-top: var(--mantine-spacing-xs)"] {
+  padding-top: 0 !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
+/* notices as low bars above the hand, in a strip that a hand that is zoomed to leaves free; all of a long one under the pointer */
+.mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 670px)) !important; }
+.mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; }
+.mantine-Notification-body { display: flex; gap: .7em; align-items: baseline; }
+.mantine-Notification-title { white-space: nowrap; margin-bottom: 0 !important; }
+.mantine-Notification-description { font-size: .8em !important; line-height: 1.3; max-height: 2.6em; overflow: hidden; }
+.mantine-Notification-root:hover .mantine-Notification-description { max-height: none; }
+[data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
+  background-color: #c3c9d2 !important; }
+.handtrack-warning { color: #f0e442; }
+[data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
 </style>"""

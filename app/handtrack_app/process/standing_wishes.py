@@ -14,6 +14,7 @@ from handtrack_app.protocol.snapshots import LiveSnapshot, PoseSnapshot, Progres
 
 _STANDING = (
     commands.WantPictures, commands.WantSurface, commands.WantCloud, commands.WantMasks, commands.Follow,
+    commands.CompareTake, commands.WantCurves,
 )  # fmt: skip
 _UNWRITTEN_S = 2.0  # edits reach the disk within one second, and a busy engine is late
 _AT_WORK = ("tracking", "paused")

@@ -8,6 +8,18 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 
+from handtrack_app.protocol.mask_commands import (
+    CarryMasks,
+    DropCorrection,
+    MarkMaskBox,
+    PaintMask,
+    RestoreMasks,
+    SaveMasks,
+    SetMasks,
+    WantMasks,
+)
+from handtrack_app.protocol.reviewing import Accept, CompareTake, WantCurves
+
 
 @dataclass(frozen=True)
 class ShowFrame:
@@ -52,6 +64,46 @@ class PullTip:
 
 
 @dataclass(frozen=True)
+class SetPin:
+    """Let a joint, or a point of a segment, lie at a pixel of a camera's undistorted image. A newer one of the same drag
+    replaces an older one that still waits.
+    """
+
+    frame: int
+    camera: str
+    pixel: tuple[float, float]
+    version: int
+    joint: str = ""
+    """or a bone, and a point in its frame [m]"""
+    bone: str = ""
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by_images: bool = True
+    """what was seen holds the rest of the hand; else it changes least"""
+    tag: str = ""
+    """of the drag"""
+
+
+@dataclass(frozen=True)
+class DropPins:
+    """Drop one of a frame's pins by its place in the list, or all (None)."""
+
+    frame: int
+    which: int | None
+    version: int
+    by_images: bool = True
+
+
+@dataclass(frozen=True)
+class CopyPins:
+    """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
+
+    frame: int
+    before: int
+    behind: int
+    version: int
+
+
+@dataclass(frozen=True)
 class ForgetPose:
     """Drop what was set by hand at a frame; the tracked pose shows again."""
 
@@ -75,9 +127,11 @@ class Redo:
 
 @dataclass(frozen=True)
 class RestoreTake:
-    """Make a take the current track."""
+    """Make a take the current track, or some of its frames."""
 
     number: int
+    span: tuple[int, int] | None = None
+    """first to last; None: all"""
 
 
 @dataclass(frozen=True)
@@ -96,6 +150,8 @@ class Track:
     """start from the first-frame pose as saved, even if its frame was tracked before"""
     version: int = 0
     """of the user's edits, when fitting one frame is one"""
+    both_ends: bool = False
+    """between keyframes half of the frames are tracked from each"""
 
 
 @dataclass(frozen=True)
@@ -264,91 +320,27 @@ class RestoreClouds:
 
 
 @dataclass(frozen=True)
-class WantMasks:
-    """Whether the page shows masks over all cameras' images."""
-
-    on: bool
-
-
-FILES, NO_MASKS = "files", "none"
-"""in place of a method: files that session.toml names; no masks"""
-
-
-@dataclass(frozen=True)
-class SetMasks:
-    """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`)."""
-
-    camera: str
-    """empty: all that have what it takes"""
-    values: tuple[tuple[str, object], ...]
-
-
-@dataclass(frozen=True)
-class MarkMaskBox:
-    """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
-
-    camera: str
-    what: str
-    box: tuple[int, int, int, int]
-    frame: int
-
-
-@dataclass(frozen=True)
-class SaveMasks:
-    """Write where masks come from into session.toml."""
-
-
-@dataclass(frozen=True)
-class RestoreMasks:
-    """Go back to the masks as session.toml has them."""
-
-
-@dataclass(frozen=True)
-class PaintMask:
-    """Paint a stroke over a camera's mask in a frame."""
-
-    frame: int
-    camera: str
-    brush: str
-    """`hand`, `not hand`, `unknown`, or `as it is` (not corrected)"""
-    points: tuple[tuple[float, float], ...]
-    """columns and rows [px] of the undistorted image"""
-    radius_px: float
-    tag: str = ""
-    """of the drag; what follows soon with the same is one step of undo"""
-
-
-@dataclass(frozen=True)
-class DropCorrection:
-    """Forget what was painted over a camera's mask in a frame."""
-
-    frame: int
-    camera: str
-
-
-@dataclass(frozen=True)
-class CarryMasks:
-    """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
-
-    frame: int
-    camera: str
-    before: int
-    behind: int
-
-
-@dataclass(frozen=True)
 class StartAgain:
     """Start the engine that ended too often; for whoever keeps its process."""
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | ForgetPose | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullTip | SetPin | DropPins | CopyPins | ForgetPose | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
-    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | StartAgain
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | CompareTake | WantCurves | Accept | StartAgain
 )  # fmt: skip
 
-_LATEST_WINS = (ShowFrame, WantPictures, WantCloud, WantSurface, WantMasks, SampleSkin)
+_LATEST_WINS = (
+    ShowFrame,
+    WantPictures,
+    WantCloud,
+    WantSurface,
+    WantMasks,
+    SampleSkin,
+    CompareTake,
+    WantCurves,
+)
 
 
 def kind_of(request: object) -> Hashable | None:
@@ -361,6 +353,8 @@ def kind_of(request: object) -> Hashable | None:
         return ("setting", request.name)
     if isinstance(request, SetLimits):
         return ("limits", request.name)
+    if isinstance(request, SetPin):
+        return (SetPin, request.frame, request.camera, request.tag)
     if isinstance(request, SetPose | PullTip):
         return (type(request), request.frame)  # an edit never replaces another frame's
     return type(request) if isinstance(request, _LATEST_WINS) else None

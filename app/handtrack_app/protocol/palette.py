@@ -35,6 +35,10 @@ STATUS = {
     3: ("set by hand", "#cc79a7"),
     4: ("interpolated", "#009e73"),
 }
+PIN = (213, 94, 0)
+"""what somebody pinned"""
+PINNED = ("pinned", "#d55e00")
+"""of a pose to which pins led"""
 FOUND = ("found", "#ebebeb")
 """of a pose that a search found, like its ghost's"""
 BRAND = (0, 114, 178)
@@ -104,6 +108,7 @@ TERMS = {
     "model→cloud": "#56b4e9",
     "lines of sight": "#e8e8e8",
     "keypoints": "#cc79a7",
+    "pins": "#0072b2",
     "edges": "#f0e442",
     "intensity": "#d55e00",
     "priors": "#9aa0a8",

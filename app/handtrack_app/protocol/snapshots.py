@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, K, L, M, N, S, T, V, W
+from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, J, K, L, M, N, S, T, V, W
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack_app.protocol.comparing import ComparedSnapshot, CurvesSnapshot
 from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.protocol.masks import MaskCard, MaskPicture
+from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.timeline import TimelineChange, TimelineSnapshot
 
 HAND_REACH_M = 0.11
@@ -79,6 +81,7 @@ class SessionSnapshot:
     has_truth: bool
     model: str
     tip_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
     pose_names: tuple[str, ...]
     """the pose library"""
     kind: str = "hand"
@@ -100,6 +103,22 @@ class SessionSnapshot:
 
 
 @dataclass(frozen=True)
+class PinCard:
+    """A pin of the frame shown, and how the pose meets it."""
+
+    camera: str
+    words: str
+    """what is pinned"""
+    pixel: tuple[float, float]
+    """of the camera's undistorted image"""
+    place: tuple[float, float, float]
+    """where the pose has it, world [m]"""
+    meant: tuple[float, float, float]
+    """the nearest place on the pin's ray"""
+    off_px: float
+
+
+@dataclass(frozen=True)
 class PoseSnapshot:
     """The hand at one frame, ready to draw."""
 
@@ -115,7 +134,7 @@ class PoseSnapshot:
     tips: Floats[L, D3]
     """fingertips, world [m]"""
     origin: str
-    """`set` by hand, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
+    """`set` by hand, `pinned`: where pins led, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float
@@ -127,6 +146,16 @@ class PoseSnapshot:
     """mean distance to the truth; NaN without"""
     note: str = ""
     """why the frame is doubtful or lost"""
+    joints: Floats[J, D3] = field(default_factory=lambda: np.zeros((0, 3)))
+    """world [m]"""
+    pins: tuple[PinCard, ...] = ()
+    accepted: bool = False
+    """no tracking changes it"""
+
+    @property
+    def middle(self) -> Floats[D3]:
+        """The middle of the hand [m]: of its ellipsoids near the palm and fingers."""
+        return np.median(self.centre, axis=0)
 
 
 @dataclass(frozen=True)
@@ -343,7 +372,7 @@ class WorkSnapshot:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
 
 

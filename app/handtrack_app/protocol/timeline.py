@@ -8,6 +8,37 @@ import numpy as np
 
 from handtrack.arrays import Array, F, Floats, Ints, N
 
+PROBABILITY, VIEWS, AT_LIMITS, MOVED, APART = (
+    "probably off", "views", "at limits", "changed mm", "apart mm",
+)  # fmt: skip
+"""lanes: how probably a joint is 25 mm off; the views a frame's energy is of; joints at their limits; how far the take that
+shows moved a joint from the one below it; how far a joint lies from the take that is compared"""
+
+
+@dataclass(frozen=True)
+class StretchCard:
+    """Frames, first to last, that are worth a look."""
+
+    first: int
+    last: int
+    worst: int
+    """the frame that is most probably off"""
+    expected: float
+    """how many of its frames are off, by their probabilities"""
+    brief: str
+    """the reason in a few words"""
+    words: str
+    """and in a clause"""
+
+
+@dataclass(frozen=True)
+class TakeSpan:
+    """Frames, first to last, that a take shows."""
+
+    take: int
+    first: int
+    last: int
+
 
 @dataclass(frozen=True)
 class TimelineSnapshot:
@@ -25,6 +56,14 @@ class TimelineSnapshot:
     """the energy's parts in words"""
     found: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
+    lanes: dict[str, Floats[F]] = field(default_factory=dict)
+    """other numbers by their words, NaN where unknown"""
+    accepted: frozenset[int] = frozenset()
+    """frames that no tracking changes"""
+    stretches: tuple[StretchCard, ...] = ()
+    """worth a look, the worst first"""
+    takes: tuple[TakeSpan, ...] = ()
+    """what the track is composed of, ascending"""
 
 
 @dataclass(frozen=True)
@@ -38,6 +77,7 @@ class TimelineChange:
     energy: Floats[N]
     error_mm: Floats[N]
     terms: dict[str, Floats[N]]
+    lanes: dict[str, Floats[N]] = field(default_factory=dict)
 
     def over(self, strip: TimelineSnapshot) -> TimelineSnapshot:
         """Return a timeline with these rows; as it was if it is of other frames, as a whole one is on its way then."""
@@ -58,4 +98,6 @@ class TimelineChange:
             error_mm=put(strip.error_mm, self.error_mm),
             terms=strip.terms
             | {word: put(strip.terms.get(word, unknown), new) for word, new in self.terms.items()},
+            lanes=strip.lanes
+            | {word: put(strip.lanes.get(word, unknown), new) for word, new in self.lanes.items()},
         )

@@ -21,11 +21,13 @@ from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice, RerunPage
+from handtrack_app.rerun.space import JudgedFrame, SpaceEntry
 from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
 
 log = logging.getLogger(__name__)
@@ -75,7 +77,8 @@ class ResidualRecorder:
         self._waiting: deque[_Entry] = deque()
         self._closing = False
         self._changed = threading.Condition()
-        self._stream = RerunStream(path, live, queue=_ENTRIES)
+        self._live = live
+        self._stream = RerunStream(path, live, queue=_ENTRIES, cameras=run.session.rig.cameras)
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
 
@@ -145,7 +148,9 @@ class ResidualRecorder:
     def _record(self, entry: _Entry) -> None:
         model, result = entry.run.model, entry.result
         painter = None
-        if result.frame == self._closely or not self._is_behind():
+        while not self._live and self._stream.waiting > _BEHIND and not self._stream.problem:
+            threading.Event().wait(_PAUSE_S)  # a file alone is to have everything: here we can wait
+        if result.frame == self._closely or not (self._live and self._is_behind()):
             params = model.transform.solver_params(result.parameters)
             painter = _Painter(entry.run, result.frame, params)
         else:
@@ -160,6 +165,11 @@ class ResidualRecorder:
                 parameters=_named(model, result.parameters),
                 pictures=() if painter is None else painter.pictures(painter.params),
                 note=result.note,
+                energies=dict(result.energies),
+                judged=JudgedFrame.of(result),
+                error_mm=_error_mm(entry.run, result),
+                overlap={} if painter is None else painter.overlap(),
+                space=None if painter is None else painter.space(),
             )
         )
         if painter is None or result.frame != self._closely:
@@ -189,7 +199,12 @@ class _Painter:
         self.params = params
         self._model = run.model
         use = run.settings.silhouettes.weight > 0
-        self._observation = run.session.observation(frame, silhouettes=use, cloud=False)
+        self._observation = run.session.observation(
+            frame, silhouettes=use, cloud=run.session.has_clouds
+        )
+        self._images = {
+            view.camera.name: view.pixels[..., ::-1] for view in run.session.images(frame)
+        }
         bones = run.model.bones(params)
         self._terms = frame_terms(run.model, run.settings, self._observation, bones, None)
         kinds = (CoverageTerm, ConicFieldTerm)
@@ -208,8 +223,39 @@ class _Painter:
             if self._term is not None:
                 field = predicted_image(self._term, i, bones)
                 predicted, residual = -field, np.where(counts, residual_image(field, mask), 0.0)
-            views.append(CameraPictures(silhouette.camera.name, mask, predicted, residual))
+            name = silhouette.camera.name
+            views.append(CameraPictures(name, mask, predicted, residual, self._images.get(name)))
+        seen = {view.camera for view in views}
+        views += [CameraPictures(n, image=i) for n, i in self._images.items() if n not in seen]
         return tuple(views)
+
+    def overlap(self) -> dict[str, float]:
+        """Return how far model and mask overlap in each camera."""
+        seen, bones = self._terms.prepared, self._model.bones(self.params)
+        found = outline_overlap(seen, self._model.flesh["fine"], bones).iou.tolist() if seen else []
+        names = [silhouette.camera.name for silhouette in self._observation.silhouettes]
+        return dict(zip(names, found, strict=True))
+
+    def space(self) -> SpaceEntry:
+        """Return the hand in space."""
+        cloud = self._observation.cloud
+        points = None if cloud is None else cloud.points
+        return SpaceEntry.of(self._model, self._model.bones(self.params), points)
+
+
+def _error_mm(run: Run, result: FrameResult) -> float:
+    truth = run.session.truth
+    row = -1 if truth is None else next(iter(np.flatnonzero(truth.frame == result.frame)), -1)
+    if truth is None or row < 0:
+        return float("nan")
+    true, found = truth.keypoints21, result.keypoints21
+    if true is None or found is None:
+        same = truth.joint_positions is not None and truth.joint_names == run.model.joint_names
+        if not same:
+            return float("nan")
+        true, found = truth.joint_positions, result.joint_positions
+    assert true is not None
+    return float(1e3 * np.linalg.norm(true[row] - found, axis=1).mean())
 
 
 def _within(spans: Array, width: int) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, Floats, H, W
+from handtrack.diagnostics.review import Judged, Stretch, worth_a_look
 from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack_app.rerun.space import SpaceEntry, log_cameras, log_space, queue_text, worst_first
 from handtrack_app.rerun.viewer import RerunViewer
 
 if TYPE_CHECKING:
@@ -44,6 +47,8 @@ class CameraPictures:
     """likewise"""
     residual: Floats[H, W] | None = None
     """signed, −1…1: observed − predicted"""
+    image: Bytes[H, W, D3] | None = None
+    """RGB, without its lens's distortion"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +66,13 @@ class FrameEntry:
     """joint parameters [m, rad] by name"""
     pictures: tuple[CameraPictures, ...] = ()
     note: str = ""
+    judged: Judged | None = None
+    """what is known of how far it can be trusted"""
+    overlap: Mapping[str, float] = field(default_factory=dict)
+    """of model and mask, intersection over union by camera"""
+    error_mm: float = float("nan")
+    """mean distance of joints to the truth, where there is one"""
+    space: SpaceEntry | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +95,9 @@ class RerunStream:
         live: bool = False,
         name: str = "handtrack",
         queue: int = _QUEUE,
+        cameras: Sequence[Camera] = (),
     ) -> None:
-        """Start. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
+        """Start. cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
         assert path is not None or live, "neither a file nor a viewer"
         self.dropped = 0
         """entries left out because rerun was slower than tracking"""
@@ -92,7 +105,8 @@ class RerunStream:
         """why recording stopped, in words; empty while all is well"""
         self._path = None if path is None else _writable(Path(path))
         self._viewer = RerunViewer() if live else None
-        self._name = name
+        self._name, self._cameras = name, cameras
+        self._queue: dict[int, Judged | None] = {}
         self._waiting: deque[FrameEntry | IterationEntry] = deque()
         self._most, self._closing = queue, False
         self._changed = threading.Condition()
@@ -145,8 +159,10 @@ class RerunStream:
             for entry in self._entries():
                 if isinstance(entry, FrameEntry):
                     _log_frame(recording, entry)
+                    self._queue[entry.frame] = entry.judged
                 else:
                     _log_iteration(recording, entry)
+            self._log_queue(recording)
             recording.flush(timeout_sec=_CLOSING_S / 2)
             recording.disconnect()
         except Exception as error:  # tracking goes on without the recording
@@ -165,8 +181,19 @@ class RerunStream:
             self._viewer.start()
             sinks.append(rr.GrpcSink(self._viewer.address))
         recording = rr.RecordingStream(self._name, send_properties=False)
-        recording.set_sinks(*sinks, default_blueprint=_layout())
+        recording.set_sinks(*sinks, default_blueprint=_layout([]))
+        log_cameras(recording, self._cameras)
         return recording
+
+    def _log_queue(self, recording: RecordingStream) -> None:
+        """Say at the end what is worth a look, and let the viewer open there."""
+        import rerun as rr
+
+        known = [self._queue[frame] for frame in sorted(self._queue)]
+        queue = worth_a_look([judged for judged in known if judged is not None])
+        text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
+        recording.log("queue", text, static=True)
+        recording.send_blueprint(_layout(queue))
 
     def _entries(self) -> Iterator[FrameEntry | IterationEntry]:
         while True:
@@ -190,6 +217,11 @@ def _log_frame(recording: RecordingStream, entry: FrameEntry) -> None:
     _log_scalars(recording, "parameters", entry.parameters)
     _log_scalars(recording, "solver", {"iterations": entry.iterations, "status": entry.status})
     _log_pictures(recording, "cameras", entry.pictures)
+    _log_scalars(recording, "overlap", entry.overlap)
+    if np.isfinite(entry.error_mm):
+        _log_scalars(recording, "error", {"mm": entry.error_mm})
+    if entry.space is not None:
+        log_space(recording, entry.space)
     if entry.note:
         recording.log("log", rr.TextLog(f"frame {entry.frame}: {entry.note}", level="WARN"))
 
@@ -218,6 +250,7 @@ def _log_pictures(
 
     for view in pictures:
         painted = {
+            "image": view.image,
             "observed": None if view.observed is None else grey(view.observed),
             "predicted": None if view.predicted is None else grey(view.predicted),
             "residual": None if view.residual is None else signed_colours(view.residual),
@@ -244,20 +277,27 @@ def signed_colours(residual: Floats[H, W]) -> Bytes[H, W, D3]:
     return np.stack([red, fade, blue], axis=-1)
 
 
-def _layout() -> Blueprint:
+def _layout(queue: Sequence[Stretch]) -> Blueprint:
     import rerun.blueprint as rrb
 
+    kinds = ("image", "residual", "observed", "predicted")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Grid(*[_pictures_view(kind) for kind in ("residual", "observed", "predicted")]),
             rrb.Vertical(
-                rrb.TimeSeriesView(origin="/energy", name="Energy"),
+                rrb.Spatial3DView(origin="/world", name="Space"),
+                rrb.Grid(*[_pictures_view(kind) for kind in kinds]),
+            ),
+            rrb.Vertical(
+                rrb.TextDocumentView(origin="/queue", name="Worth a look"),
+                rrb.TimeSeriesView(origin="/energy", name="Energy by term"),
+                rrb.TimeSeriesView(origin="/overlap", name="Overlap by camera"),
+                rrb.TimeSeriesView(origin="/error", name="Error [mm]"),
                 rrb.TimeSeriesView(origin="/parameters", name="Parameters [m, rad]"),
                 rrb.TextLogView(origin="/log", name="Doubtful and lost frames"),
             ),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline="frame"),
+        worst_first(queue),
     )
 
 

@@ -6,7 +6,7 @@ body's joints are the truth. `python -m docs.pictures.monocular_dance FILE.png` 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -23,8 +23,7 @@ from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses.sequence_path import chosen_sequence
-from handtrack.tracking.state import TrackerState
+from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
 
 FPS, FRAMES = 25.0, 100
@@ -78,9 +77,11 @@ class DanceErrors:
     """of the best of the hypotheses shown"""
     own: Floats[F]
     """of the heaviest"""
-    path: Floats[F]
-    smooth: Floats[F]
+    refined_oracle: Floats[F]
+    """of the best of those that stay with a frame once all are known"""
+    refined: Floats[F]
     results: tuple[FrameResult, ...]
+    """of the live pass"""
 
 
 @cache
@@ -126,24 +127,25 @@ def tracked(what: SeenDance, hypotheses: int, **more: object) -> DanceErrors:
     values = {"tracker.hypotheses": hypotheses, **SETTINGS, **more}
     settings = TrackerSettings().with_values(values)
     tracker = Tracker(what.model, settings)
-    state, carried = TrackerState.beginning_at(what.start()), []
-    for frame in range(len(what.pixels)):
-        state, result = tracker.step(state, what.observation(frame))
-        carried.append((result, state.hypotheses))
-    results = [result for result, _ in carried]
+    found = list(
+        track_recording(
+            tracker, lambda n, _: what.observation(n), 0, what.start(), range(len(what.pixels))
+        )
+    )
+    results, refined = found[: len(what.pixels)], found[len(what.pixels) :]
+    return DanceErrors(*_errors(what, results), *_errors(what, refined), results=tuple(results))
+
+
+def _errors(what: SeenDance, results: list[FrameResult]) -> tuple[Floats[F], Floats[F]]:
+    """Return the errors of each frame's best pose of those shown, and of its own."""
     own = np.array([what.errors(r.joint_positions, r.frame) for r in results])
     oracle = own.copy()
-    for result in results:
+    for row, result in enumerate(results):
         for pose in result.alternatives[:SHOWN]:
             params = what.model.transform.solver_params(pose.parameters)
             shape = what.model.joint_positions(what.model.bones(params))
-            oracle[result.frame] = min(oracle[result.frame], what.errors(shape, result.frame))
-    sequences = {}
-    for name in ("path", "smooth"):
-        chosen = replace(settings, mixture=replace(settings.mixture, sequence=name))
-        done = chosen_sequence(what.model, chosen, carried)
-        sequences[name] = np.array([what.errors(r.joint_positions, r.frame) for r in done])
-    return DanceErrors(oracle, own, **sequences, results=tuple(results))
+            oracle[row] = min(oracle[row], what.errors(shape, result.frame))
+    return oracle, own
 
 
 def monocular_dance(segments: tuple[int, ...] = SEGMENTS) -> dict[str, Any]:
@@ -164,9 +166,10 @@ def summary(several: DanceErrors, one: DanceErrors) -> dict[str, float]:
     rows = {
         "best_of_8": several.oracle,
         "own_choice": several.own,
-        "own_path": several.path,
-        "own_path_smoothed": several.smooth,
+        "refined_best_of_8": several.refined_oracle,
+        "refined": several.refined,
         "single": one.own,
+        "single_refined": one.refined,
     }
     near = {f"{name}_near": float((errors < NEAR_MM).mean()) for name, errors in rows.items()}
     return near | {f"{name}_mm": float(errors.mean()) for name, errors in rows.items()}

@@ -93,8 +93,8 @@ class Balancing:
     run: TrackingRun
     results: tuple[FrameResult, ...]
     """the best hypothesis of each frame"""
-    smoothed: tuple[FrameResult, ...]
-    """the line that led to the best of the last frame, smoothed"""
+    refined: tuple[FrameResult, ...]
+    """all frames together"""
 
 
 def tracked(
@@ -104,7 +104,7 @@ def tracked(
     session = write_session(folder, cameras)
     if body is not None:
         (folder / "body.json").write_bytes(body.read_bytes())
-    values = {**SETTINGS, "mixture.sequence": "smooth", **settings}
+    values = {**SETTINGS, **settings}
     first = FirstPose(0, {"root_tz": 1.0, "root_rx": np.pi / 2})  # upright: the world's z is up
     run = TrackingRun.open(session, values, first)
     if body is None:
@@ -113,11 +113,11 @@ def tracked(
         run = run.with_scale(model.scale)
     frame, start = run.initial()
     best: dict[int, FrameResult] = {}
-    smoothed: dict[int, FrameResult] = {}
+    refined: dict[int, FrameResult] = {}
     for result in run.track(range(FRAMES), frame, start):
         best.setdefault(result.frame, result)
-        smoothed[result.frame] = result
-    return Balancing(run, tuple(best.values()), tuple(smoothed.values()))
+        refined[result.frame] = result
+    return Balancing(run, tuple(best.values()), tuple(refined.values()))
 
 
 def _fitted(run: TrackingRun) -> ArticulatedModel:
@@ -184,8 +184,8 @@ def _compared(label: str, alone: Balancing, everything: Balancing) -> dict[str, 
         ]
         figures[f"{label}_best_mm"] = float(np.mean(best))
         figures[f"{label}_best_near"] = float((np.array(best) < 60).mean())
-        errors = [error(r.joint_positions, true[r.frame]) for r in alone.smoothed]
-        figures[f"{label}_smoothed_mm"] = float(np.mean(errors))
+        errors = [error(r.joint_positions, true[r.frame]) for r in alone.refined]
+        figures[f"{label}_refined_mm"] = float(np.mean(errors))
     return figures
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from handtrack.capture.images.openpose import LAYOUTS, Layout, read_openpose
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.layout import matching_files
 
 # confidences below which a point counts as missing, and with half its weight
@@ -23,7 +23,24 @@ _UNSURE = 2.0  # times sigma of points between the two
 _STEPS = 2.0  # in which sigma is graded, for each doubling
 
 
-def of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypoints:
+def of_model(seen: Observation, model: ArticulatedModel) -> Observation:
+    """Return what was seen, with the keypoints and pins of places that a model has."""
+    if not (seen.keypoints or seen.pins):
+        return seen
+    joints = [
+        joints_of_model(one, model) if isinstance(one, ImageKeypoints) else one
+        for one in seen.keypoints
+    ]
+    names = model.joint_names, model.skeleton.bone_names
+    pins = [replace(s, pins=tuple(p for p in s.pins if p.is_on(*names))) for s in seen.pins]
+    return replace(
+        seen,
+        keypoints=tuple(one for one in joints if one.names),
+        pins=tuple(one for one in pins if one.pins),
+    )
+
+
+def joints_of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypoints:
     """Return the joints that a model has."""
     rows = [i for i, name in enumerate(seen.names) if name in model.joint_names]
     names = tuple(seen.names[i] for i in rows)

@@ -15,6 +15,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.versions import versions_in_use
 from handtrack.store.take import TakeAbout
+from handtrack.tracking.frame.result import TrackLabels
 
 REFINED = "refined"
 
@@ -52,10 +53,10 @@ def refined_by(program: str) -> str:
     return f"{program}, {REFINED}"
 
 
-def about_refined(about: TakeAbout) -> TakeAbout:
-    """Return the description of the refined frames of a take."""
-    inputs = {**about.inputs, "estimate": REFINED}
-    return replace(about, by=refined_by(about.by), begun=_now(), inputs=inputs)
+def about_refined(about: TakeAbout, labels: TrackLabels | None = None) -> TakeAbout:
+    """Return the description of the refined frames of a take; labels: where refining changed what they mean, as the hand's size."""
+    inputs, by = {**about.inputs, "estimate": REFINED}, refined_by(about.by)
+    return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)
 
 
 def _files(session: Session) -> dict[str, str]:

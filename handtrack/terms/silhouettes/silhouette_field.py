@@ -9,12 +9,12 @@ from typing import Self
 
 import numpy as np
 
-from handtrack.arrays import D2, C, E, Floats
+from handtrack.arrays import D2, D3, D7, B, C, E, Floats, J, N
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.silhouettes.silhouette_kernels import camera_system, silhouette_kernel
 from handtrack.terms.term_table import TermTable
@@ -159,3 +159,19 @@ class FieldTerm:
         return field_system(
             self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, growing=True
         )
+
+    def linearize_sized(
+        self, bones: BonePoses, jacobian: Floats[B, D7, N], moves: Floats[J, D3, N]
+    ) -> JointSystem:
+        """Return cost, gradient and Hessian by N unknowns, as `KeypointTerm` does; moves of points count for nothing.
+
+        To a camera a bone that grows about the root comes nearer by the same share: six numbers a bone are enough.
+        """
+        del moves
+        parts = []
+        for term in self.alone():
+            nearer = term.silhouettes[0].camera.centre - bones.reference
+            twists = jacobian[:, :6].copy()
+            twists[:, :3] += nearer[:, None] * jacobian[:, 6:]
+            parts.append(term.linearize(bones).pull_back(twists))
+        return sum(parts[1:], parts[0])

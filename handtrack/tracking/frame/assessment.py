@@ -14,6 +14,7 @@ from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.tracking.frame.constants import (
+    BODY_BY_HAND,
     DOUBTFUL_CLOUD,
     DOUBTFUL_OVERLAP,
     DOUBTFUL_PART,
@@ -41,7 +42,6 @@ _LEAST_USUAL = (
 )
 _DOUBTFUL = 2.0  # times the usual energy: say so
 _ODD_SHARES = 20.5  # χ² of five fingers' shares of a hand that one person in a thousand exceeds
-_BODY_BY_HAND = 9.2  # 1750 mm of a person by 190 mm of a hand: the same share of both
 _FEWEST_JOINTS = 2  # of a part that say where it is: its direction, too
 _LEAST_PART_PX = 30.0  # of a part's outline: fewer pixels do not tell
 
@@ -143,7 +143,7 @@ def what_is_open(
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)
     whole = float(np.sqrt(spread.mean()))
     if model.kind == "body":
-        most_mm *= _BODY_BY_HAND
+        most_mm *= BODY_BY_HAND
         return Reason("open", "whole body", number=whole) if 0 < most_mm < whole else None
     if most_mm == 0 or whole <= most_mm:
         return None

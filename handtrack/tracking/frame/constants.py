@@ -28,6 +28,9 @@ POINTS_LAST = 0.8
 """correlation of a detector's errors from frame to frame; measured 0.82 with MediaPipe's at 30 frames a second, 0.5 after four frames
 (desk_two_view, what is left over after offsets)"""
 
+BODY_BY_HAND = 9.2
+"""1750 mm of a person by 190 mm of a hand: the same share of both"""
+
 DOUBTFUL_OVERLAP = 0.65
 """a frame is doubtful if model and mask overlap less in its worst camera (intersection over union); chosen by hand"""
 LOST_OVERLAP = 0.45

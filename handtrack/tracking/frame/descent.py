@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.pins import ImagePins
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
@@ -67,7 +68,7 @@ def descend(
 def by_keypoints_alone(terms: FrameTerms) -> bool:
     """Return whether keypoints are all that a frame is solved by, so that many starts can be polished at once."""
     plain = all(term.weight == 1.0 for term in terms.keypoints)
-    return plain and bool(terms.keypoints) and not terms.views
+    return plain and bool(terms.keypoints) and not (terms.views or terms.pins)
 
 
 def minima(
@@ -85,7 +86,7 @@ def minima(
     """
     starts = np.asarray(starts)
     if by_keypoints_alone(terms):
-        seen = [term.observed for term in terms.keypoints]
+        seen = [t.observed for t in terms.keypoints if not isinstance(t.observed, ImagePins)]
         found = polish(
             model,
             starts,

@@ -57,6 +57,8 @@ class FrameTerms:
     priors: tuple[ParameterTerm, ...]
     parts: tuple[ObservationTerm, ...] = ()
     """what keeps the model's parts out of each other"""
+    pins: tuple[KeypointTerm, ...] = ()
+    """where a person said that joints and segments lie"""
     outlines_off_px: tuple[float, ...] = ()
     """of each silhouette, as the other cameras tell, beyond the usual"""
 
@@ -92,14 +94,14 @@ class FrameTerms:
     @property
     def has_seen(self) -> bool:
         """Whether anything was observed at all."""
-        return bool(self.views or self.keypoints)
+        return bool(self.views or self.keypoints or self.pins)
 
     def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
         """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         band_mm = at_stage(settings.bands_mm, index)
-        terms: list[ObservationTerm] = [*self.parts, *self.keypoints]
+        terms: list[ObservationTerm] = [*self.parts, *self.pins, *self.keypoints]
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
         if self.appearance is not None:
@@ -176,8 +178,14 @@ def frame_terms(
         tuple(keypoints),
         tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
         (contact(model),) if settings.prior.collision else (),
+        pin_terms(model, observation),
         tuple(silhouette.off_px for silhouette in weighted),
     )
+
+
+def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:
+    """Return what holds the pins of an observation: without a robust loss, for a person said so."""
+    return tuple(KeypointTerm(model, seen, name="pins") for seen in observation.pins)
 
 
 def _keypoint_loss(seen: Keypoints | ImageKeypoints) -> Loss:

@@ -37,6 +37,9 @@ CONSTANTS: dict[str, tuple[str, Any]] = {
 }  # fmt: skip
 """old name → the constant that it is now, and its value"""
 
+REPLACED = {"mixture.sequence": 'tracker.estimate = "whole"'}
+"""old name → the setting whose value does the same, and more"""
+
 
 def current_name(name: str) -> tuple[str | None, str]:
     """Return the name a setting has now, None for one that is no more, and a sentence where either is news."""
@@ -49,5 +52,10 @@ def current_name(name: str) -> tuple[str | None, str]:
         return (
             None,
             f"'{name}' is no longer a setting but always {shown} ({constant}); what was given for it is not used.",
+        )
+    if name in REPLACED:
+        return (
+            None,
+            f"'{name}' is no longer a setting: {REPLACED[name]}, the default, does what it did, and more.",
         )
     return name, ""

@@ -51,6 +51,7 @@ def inheriting_doubt(
     hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
     None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
     well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
+    The live pass alone needs it, which knows no frame after: refined ones state what all frames say together.
     """
     terms = problem.parameter_terms
     motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]

@@ -34,6 +34,11 @@ class Reason:
         """The reason in a clause, without a full stop."""
         return KINDS[self.kind](self)
 
+    @property
+    def brief(self) -> str:
+        """The reason in a few words and a number, for lists."""
+        return BRIEF[self.kind](self)
+
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
@@ -67,7 +72,7 @@ SIGNS = {
     "odd": "nobody has a finger of such a length",
     "moved": "the frames after moved it",
 }
-"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name"""
+"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name; `odd` in older results"""
 
 KINDS: dict[str, Callable[[Reason], str]] = {
     "unseen": lambda r: "no camera saw anything in this frame",
@@ -98,9 +103,33 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that a joint is 25 mm off): "
         f"{SIGNS[r.camera]}"
     ),
+    "far off": lambda r: (
+        f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that it is 230 mm off): what was seen "
+        "leaves it open"
+    ),
     "other way": lambda r: (
         f"by another way through the recording, {_percent(r.number)} probable, its {r.part} is {r.other:.0f} mm away"
     ),
     "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
 }  # fmt: skip
 """what each kind says; the only place where a doubt is worded"""
+
+BRIEF: dict[str, Callable[[Reason], str]] = {
+    "unseen": lambda r: "not seen",
+    "cloud elsewhere": lambda r: "cloud elsewhere",
+    "given": lambda r: "the pose given",
+    "given keypoints": lambda r: "held by given keypoints alone",
+    "out of view": lambda r: "out of view",
+    "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
+    "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
+    "keypoints": lambda r: f"{_percent(r.number)} of keypoints near",
+    "cloud": lambda r: f"{_percent(r.number)} of the cloud near",
+    "poor cloud": lambda r: f"poor cloud, {_percent(r.number)} measured",
+    "energy": lambda r: f"fits {r.number:.1f} times worse than usual",
+    "size": lambda r: f"odd {r.part or 'length of hand'}",
+    "off": lambda r: f"{r.part}, P {r.other:.2f} off, ± {r.number:.0f} mm",
+    "far off": lambda r: f"{r.part}, P {r.other:.2f} far off, ± {r.number:.0f} mm",
+    "other way": lambda r: f"{r.part}, {_percent(r.number)} for {r.other:.0f} mm away",
+    "open": lambda r: f"{r.part} open, ± {r.number:.0f} mm",
+}
+"""the same in a few words"""

@@ -137,7 +137,7 @@ class FrameResult:
     @property
     def is_unlikely(self) -> bool:
         """Whether it is doubtful only because it may well be off, for all that it fits."""
-        return self.reason is not None and self.reason.kind == "off"
+        return self.reason is not None and self.reason.kind in ("off", "far off")
 
     @property
     def is_open(self) -> bool:
@@ -216,7 +216,7 @@ class TrackResult:
     reason_numbers: Floats[F, D2] | None = None
     """numbers of the reason, NaN where it has none"""
     p_off_25mm: Floats[F] | None = None
-    """probability that some joint is more than 25 mm off, NaN where nothing is said; hands only"""
+    """probability that some joint is more than 25 mm off, NaN where nothing is said"""
     p_off_10mm: Floats[F, N] | None = None
     """(F, 6) that some joint of each part is more than 10 mm off"""
     part_names: tuple[str, ...] | None = None

@@ -263,10 +263,6 @@ class MixtureSettings:
         20, "Hypotheses carried in all: `tracker.hypotheses` that differ, and the heaviest of those that do not yet. "
         "Keypoints alone: anything else takes too long.", low=0,
     )  # fmt: skip
-    sequence: Literal["best", "path", "smooth"] = setting(
-        "best", "What becomes of the hypotheses when the last frame is done: `best` of each frame; `path`, those that the "
-        "last frame's best descends from; `smooth`, that path smoothed."
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -295,12 +291,6 @@ class TrackerSettings:
     def refines(self) -> bool:
         """Whether all frames are looked at together once they are tracked: not where texture is carried from one to the next."""
         return self.tracker.estimate == "whole" and self.intensity.weight == 0
-
-    @property
-    def chooses_at_the_end(self) -> bool:
-        """Whether the last frame decides which hypothesis holds in those before it."""
-        chooses = self.tracker.hypotheses > 1 and self.mixture.sequence != "best"
-        return chooses and not self.refines
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""

@@ -17,13 +17,12 @@ from handtrack.sampling.hypotheses import apart
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
+from handtrack.tracking.frame.descent import by_keypoints_alone
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.posture import agility
 from handtrack.tracking.hypotheses.first_hypotheses import FirstHypotheses
 from handtrack.tracking.hypotheses.mixture_landscape import Eye, Start
-from handtrack.tracking.hypotheses.mixture_terms import without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, with_wrapped_turn
 from handtrack.tracking.hypotheses.next_hypotheses import Component, NextHypotheses
@@ -131,10 +130,8 @@ class MixtureStep:
             if source.belief is None
             else source.belief.updated(params, spread)
         )
-        terms = without_memory(source.terms)
-        seen = stage_problem(self.model, terms, terms.stages - 1, params).linearize(params)
         return with_wrapped_turn(
-            MovingHypothesis(params, found.energy, spread, weight, source.origin, belief, seen)
+            MovingHypothesis(params, found.energy, spread, weight, source.origin, belief)
         )
 
     def speed_of_change(self) -> Floats[P]:

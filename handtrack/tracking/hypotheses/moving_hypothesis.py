@@ -8,7 +8,6 @@ import numpy as np
 
 from handtrack.geometry.rotation import left_jacobian, wrapped
 from handtrack.sampling.hypotheses import Hypothesis
-from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 
 
@@ -17,8 +16,6 @@ class MovingHypothesis(Hypothesis):
     """A hypothesis that knows how it moves."""
 
     belief: MotionBelief
-    seen: JointSystem
-    """what the frame alone costs here, to second order: observations, and its share of the static priors"""
 
 
 def with_wrapped_turn(hypothesis: MovingHypothesis) -> MovingHypothesis:
@@ -30,12 +27,9 @@ def with_wrapped_turn(hypothesis: MovingHypothesis) -> MovingHypothesis:
     params[3:6] = wrapped(turn)
     change = np.eye(len(params))
     change[3:6, 3:6] = np.linalg.solve(left_jacobian(params[3:6]), left_jacobian(turn))
-    back = np.linalg.inv(change)
-    seen = hypothesis.seen
     return replace(
         hypothesis,
         params=params,
         covariance=change @ hypothesis.covariance @ change.T,
         belief=hypothesis.belief.recharted(params, change),
-        seen=JointSystem(seen.cost, back.T @ seen.gradient, back.T @ seen.hessian @ back),
     )

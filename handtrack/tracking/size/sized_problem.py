@@ -16,10 +16,12 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import GrowingTerm, ObservationTerm
 from handtrack.tracking.size.size_doubt import doubt_of_size
 
-_FARTHEST = 4.0  # standard deviations from the mean adult
+FARTHEST = 4.0
+"""standard deviations from the mean adult that a person may be"""
 _POSES = SolverSettings(iterations=15, damping=1e-3)
 _SIZES = SolverSettings(
     iterations=8,
@@ -109,7 +111,7 @@ class SizedProblem:
     @property
     def limits(self) -> MovingLimits:
         """Adults', and children's."""
-        return MovingLimits.fixed(np.tile([-_FARTHEST, _FARTHEST], (int(self.free.sum()), 1)))
+        return MovingLimits.fixed(np.tile([-FARTHEST, FARTHEST], (int(self.free.sum()), 1)))
 
     def cost(self, params: Floats[K]) -> float:
         """Return the least cost of all frames for a size, with the prior's."""
@@ -197,15 +199,18 @@ def linearize_sized(
     moves = np.concatenate(
         [np.zeros((len(model.joint_names), 3, count)), size.offset_moves[:, :, free]], axis=2
     )
-    seen = BoneSystem.zero(len(bones.position), 7)
-    points: list[JointSystem] = []
+    parts: list[JointSystem] = []
+    whole: list[BoneSystem] = []
     for term in terms_of(problem, model):
-        if size.seen and isinstance(term, KeypointTerm):
-            points.append(term.linearize_sized(bones, jacobian, moves))
+        if isinstance(term, FieldTerm) or (size.seen and isinstance(term, KeypointTerm)):
+            parts.append(term.linearize_sized(bones, jacobian, moves))
             continue
         assert isinstance(term, GrowingTerm), term.name
-        seen = seen + term.linearize_growth(bones)
-    system = sum(points, seen.pull_back(jacobian))
+        whole.append(term.linearize_growth(bones))
+    if whole or not parts:
+        whole = whole or [BoneSystem.zero(len(bones.position), 7)]
+        parts.append(sum(whole[1:], whole[0]).pull_back(jacobian))
+    system = sum(parts[1:], parts[0])
     gradient, hessian, cost = system.gradient, system.hessian, system.cost
     for prior in problem.parameter_terms:
         known = prior.linearize(joint)

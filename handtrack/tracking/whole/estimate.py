@@ -13,17 +13,21 @@ from handtrack.solver.block_banded import REACH, BlockBanded
 from handtrack.solver.bordered import Bordered
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.whole.cameras import CameraChanges, velocities
-from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.evidence import NEW_POSE_S, Evidence
 from handtrack.tracking.whole.motion import PLACE, Motion, moved
+from handtrack.tracking.whole.shared import Shared
 
 _SWEEPS = 10
 _ENOUGH_M, _ENOUGH_RAD = 1e-4, 1e-3
 """a step that moves no pose by more is the last: 0.1 mm, also at the end of a finger; the next would be a tenth of it"""
+_ENOUGH_SIZE = 5e-3
+"""[standard deviations of people] the same of a person: 0.1 mm of a hand"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
 """share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
-they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames"""
+they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames;
+of the person as many times as frames show one pose, for what flesh is off by differs from pose to pose"""
 _MOTIONS, _MOTION_SWEEPS = 5, 3
 """times that the motion is estimated with the frames' systems as they are, since reading the frames anew takes longer, and in how
 many of the sweeps; then it stands, for poses to settle"""
@@ -42,10 +46,14 @@ class WholeEstimate:
     sweeps: int
     why: str
     """`converged`, `sweeps` (used up), or `no descent`"""
-    cameras: CameraChanges
-    """what was found of those that may change"""
-    camera_covariance: Floats[K, K]
-    """of all numbers of `cameras`"""
+    shared: Shared
+    """what was found of cameras and person"""
+    shared_covariance: Floats[K, K]
+    """of all numbers of `shared`"""
+
+    @property
+    def cameras(self) -> CameraChanges:
+        return self.shared.cameras
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +61,9 @@ class _Swept:
     """What all frames say at their poses, and of what they share: of P + K numbers a frame."""
 
     poses: Floats[F, P]
-    cameras: CameraChanges
+    shared: Shared
+    alike: Floats[K]
+    """of how many frames all together tell as much as one, of what is shared"""
     costs: Floats[F]
     gradient: Floats[F, L]
     hessian: Floats[F, L, L]
@@ -61,8 +71,9 @@ class _Swept:
     """of the poses' part of `hessian`, what is of what was seen"""
 
     def cost(self, motion: Motion) -> float:
-        known = motion.cost(self.poses) + len(self.poses) * self.cameras.prior().cost
-        return float(self.costs.sum()) + known
+        return (
+            float(self.costs.sum()) + motion.cost(self.poses) + self.shared.known(self.alike).cost
+        )
 
     def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
         """Return what each frame should cost after a step, to second order."""
@@ -80,7 +91,7 @@ def estimate_whole(
     sweeps: int = _SWEEPS,
 ) -> WholeEstimate | None:
     """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
-    the evidence's cameras; None when stopped.
+    the evidence's cameras and person; None when stopped.
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
@@ -90,13 +101,17 @@ def estimate_whole(
     model = evidence.model
     usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
     motion = usual.estimated(poses, np.zeros((len(poses), REACH + 1, *usual.pushes.shape)), usual)
+    alike = evidence.shared.alike(
+        len(frames), min(max(NEW_POSE_S / evidence.seconds, 1.0), len(frames))
+    )
     damping, stiff = np.full(len(frames), _DAMPING), _DAMPING
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
-        cameras, speed = evidence.cameras, velocities(poses)
+        shared, speed = evidence.shared, velocities(poses)
+        cameras, person = shared.cameras, shared.person
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
-        size = poses.shape[1] + cameras.count
+        size = poses.shape[1] + shared.count
         costs, gradient = np.empty(len(frames)), np.empty((len(frames), size))
         hessian = np.empty((len(frames), size, size))
         told = np.empty((*poses.shape, poses.shape[1]))
@@ -105,11 +120,11 @@ def estimate_whole(
         for count, n in enumerate(order, start=1):
             if should_stop():
                 raise _StoppedError
-            system = evidence.of(frames[n]).linearize(poses[n], views, n)
+            system = evidence.of(frames[n]).linearize(poses[n], views, n, person)
             costs[n], gradient[n] = system.whole.cost, system.whole.gradient
             hessian[n], told[n] = system.whole.hessian, system.seen
             tell((sweep + count / len(frames)) / (_SWEEPS + 1))
-        return _Swept(poses, cameras, costs, gradient, hessian, told)
+        return _Swept(poses, shared, alike, costs, gradient, hessian, told)
 
     try:
         best = swept(_within(model, poses))
@@ -120,7 +135,8 @@ def estimate_whole(
                 motion = motion.estimated(ahead, system.frames.inverse, usual)
             system, right = _system(model, best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
-            evidence = evidence.through(best.cameras.stepped(change))
+            del system  # of a long recording as large as what all frames say
+            evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
             worse = found.costs > np.maximum(best.foretold(step, change), best.costs)
@@ -128,25 +144,27 @@ def estimate_whole(
             if gain > 0:
                 best = found
                 stiff = max(_RELAX * stiff, _LEAST)
-            elif worse.any() or (best.cameras.count and stiff < _MOST):
+            elif worse.any() or (best.shared.count and stiff < _MOST):
                 stiff *= _TIGHTEN
             else:
                 why = "no descent"
                 break
-            nearer = best.cameras.whole_frames()
-            if nearer.ahead != best.cameras.ahead:
-                evidence = evidence.through(nearer)
+            nearer = best.shared.cameras.whole_frames()
+            if nearer.ahead != best.shared.cameras.ahead:
+                evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(best.poses)
-            elif (np.abs(step[:, PLACE]) < _ENOUGH_M).all() and (
-                np.abs(step[:, 3:]) < _ENOUGH_RAD
-            ).all():
+            elif (
+                (np.abs(step[:, PLACE]) < _ENOUGH_M).all()
+                and (np.abs(step[:, 3:]) < _ENOUGH_RAD).all()
+                and (np.abs(change[best.shared.cameras.count :]) < _ENOUGH_SIZE).all()
+            ):
                 why = "converged"
                 break
     except _StoppedError:
         return None
     covariance, shared = _stated_covariance(model, best, motion)
     return WholeEstimate(
-        best.poses, covariance, motion, best.costs, sweep, why, best.cameras, shared
+        best.poses, covariance, motion, best.costs, sweep, why, best.shared, shared
     )
 
 
@@ -164,11 +182,12 @@ def _stated_covariance(
     says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
     size = swept.poses.shape[1]
-    others = swept.hessian.copy()
+    others = swept.hessian  # from here on nobody else needs it, and a copy is large
     others[:, :size, :size] -= (1.0 - _NEW) * swept.seen
-    others[:, size:, size:] /= len(swept.poses)
-    others[:, :size, size:] *= np.sqrt(_NEW / len(swept.poses))
-    system, _ = _system(model, replace(swept, hessian=others), motion, known=1.0)
+    others[:, size:, size:] /= np.sqrt(np.outer(swept.alike, swept.alike))
+    others[:, :size, size:] *= np.sqrt(_NEW / swept.alike)
+    alone = replace(swept, hessian=others, alike=np.ones_like(swept.alike))
+    system, _ = _system(model, alone, motion)
     spread = system.frames.inverse[:, 0]
     found = [
         _surer(own, np.linalg.inv(cov)) + system.spread(t)
@@ -193,13 +212,9 @@ def _system(
     swept: _Swept,
     motion: Motion,
     damping: Floats[F] | None = None,
-    known: float | None = None,
     shared_damping: float = 0.0,
 ) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
-    """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
-
-    known: the weight of what is known of the shared ones beforehand; the number of frames unless given, see `_NEW`.
-    """
+    """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops."""
     size = swept.poses.shape[1]
     matrix, gradient = BlockBanded.zero(*swept.poses.shape), swept.gradient[:, :size].copy()
     matrix.blocks[:, 0] += swept.hessian[:, :size, :size]
@@ -215,10 +230,10 @@ def _system(
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
     border = swept.hessian[:, :size, size:] * free[:, :, None]
-    prior, weight = swept.cameras.prior(), len(swept.poses) if known is None else known
-    corner = swept.hessian[:, size:, size:].sum(axis=0) + weight * prior.hessian
+    known = swept.shared.known(swept.alike)
+    corner = swept.hessian[:, size:, size:].sum(axis=0) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
-    pull = swept.gradient[:, size:].sum(axis=0) + weight * prior.gradient
+    pull = swept.gradient[:, size:].sum(axis=0) + known.gradient
     right = np.where(free, -gradient, 0.0), -pull
     return Bordered(matrix.factor(), border, corner), right
 

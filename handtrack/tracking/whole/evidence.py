@@ -14,6 +14,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
+from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
@@ -23,12 +24,15 @@ from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
+from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.sized_problem import linearize_sized
 from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
 from handtrack.tracking.whole.motion import by_change
+from handtrack.tracking.whole.shared import Shared
 
 _HELD = 400
 """frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""
-_NEW_POSE_S = 0.5
+NEW_POSE_S = 0.5
 """[s] after which a hand has another pose, the length of one movement: what is known of poses beforehand counts once in that time,
 for it says the same of each frame"""
 
@@ -69,31 +73,31 @@ class FrameEvidence:
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def linearize(self, pose: Floats[P], views: Sequence[SeenPoses], n: int) -> FrameSystem:
+    def linearize(
+        self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
+    ) -> FrameSystem:
         """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
-        size = len(pose)
-        count = sum(view.by_camera.shape[2] for view in views)
-        plain = _by_changes(self.others.linearize(pose), pose)
-        gradient, matrix, cost = (
-            np.zeros(size + count),
-            np.zeros((size + count, size + count)),
-            plain.cost,
-        )
-        gradient[:size], matrix[:size, :size] = plain.gradient, plain.hessian
-        first = size
-        for problem, view in zip(self.views, views, strict=True):
-            wide = view.by_camera.shape[2]
+        size, first = len(pose), len(pose)
+        count = sum(view.by_camera.shape[2] for view in views) + person.count
+        gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
+        grown = np.arange(size + count - person.count, size + count)
+        cost = 0.0
+        for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
+            wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
-                seen = _by_changes(problem.linearize(view.poses[n]), view.poses[n])
-                by_pose = np.eye(size)
-                by_pose[:6, :6] = view.by_pose[n]
-                seen = seen.pull_back(np.concatenate([by_pose, view.by_camera[n]], axis=1))
-                at = np.r_[:size, first : first + wide]
+                seen = _by_changes(person, problem, pose if view is None else view.poses[n])
+                at = np.r_[:size, first : first + wide, grown]
+                if view is not None:
+                    moves = np.zeros((size + person.count, len(at)))
+                    moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
+                    moves[:size, size : size + wide] = view.by_camera[n]
+                    moves[size:, size + wide :] = np.eye(person.count)
+                    seen = seen.pull_back(moves)
                 cost += seen.cost
                 gradient[at] += seen.gradient
                 matrix[np.ix_(at, at)] += seen.hessian
             first += wide
-        known = _by_changes(self.prior.linearize(pose), pose)
+        known = by_changes(self.prior.linearize(pose), pose)
         told = matrix[:size, :size].copy()
         gradient[:size] += known.gradient
         matrix[:size, :size] += known.hessian
@@ -105,31 +109,47 @@ class FrameEvidence:
         prepared = [
             replace(p, camera=named.get(p.camera.name, p.camera)) for p in self.terms.prepared
         ]
-        keypoints = []
-        for term in self.terms.keypoints:
+
+        def corrected(term: KeypointTerm) -> KeypointTerm:
             seen = term.observed
-            if isinstance(seen, ImageKeypoints):
-                seen = replace(seen, camera=named.get(seen.camera.name, seen.camera))
-            keypoints.append(replace(term, observed=seen))
-        terms = replace(self.terms, prepared=tuple(prepared), keypoints=tuple(keypoints))
+            if isinstance(seen, Keypoints):
+                return term
+            camera = named.get(seen.camera.name, seen.camera)
+            return replace(term, observed=replace(seen, camera=camera))
+
+        terms = replace(
+            self.terms,
+            prepared=tuple(prepared),
+            keypoints=tuple(map(corrected, self.terms.keypoints)),
+            pins=tuple(map(corrected, self.terms.pins)),
+        )
         return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
 
     def plain(self, pose: Floats[P]) -> JointSystem:
         """Return the system of the pose alone, through the cameras as they were calibrated."""
-        return _by_changes(self.problem.linearize(pose), pose)
+        return by_changes(self.problem.linearize(pose), pose)
 
     def at(self, pose: Floats[P]) -> JointSystem:
         """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
         model = self.terms.model
         terms = self.terms.as_seen_at(model.bones(pose))
         seen = terms.stage(terms.stages - 1, self.around)
-        return _by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
+        return by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
 
-def _by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
-    change = by_change(pose)
-    hessian = change.T @ system.hessian @ change
-    return JointSystem(system.cost, change.T @ system.gradient, hessian)
+def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
+    """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
+    change = np.eye(len(system.gradient))
+    change[: len(pose), : len(pose)] = by_change(pose)
+    return system.pull_back(change)
+
+
+def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:
+    """Return what was seen by changes of the pose, and by a person's."""
+    if not person.count:
+        return by_changes(problem.linearize(pose), pose)
+    system = linearize_sized(problem, person.model, person.parameters, person.free, pose)
+    return by_changes(system, pose)
 
 
 @dataclass(eq=False)
@@ -155,6 +175,8 @@ class Evidence:
     """what keeps frames at poses that a person set"""
     cameras: CameraChanges = field(default_factory=CameraChanges.none)
     """those that may change, and how they do"""
+    person: PersonChange | None = None
+    """where something of the person may change"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameEvidence:
@@ -166,12 +188,23 @@ class Evidence:
                 self._held.popitem(last=False)
         return known
 
-    def through(self, cameras: CameraChanges) -> Evidence:
-        """Return the same frames through cameras that have changed; they are read anew where other images are looked at."""
-        found = replace(self, cameras=cameras)
+    def sharing(self, shared: Shared) -> Evidence:
+        """Return the same frames, of a person and through cameras that have changed; they are read anew where other images are
+        looked at.
+        """
+        found = replace(self, cameras=shared.cameras, person=shared.person)
         if (found.cameras.names, found.cameras.ahead) == (self.cameras.names, self.cameras.ahead):
             found._held = self._held
         return found
+
+    def by(self, model: ArticulatedModel, poses: Mapping[int, Floats[P]]) -> Evidence:
+        """Return the frames around other poses of another person's model, who is known from now on."""
+        return replace(self, model=model, around=poses, person=None)
+
+    @property
+    def shared(self) -> Shared:
+        """What all frames share."""
+        return Shared(self.cameras, self.person or PersonChange.none(self.model))
 
     def _observed(self, frame: int, bones: BonePoses) -> Observation:
         """Return what was seen beside a frame: of cameras that are late, later images."""
@@ -198,7 +231,7 @@ class Evidence:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
             settings = poor_cloud_settings(settings)
-        share, prior = min(self.seconds / _NEW_POSE_S, 1.0), settings.prior
+        share, prior = min(self.seconds / NEW_POSE_S, 1.0), settings.prior
         rest = prior.rest_sigma_deg / share**0.5
         prior = replace(prior, rest_sigma_deg=rest, posture=share * prior.posture)
         bones = model.bones(pose)
@@ -228,7 +261,7 @@ def by_camera(
         if isinstance(term, FieldTerm):
             for own in term.alone():
                 found.setdefault(own.silhouettes[0].camera.name, []).append(own)
-        elif isinstance(term, KeypointTerm) and isinstance(term.observed, ImageKeypoints):
+        elif isinstance(term, KeypointTerm) and not isinstance(term.observed, Keypoints):
             found.setdefault(term.observed.camera.name, []).append(term)
         else:
             others.append(term)
@@ -238,13 +271,15 @@ def by_camera(
 def _exchanged(seen: Observation, later: Observation, name: str) -> Observation:
     """Return an observation with what one camera saw in another."""
 
-    def of_camera(one: Silhouette | Keypoints | ImageKeypoints) -> bool:
+    def of_camera(one: Silhouette | Keypoints | ImageKeypoints | ImagePins) -> bool:
         return not isinstance(one, Keypoints) and one.camera.name == name
 
     masks = [s for s in seen.silhouettes if not of_camera(s)]
     joints = [k for k in seen.keypoints if not of_camera(k)]
+    pins = [p for p in seen.pins if not of_camera(p)]
     return replace(
         seen,
         silhouettes=(*masks, *filter(of_camera, later.silhouettes)),
         keypoints=(*joints, *filter(of_camera, later.keypoints)),
+        pins=(*pins, *filter(of_camera, later.pins)),
     )

@@ -44,13 +44,16 @@ def with_keyframes(
     seconds: float,
     control: Control = Control(),
     new: Mapping[int, Floats[P]] | None = None,
+    pinned: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
     """Return tracked frames with those that a person posed among them, ascending, and those beside at poses that follow.
 
     held: solver parameters by frame. From each on, in both directions, what it corrects is carried to the next frame and
     fitted there to what was seen; until that leads back to the pose that stood, or the pose that stood fits better by more
     than a hand moves in a frame. seconds: from one frame to the next; new: those from which it is carried; all, unless given.
+    pinned: others, to which their pins led: they are tracked frames that stand there.
     """
+    pinned = pinned or {}
     known = {result.frame: result for result in tracked}
     posed = {
         frame: posed_result(model, observe(frame, model.bones(pose)), pose, Status.KEYFRAME, None)
@@ -58,15 +61,16 @@ def with_keyframes(
     }
     numbers = sorted(known | posed)
     around = {n: model.transform.solver_params(known[n].parameters) for n in known}
-    evidence = Evidence(model, settings, observe, {**around, **held}, seconds)
-    found: dict[int, Floats[P]] = {}
-    for frame, pose in (held if new is None else new).items():
+    given = {**held, **{n: pose for n, pose in pinned.items() if n in known}}
+    evidence = Evidence(model, settings, observe, {**around, **given}, seconds)
+    found = {n: pose for n, pose in given.items() if n not in held}
+    for frame, pose in (given if new is None else new).items():
         at = numbers.index(frame)
         for way in (
             numbers[at + 1 : at + 1 + KEYFRAME_REACH],
             numbers[:at][: -1 - KEYFRAME_REACH : -1],
         ):
-            found |= _followed(evidence, way, around.get(frame, pose), pose, held, control)
+            found |= _followed(evidence, way, around.get(frame, pose), pose, given, control)
     moved_to = {n: replace(known[n], parameters=model.joint_params(x)) for n, x in found.items()}
     everything = known | moved_to | posed
     return [everything[number] for number in numbers]

@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import C, F, Floats, K, P
 from handtrack.solver.problem import Problem
+from handtrack.tracking.size.sized_problem import terms_of
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.evidence import Evidence, by_camera
 
@@ -37,14 +38,15 @@ def with_late_cameras(
 
 def _costs(evidence: Evidence, numbers: Sequence[int], poses: Floats[F, P]) -> Floats[C, K]:
     """Return what each camera's pictures of some frames cost at the poses of frames before and after them."""
-    names = evidence.cameras.names
+    names, model = evidence.cameras.names, evidence.shared.person.model
     found = np.zeros((len(names), 2 * _MOST + 1))
     looks = np.unique(np.linspace(_MOST, len(numbers) - 1 - _MOST, _LOOKS).round().astype(int))
     for n in looks.tolist():
         terms = evidence.of(numbers[n]).terms
         seen, _ = by_camera(terms.stage(0, evidence.model.bones(poses[n])))
         for c, name in enumerate(names):
-            problem = Problem(evidence.model, seen.get(name, []))
+            problem = Problem(model, seen.get(name, []))
+            problem = replace(problem, observation_terms=terms_of(problem, model))
             for k in range(2 * _MOST + 1):
                 found[c, k] += problem.cost(poses[n + k - _MOST])
     return found

@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import F, Ints
+from handtrack.arrays import F, Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.tracking.frame.constants import APART_MM
+from handtrack.tracking.frame.doubt import figures
+from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.whole.lattice import Lattice
@@ -26,16 +29,15 @@ def with_other_ways(
     shown: int = 1,
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
-    frame's own; one that was tracked is doubtful where another has a joint more than `APART_M` away.
+    frame's own. What is stated contains them.
 
     best: which minimum of each frame the refined way went through; shown: how many poses a frame has that were asked for,
-    however probable.
+    however probable: such as differ in shape come first.
     """
     found = []
-    rows = zip(results, lattice.minima, lattice.probabilities, best, strict=True)
+    rows = zip(results, lattice.minima, lattice.probabilities, best.tolist(), strict=True)
     for result, minima, share, own in rows:
-        others = [k for k in np.argsort(-share, kind="stable").tolist() if k != own]
-        others = [k for n, k in enumerate(others, 1) if share[k] > _LEAST or n < shown]
+        others = _shown(model, result, [m.pose for m in minima], share, own, shown - 1)
         if not others:
             found.append(result)
             continue
@@ -47,28 +49,62 @@ def with_other_ways(
             for k in others
         ]  # fmt: skip
         held = Alternative(result.parameters, result.energy, float(share[own]), -1, "refined")
-        doubt = _doubt(model, result, known)
-        if result.status == Status.TRACKED and doubt is not None:
-            result = replace(result, status=Status.DOUBTFUL, reason=doubt)
+        result = _doubted(model, result, held.weight, known)
         found.append(replace(result, alternatives=(held, *known)))
     return found
 
 
-def _doubt(
-    model: ArticulatedModel, result: FrameResult, others: Sequence[Alternative]
-) -> Reason | None:
-    """Return which joint may be elsewhere, how far, and how probable that is; None where all are near."""
-    far, share = None, 0.0
-    for other in others:
-        bones = model.bones(model.transform.solver_params(other.parameters))
-        off = np.linalg.norm(model.joint_positions(bones) - result.joint_positions, axis=1)
-        worst = int(off.argmax())
-        if off[worst] <= APART_M or other.weight <= _LEAST:
-            continue
-        share += other.weight
-        if far is None or off[worst] > far[1]:
-            far = worst, float(off[worst])
-    if far is None:
-        return None
-    name = model.joint_names[far[0]].replace("_", " ")
-    return Reason("other way", name, number=share, other=1e3 * far[1])
+def _shown(
+    model: ArticulatedModel,
+    result: FrameResult,
+    poses: Sequence[Floats[P]],
+    share: Floats[K],
+    own: int,
+    most: int,
+) -> list[int]:
+    """Return which of a frame's minima stay with it, the most probable first: so many that differ in shape from it and from each
+    other, as the hypotheses that are shown do, and those above `_LEAST`.
+    """
+    order = [k for k in np.argsort(-share, kind="stable").tolist() if k != own]
+    kept: list[int] = []
+    if most > 0:
+        shapes = [result.joint_positions - result.joint_positions[0]]
+        for k in order:
+            places = model.joint_positions(model.bones(poses[k]))
+            off = np.array(shapes) - (places - places[0])
+            if np.linalg.norm(off, axis=2).mean(axis=1).min() >= 1e-3 * APART_MM:
+                kept.append(k)
+                shapes.append(places - places[0])
+            if len(kept) == most:
+                break
+    more = [k for n, k in enumerate(order) if share[k] > _LEAST or n < most - len(kept)]
+    return kept + [k for k in more if k not in kept]
+
+
+def _doubted(
+    model: ArticulatedModel, result: FrameResult, own: float, others: Sequence[Alternative]
+) -> FrameResult:
+    """Return a frame whose stated covariance and probability contain the other ways. own: how probable its own way is.
+
+    Of a joint, ways that leave it where it is say nothing: P = w / (w of its own way and of those that move it).
+    """
+    poses = [model.bones(model.transform.solver_params(one.parameters)) for one in others]
+    off = np.array([model.joint_positions(bones) for bones in poses]) - result.joint_positions
+    far_m = np.linalg.norm(off, axis=2)
+    weight = np.array([one.weight for one in others])[:, None] * (far_m > APART_M)
+    share = weight / (own + weight.sum(axis=0))
+    covariance = result.joint_covariance + np.einsum("kj,kja,kjb->jab", share, off, off)
+    is_body = model.kind == "body"
+    elsewhere = share[np.arange(len(others)), far_m.argmax(axis=1)]
+    elsewhere = float(elsewhere[far_m.max(axis=1) > (BODY_OFF_M if is_body else FRAME_OFF_M)].sum())
+    before = 0.0 if is_body or np.isnan(result.p_off_25mm) else result.p_off_25mm
+    off_25 = 1.0 - (1.0 - result.p_off_25mm) * (1.0 - elsewhere)
+    result = replace(result, joint_covariance=covariance, p_off_25mm=off_25)
+    if result.status != Status.TRACKED or not elsewhere:
+        return result
+    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= figures.NEEDLESS_LOOK:
+        return result
+    way, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
+    name = model.joint_names[joint].replace("_", " ")
+    why = Reason("other way", name, number=elsewhere, other=1e3 * float(far_m[way, joint]))
+    return replace(result, status=Status.DOUBTFUL, reason=why)

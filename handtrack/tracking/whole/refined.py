@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, P
+from handtrack.arrays import D3, Array, F, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
@@ -21,6 +21,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import POOR
 from handtrack.tracking.search.poor_cloud import poor_agreement
+from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
@@ -63,21 +64,25 @@ def refined(
     control: Control = Control(),
     held: Mapping[int, Floats[P]] | None = None,
     corrects_cameras: bool = True,
+    pinned: Mapping[int, Floats[P]] | None = None,
+    who: OpenPerson | None = None,
 ) -> list[FrameResult]:
     """Return frames that follow one another, ascending, at the poses that are most probable together; as they are if the
     hand was found in too few of them, or when stopped.
 
     held: solver parameters by frame of poses that a person set; they are kept, and what lies beside follows, unless they
-    are among `tracked` already. They are not returned. corrects_cameras: where two see the hand, what their calibration and
-    their time are off by is found with the poses, and told to control; the calibration stays as it is.
+    are among `tracked` already. They are not returned. pinned: likewise of tracked frames to which a person's pins led: what
+    lies beside follows, and they are refined by their pins. corrects_cameras: where two see the hand, what their calibration and
+    their time are off by is found with the poses, and told to control; the calibration stays as it is. who: what is found of the
+    person, told too: the frames are this person's then.
 
     tracked: as they came, frame after frame. Where the hand was lost it goes on by its motion from both sides; what was seen
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
     held, live = held or {}, tracked
-    if set(held) - {result.frame for result in tracked}:
+    if pinned or set(held) - {result.frame for result in tracked}:
         tracked = with_keyframes(
-            model, settings, observe, tracked, held, _seconds(tracked), control
+            model, settings, observe, tracked, held, _seconds(tracked), control, pinned=pinned
         )
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     if len(tracked) - len(lost) < _FEWEST:
@@ -105,22 +110,34 @@ def refined(
     for n in poor:
         before = model.transform.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
+    looks = _looks(evidence, [n for n in numbers if n not in lost])
+    if who is not None and looks:
+        evidence = replace(evidence, person=PersonChange.of(model, looks, who))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     cameras = CameraChanges.none()
     if found is not None and corrects_cameras and seconds * len(numbers) >= _MOVED_S:
-        cameras = _cameras(evidence, [n for n in numbers if n not in lost])
+        cameras = _cameras(looks)
     if found is not None and cameras.count:
-        corrected = evidence.through(cameras)
-        corrected = corrected.through(with_late_cameras(corrected, numbers, found.poses))
+        corrected = evidence.sharing(found.shared.through(cameras))
+        late = with_late_cameras(corrected, numbers, found.poses)
+        corrected = corrected.sharing(found.shared.through(late))
         tried = estimate_whole(corrected, numbers, found.poses, control.should_stop, sweeps=_TRIED)
         if tried is not None and _explains_more(tried, found):
-            evidence, poses = corrected.through(tried.cameras), tried.poses
             found = estimate_whole(
-                evidence, numbers, poses, control.should_stop, control.on_refined
+                corrected.sharing(tried.shared),
+                numbers,
+                tried.poses,
+                control.should_stop,
+                control.on_refined,
             )
     if found is None or control.should_stop():
         return list(live)
-    control.on_shared(Refinement.of(found).text)
+    refinement = Refinement.of(found)
+    control.on_shared(refinement.text)
+    evidence = evidence.sharing(found.shared)
+    if who is not None and refinement.scale is not None:
+        model = who.build(refinement.scale)
+        evidence = evidence.by(model, dict(zip(numbers, found.poses, strict=True)))
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
     results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses)
     return [result for result in results if result.frame not in held]
@@ -134,17 +151,21 @@ def refined_near(
     held: Mapping[int, Floats[P]],
     changed: Sequence[int],
     control: Control = Control(),
+    pinned: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
-    """Return the frames that keyframes touch, refined again, as `refined` does; all others stand as they are; no frame when stopped.
+    """Return the frames that keyframes and pins touch, refined again, as `refined` does; all others stand as they are; no frame
+    when stopped.
 
-    tracked: refined before, ascending; held: all keyframes; changed: those that were set, or let go, since.
+    tracked: refined before, ascending; held: all keyframes; pinned: poses to which pins led; changed: frames at which any were
+    set, or let go, since.
     """
     control = replace(control, on_shared=lambda text: None)  # few frames tell little of it
     found: list[FrameResult] = []
     stood = {result.frame: result for result in tracked}
-    new = {frame: held[frame] for frame in changed if frame in held}
+    given = {**held, **(pinned or {})}
+    new = {frame: given[frame] for frame in changed if frame in given}
     followed = with_keyframes(
-        model, settings, observe, tracked, held, _seconds(tracked), control, new
+        model, settings, observe, tracked, held, _seconds(tracked), control, new, pinned
     )
     numbers = np.array([result.frame for result in followed])
     touched = np.array([r.frame in changed or r is not stood.get(r.frame, r) for r in followed])
@@ -182,15 +203,21 @@ def _explains_more(corrected: WholeEstimate, plain: WholeEstimate) -> bool:
     return seen > 0 and gain > float(chdtri(seen, _BY_CHANCE))
 
 
-def _cameras(evidence: Evidence, posed: Sequence[int]) -> CameraChanges:
+def _looks(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, Floats[D3]]]:
+    """Return some frames and where the hand is in them, by which it is told what all share; none where images are looked at."""
+    if evidence.settings.looks_at_images:
+        return []
+    found = []
+    for k in np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int)):
+        bones = evidence.model.bones(evidence.around[posed[k]])
+        found.append((evidence.observe(posed[k], bones), bones.position.mean(axis=0)))
+    return found
+
+
+def _cameras(looks: Sequence[tuple[Observation, Floats[D3]]]) -> CameraChanges:
     """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated."""
-    settings = evidence.settings
-    if settings.looks_at_images:
-        return CameraChanges.none()
-    looks = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
     seen: dict[str, Camera] = {}
-    for frame in (posed[k] for k in looks):
-        observed = evidence.observe(frame, evidence.model.bones(evidence.around[frame]))
+    for observed, _ in looks:
         joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
         seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
     return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ())

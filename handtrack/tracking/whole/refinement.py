@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, Floats
+from handtrack.model.articulated import HandScale
 from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED
 from handtrack.tracking.whole.estimate import WholeEstimate
 
@@ -59,12 +60,15 @@ class Refinement:
     why: str
     sweeps: int
     cameras: tuple[CameraError, ...] = ()
+    scale: HandScale | None = None
+    """the person, where something of them was found too"""
 
     @classmethod
     def of(cls, found: WholeEstimate) -> Refinement:
         """Return what an estimate found."""
         changes = found.cameras
-        std = np.sqrt(np.diag(found.camera_covariance)).reshape(-1, 8)
+        split, person = changes.count, found.shared.person
+        std = np.sqrt(np.diag(found.shared_covariance)[:split]).reshape(-1, 8)
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
         cameras = []
         for camera, corrected, values, spread, late in zip(
@@ -78,7 +82,9 @@ class Refinement:
                     -float(late), tuple((units * spread).round(4).tolist()),
                 )
             )  # fmt: skip
-        return cls(found.why, found.sweeps, tuple(cameras))
+        known = found.shared_covariance[split:, split:]
+        scale = person.scale(known) if person.count else None
+        return cls(found.why, found.sweeps, tuple(cameras), scale)
 
     @classmethod
     def read(cls, text: str) -> Refinement:
@@ -91,7 +97,8 @@ class Refinement:
             )
             for one in known["cameras"]
         ]  # fmt: skip
-        return cls(known["why"], known["sweeps"], tuple(cameras))
+        scale = None if known.get("scale") is None else HandScale(**known["scale"])
+        return cls(known["why"], known["sweeps"], tuple(cameras), scale)
 
     @property
     def text(self) -> str:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.geometry.camera import Camera
-from handtrack_app.engine.document import params_of
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, smaller
+from handtrack_app.engine.posing.page_values import params_of
 from tests.app.fake_run import fake_document
 
 

@@ -13,7 +13,7 @@ import handtrack
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document_snapshots import TERM_WORDS, energy_parts, timeline_snapshot
-from handtrack_app.engine.timeline import TrackedRows
+from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.palette import TERMS
 from tests.app.fake_run import fake_document
 from tests.app.opened import show_results
@@ -80,14 +80,14 @@ def test_a_frame_is_looked_at_again_only_where_it_changed(tmp_path: Path) -> Non
     results = list(document.run.track(range(3, 6), 3, document.model.rest_params()))
     rows, asked = TrackedRows(document.frames), []
 
-    def error(frame: int) -> float:
+    def read(frame: int) -> WholeFrame:
         asked.append(frame)
-        return 1.0
+        return WholeFrame(1.0, np.zeros(2), np.zeros(2))
 
     def look(found: list[FrameResult]) -> list[int]:
         asked.clear()
         take = TakeFrames((), {r.frame: r for r in found})
-        rows.follow(CurrentTrack([(document.frames, take)]), error, energy_parts)
+        rows.follow(CurrentTrack([(document.frames, take)]), read, energy_parts)
         return sorted(asked)
 
     assert look(results) == [3, 4, 5]

@@ -193,7 +193,7 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     bones = model.bones(other)
     np.testing.assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
     version = bench.state.version
-    bench.stage._guess_clicked(int(panel.guesses.owner[count + 2]))
+    bench.stage.take_guess(int(panel.guesses.owner[count + 2]))
     eventually(lambda: bench.state.version > version and 4 in document.by_hand, "taken by a click")
     np.testing.assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
     bench.layout.page.draw("ghosts", False)

@@ -69,7 +69,7 @@ def _track_on(document: Document, frames: range) -> None:
 
 def test_a18_a_frame_tracked_is_looked_at_and_no_other(long_document, looked_at) -> None:
     document = long_document
-    while document_snapshots.read_errors(document):
+    while document_snapshots.read_more(document):
         pass
     timeline_snapshot(document)
     _track_on(document, range(10, 15))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack_app.engine.job_words import Moved
-from handtrack_app.engine.jobs import RefinedWith
+from handtrack_app.engine.posing.given import RefinedWith
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
@@ -56,6 +59,22 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk: tuple[Worker, Li
     assert [refined[f] - live[f] for f in live] == pytest.approx([BY] * FRAMES)
 
 
+def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
+    tmp_path: Path,
+) -> None:
+    for desk in _desk(tmp_path, step_s=0.0, refined_by=BY, refined_size=1.07):
+        worker, _ = desk
+        live = worker.document.run.scale
+        _tracked(desk)
+        assert worker.document.run.scale.overall == 1.07
+        takes = Store(worker.document.run.session.folder / "tracks").takes()
+        scales = [json.loads(take.about.labels.scale)["overall"] for take in takes]
+        assert scales == [live.overall, 1.07]
+        assert worker.document.live_scale == live
+        worker.send(commands.Undo(1))
+        eventually(lambda: worker.document.run.scale == live, "undone")  # noqa: B023
+
+
 def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
     _tracked(desk)
@@ -80,13 +99,16 @@ def test_without_tracked_frames_there_is_nothing_to_refine(desk: tuple[Worker, L
 
 def test_which_keyframes_changed() -> None:
     run, held = object(), {3: np.zeros(2), 5: np.ones(2)}
-    known = RefinedWith(run, {"takes": 1}, held)  # type: ignore[arg-type]
+    pin = Pin("front", (1.0, 2.0), "index_tip")
+    known = RefinedWith(run, {"takes": 1}, held, {7: (pin,)})  # type: ignore[arg-type]
     now = {3: np.zeros(2), 5: np.zeros(2), 9: np.ones(2)}
-    assert known.changed(run, {"takes": 1}, now) == [5, 9]  # type: ignore[arg-type]
-    assert known.changed(run, {"takes": 1}, {3: np.zeros(2)}) == [5]  # type: ignore[arg-type]
-    assert known.changed(run, {"takes": 1}, dict(held)) is None  # type: ignore[arg-type]
-    assert known.changed(run, {"takes": 2}, now) is None  # type: ignore[arg-type]
-    assert known.changed(object(), {"takes": 1}, now) is None  # type: ignore[arg-type]
+    assert known.changed(replace(known, held=now)) == [5, 9]
+    assert known.changed(replace(known, held={3: np.zeros(2)})) == [5]
+    assert known.changed(replace(known, held=dict(held))) is None
+    assert known.changed(replace(known, held=now, spans={"takes": 2})) is None
+    assert known.changed(replace(known, held=now, run=object())) is None  # type: ignore[arg-type]
+    assert known.changed(replace(known, pins={})) == [7]
+    assert known.changed(replace(known, pins={7: (pin, pin), 8: (pin,)})) == [7, 8]
 
 
 def test_what_moved_is_told() -> None:

@@ -65,7 +65,7 @@ def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None
         once = tracked_by(worker, seen, everything)
         again = tracked_by(worker, seen, everything)  # not from what was tracked before
         assert worker.document is not None
-        assert worker.document.run.scale == run.scale
+        assert worker.document.live_scale == run.scale  # refining found another from it
     finally:
         worker.stop()
     for found in (once, again):

@@ -12,7 +12,7 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import part_cards, pose_snapshot, truth_at
-from handtrack_app.engine.inverse_kinematics import reach, tip_names
+from handtrack_app.engine.posing.inverse_kinematics import reach, tip_names
 from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.pose import group_of, label_of
 from handtrack_app.protocol.palette import colour_of, limb_of
@@ -50,7 +50,7 @@ def test_its_parts_stand_on_their_bones(opened):
 def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
     panel = opened.layout.pose
     assert tuple(panel.sliders) == BODY.parameter_names
-    labels = [folder.label for folder in panel.folders]
+    labels = [folder.label for folder in panel.folders.values()]
     assert labels == ["Body", "Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg"]
     knee = panel.sliders["left_knee_flex"]
     assert (knee.min, knee.max) == (-8, 155)

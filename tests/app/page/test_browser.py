@@ -11,8 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import viser.transforms as vtf
 
+from handtrack_app.page.views.room import POSE
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 
@@ -76,7 +79,9 @@ class PageUnderTest:
 
 
 @contextlib.contextmanager
-def browsing(bench: Workbench) -> Iterator[PageUnderTest]:
+def browsing(
+    bench: Workbench, dpr: float = 0.5, size: tuple[int, int] = (1300, 800), unfold: bool = True
+) -> Iterator[PageUnderTest]:
     """Show a workbench in a real browser; it is stopped afterwards."""
     if not Path(CHROMIUM).exists():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
@@ -86,7 +91,7 @@ def browsing(bench: Workbench) -> Iterator[PageUnderTest]:
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
         page = browser.new_context(
-            viewport={"width": 1300, "height": 800}, accept_downloads=True
+            viewport={"width": size[0], "height": size[1]}, accept_downloads=True
         ).new_page()
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
@@ -98,12 +103,31 @@ def browsing(bench: Workbench) -> Iterator[PageUnderTest]:
                 else r.abort()
             ),
         )
-        page.goto(f"{bench.url}&fixedDpr=0.5")
+        page.goto(f"{bench.url}&fixedDpr={dpr:g}")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
+        if unfold:
+            _unfold(bench)
         yield PageUnderTest(page)
         browser.close()
         assert not errors, f"script errors in the page: {errors}"
     bench.stop()
+
+
+def stands(bench: Workbench) -> bool:
+    """Return whether the first page stands in the camera that it looks through: it turns with the next frame that it draws."""
+    client = next(iter(bench.server.get_clients().values()))
+    view = bench.stage.looking.views.of(client.client_id)
+    if view is None or abs(client.camera.fov - view.eye.fov) > 1e-6:
+        return False
+    turned = vtf.SO3(np.asarray(client.camera.wxyz, dtype=float)).as_matrix()
+    return np.allclose(turned, view.eye.rotation, atol=1e-5)
+
+
+def _unfold(bench: Workbench) -> None:
+    """Open the pose panel, which a small window has folded."""
+    room = bench.layout.room
+    for client in bench.server.get_clients().values():
+        room.fold(client, POSE, folded=False)
 
 
 @pytest.fixture
@@ -126,6 +150,7 @@ def test_a_user_poses_tracks_cancels_and_exports(
 
 
 def _moves_a_slider(bench: Workbench, view: PageUnderTest) -> None:
+    view.press("Thumb")
     index = bench.state.names.index("thumb_ip_flex")
     before = bench.state.values[index]
     thumb = view.row("IP flex °").get_by_role("slider")

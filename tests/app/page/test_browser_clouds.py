@@ -9,7 +9,7 @@ import pytest
 
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, cloudy_session
-from tests.app.page.test_browser import PROJECT, PageUnderTest, browsing, eventually
+from tests.app.page.test_browser import PROJECT, PageUnderTest, browsing, eventually, stands
 
 
 @pytest.mark.browser
@@ -31,7 +31,7 @@ def _marks_skin(bench: Workbench, view: PageUnderTest) -> None:
     page = view.page
     page.get_by_text("Skin colour", exact=True).first.click()
     view.press("Drag a box over the image")
-    eventually(lambda: bench.stage.looking.anyone, "")
+    eventually(lambda: stands(bench), "it looks through the camera")
     page.wait_for_timeout(600)
     x, y, width, height = BOX
     corners = ((x + 3, y + 3), (x + width - 3, y + height - 3))

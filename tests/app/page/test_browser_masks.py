@@ -12,7 +12,7 @@ from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
-from tests.app.page.test_browser import PROJECT, browsing, eventually
+from tests.app.page.test_browser import PROJECT, browsing, eventually, stands
 from tests.app.page.test_browser_clouds import _seen_at
 from tests.app.wire import WireClient
 
@@ -41,7 +41,7 @@ def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
         page.get_by_role("option", name="skin, fixed colours").click()
         eventually(lambda: bench.layout.masks.correcting.words.content, "masks are shown")
         view.press("Paint over the mask")
-        eventually(lambda: bench.stage.looking.anyone, "it looks through the camera")
+        eventually(lambda: stands(bench), "it looks through the camera")
         page.wait_for_timeout(800)
         spots = [(18.0, 50.0), (24.0, 50.0), (30.0, 50.0)]
         start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)

@@ -12,7 +12,8 @@ from handtrack_app.engine.document_snapshots import session_snapshot, timeline_s
 from handtrack_app.engine.job_words import summary
 from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.session import head
-from handtrack_app.page.panels.timeline import cursor_picture, timeline_picture
+from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture
+from handtrack_app.page.time.window import whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document
@@ -31,13 +32,23 @@ def test_one_camera_is_no_cameras(tmp_path: Path) -> None:
     assert "12 frames, 1 camera," in head(replace(session, cameras=session.cameras[:1]), IDLE)
 
 
+def timeline_picture(strip: snapshots.TimelineSnapshot) -> str:
+    frames = whole(range(strip.start, strip.start + len(strip.status)))
+    return lanes_picture(lanes_of(strip, frames), strip, frames)
+
+
+def cursor(strip: snapshots.TimelineSnapshot, frame: int) -> str:
+    frames = whole(range(strip.start, strip.start + len(strip.status)))
+    return cursor_picture(lanes_of(strip, frames), frame)
+
+
 @pytest.mark.parametrize(
     ("by_hand", "found", "words"),
     [((), (), ()), ((11,), (), ("set by hand",)), ((11,), (11,), ("found",)), ((11, 12), (12,), ("set by hand", "found"))],
 )  # fmt: skip
 def test_given_frames_are_named_below_the_timeline(by_hand, found, words) -> None:
     picture = timeline_picture(_strip(by_hand=by_hand, found=found))
-    assert picture.count("<path") == len(by_hand)
+    assert picture.count("l5 7 l-5 7") == len(by_hand)
     for word in ("set by hand", "found"):
         assert (f"{word}</span>" in picture) == (word in words)
 
@@ -46,7 +57,7 @@ def test_a_poor_clouds_lines_of_sight_have_their_lane() -> None:
     parts = {"lines of sight": np.array([2.0, 3.0, 4.0, 5.0]), "priors": np.ones(4)}
     clouded = _strip(status=np.zeros(4, int), terms=parts)
     assert "lines of sight</span>" in timeline_picture(clouded)
-    assert "<div>3.0</div>" in cursor_picture(clouded, 11)
+    assert "<div>3.0</div>" in cursor(clouded, 11)
     alone = {"silhouettes": parts["lines of sight"], "priors": np.ones(4)}
     assert "silhouettes</span>" not in timeline_picture(
         _strip(status=np.zeros(4, int), terms=alone)
@@ -61,7 +72,7 @@ def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording() -> None
         status, energy = rng.integers(-1, 3, count), rng.random(count)
         strip = _strip(start=0, status=status, energy=energy, error_mm=energy, terms=terms)
         sizes.append(len(timeline_picture(strip).encode()))
-        assert len(cursor_picture(strip, count // 2).encode()) < 1500  # for each frame shown
+        assert len(cursor(strip, count // 2).encode()) < 1500  # for each frame shown
     assert sizes[1] < 1.1 * sizes[0]
 
 
@@ -69,7 +80,7 @@ def test_of_frames_drawn_in_one_place_the_worst_is_seen() -> None:
     status = np.zeros(20_000, int)
     status[1234] = 2
     strip = _strip(start=0, status=status, energy=np.where(status == 2, 7.0, 1.0))
-    assert STATUS[2][1] in timeline_picture(strip).rpartition("<svg")[2]
+    assert STATUS[2][1] in timeline_picture(strip).partition("<svg")[2]
 
 
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from handtrack_app.page.player import Demo, Player
 from handtrack_app.page.state import PoseEdit, UserState
+from handtrack_app.protocol.snapshots import ProgressSnapshot, TimelineSnapshot
+from tests.app.waiting import eventually
 
 
 def _state() -> UserState:
@@ -39,3 +44,34 @@ def test_unknown_parameters_and_equal_values_change_nothing() -> None:
 )
 def test_frames_from_clients_stay_inside_the_session(given: float, frame: int | None) -> None:
     assert _state().clamp_frame(given) == frame
+
+
+def test_no_frame_is_played_over_who_edits() -> None:
+    """The frame asked for next is not the one whose pose is edited; and none comes after."""
+    state = UserState(
+        names=("a",), values=(0.5,), values_at=7, frame=8, start=0, stop=99, playing=True
+    )
+    asked, ended = list[float](), list[bool]()
+    player = Player(state, asked.append, lambda: ended.append(True))
+    player.start()
+    try:
+        eventually(lambda: bool(asked), "it plays")
+        edit = state.edit({"a": 0.7})
+        assert edit is not None and edit.frame == 7
+        asked.clear()
+        eventually(lambda: bool(ended), "told")
+        assert not asked and state.frame == 7 and not state.playing
+    finally:
+        player.stop()
+
+
+def test_the_demo_plays_once() -> None:
+    told = ProgressSnapshot("tracking", ""), ProgressSnapshot("idle", "")
+    page, demo = SimpleNamespace(state=UserState(), send=lambda _: None), Demo()
+    session = SimpleNamespace(start=0, stop=3, first_frame=0)
+    demo.begin(TimelineSnapshot(0, np.full(3, -1), *2 * [np.zeros(3)], ()), page, session)  # type: ignore[arg-type]
+    for again in (True, False):
+        page.state.playing, page.state.follow = False, True
+        for progress in told:
+            demo.follow(progress, page)  # type: ignore[arg-type]
+        assert page.state.playing is again

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from handtrack_app.page.panels.session import head
-from handtrack_app.page.panels.takes import takes_table
+from handtrack_app.page.time.takes import takes_table
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import ProgressSnapshot, TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench

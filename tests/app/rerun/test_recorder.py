@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.diagnostics.review import Stretch
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import ResidualRecorder
+from handtrack_app.rerun.space import queue_text, worst_first
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.rerun.test_stream import chunks, picture, scalars
 
@@ -44,6 +46,15 @@ def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: P
     energies = {r.frame: r.energy for r in results}
     assert scalars(path, "/energy/total") == pytest.approx(energies)
     assert scalars(path, "/solver/iterations") == {r.frame: r.iterations for r in results}
+    overlap = scalars(path, "/overlap/cam0")
+    assert set(overlap) == set(energies) and min(overlap.values()) > 0.8
+    errors = scalars(path, "/error/mm")
+    assert set(errors) == set(energies) and max(errors.values()) < 10
+    terms = {name for r in results for name in r.energies}
+    assert scalars(path, f"/energy/{min(terms)}").keys() == energies.keys()
+    for entity in ("/world/skeleton", "/world/flesh"):
+        assert sum(batch.num_rows for batch in chunks(path, entity)) == len(results), entity
+    assert chunks(path, "/world/cameras/cam0") and chunks(path, "/queue")
     at = run.model.parameter_names.index("index_mcp_flex")
     bends = {r.frame: r.parameters[at] for r in results}
     assert scalars(path, "/parameters/index_mcp_flex") == pytest.approx(bends)
@@ -78,8 +89,9 @@ def test_the_residual_is_red_where_the_hand_is_missed(run: TrackingRun, results,
     assert np.median(residual, axis=0) == pytest.approx([255, 0, 0], abs=30)
 
 
-def test_pictures_are_dropped_and_numbers_are_not(
-    run: TrackingRun, results, tmp_path: Path, monkeypatch
+@pytest.mark.parametrize("live", [True, False])
+def test_pictures_are_dropped_before_a_viewer_alone_and_numbers_are_not(
+    run: TrackingRun, results, tmp_path: Path, monkeypatch, live: bool
 ) -> None:
     gate = threading.Event()
     pictures = residual_recorder._Painter.pictures
@@ -90,9 +102,10 @@ def test_pictures_are_dropped_and_numbers_are_not(
 
     monkeypatch.setattr(residual_recorder._Painter, "pictures", slow)
     seen = run.session.observation(0)
-    monkeypatch.setattr(run.session, "observation", lambda _: seen)
+    monkeypatch.setattr(run.session, "observation", lambda *_, **__: seen)
     path = tmp_path / "run.rrd"
     recorder = ResidualRecorder(run, path=path)
+    recorder._live = live
     for frame in range(40):  # all of them come while the first one is painted
         recorder.show(replace(results[0], frame=frame))
     gate.set()
@@ -100,7 +113,7 @@ def test_pictures_are_dropped_and_numbers_are_not(
     assert recorder.problem == ""
     assert sorted(scalars(path, "/energy/total")) == list(range(40))
     painted = sum(batch.num_rows for batch in chunks(path, "/cameras/cam0/residual"))
-    assert recorder.without_pictures > 20
+    assert (recorder.without_pictures > 20) if live else (recorder.without_pictures == 0)
     assert painted == 40 - recorder.without_pictures
 
 
@@ -134,3 +147,15 @@ def test_a_failure_while_painting_is_told(run: TrackingRun, results, tmp_path, m
         recorder.show(result)
     recorder.close()
     assert recorder.problem == "recording residuals stopped: no paint"
+
+
+def test_the_viewer_opens_on_the_worst_frame() -> None:
+    queue = [
+        Stretch(30, 34, 32, 4.0, "thumb", "the thumb may be off"),
+        Stretch(1, 2, 1, 1.0, "", "x"),
+    ]
+    selection = worst_first(queue).time_selection
+    assert selection is not None and "32" in str(selection)
+    assert "| 30–34 | 32 | the thumb may be off |" in queue_text(queue)
+    assert worst_first([]).time_selection is None
+    assert queue_text([]) == "No frame is doubtful or lost."

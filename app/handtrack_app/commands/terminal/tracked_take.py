@@ -19,7 +19,7 @@ from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult, TrackLabels
 from handtrack.tracking.state import Step
 from handtrack_app.commands.terminal.progress import say
 
@@ -44,6 +44,7 @@ class TrackedTake:
             self._folder = out.with_name(out.name + _UNFINISHED)
         self._store: WritableStore | None = None
         self._passes: list[list[TakeWriter]] = []  # of each the frames as they came, and refined
+        self._labels: TrackLabels | None = None
         self._finished = False
 
     def __enter__(self) -> TrackedTake:
@@ -72,6 +73,7 @@ class TrackedTake:
         if not self._own:
             for text in import_tracks(self._store, run.session.folder):
                 say(f"note: {text}")
+        self._labels = None
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)
         if left is None:
@@ -112,10 +114,14 @@ class TrackedTake:
             return
         latest = self._passes[-1]
         if len(latest) == 1:
-            about = about_refined(latest[0].about)
+            about = about_refined(latest[0].about, self._labels)
             left = self._store.unfinished(about.inputs)
             latest.append(self._store.begin(about) if left is None else self._store.go_on(left))
         latest[-1].replace(result)
+
+    def refined_with(self, labels: TrackLabels) -> None:
+        """Say what the refined frames of the latest pass are: of a hand of another size, say."""
+        self._labels = labels
 
     def leave_pass(self) -> None:
         """Leave the latest pass unfinished, for the same command to go on with: the one before it holds."""

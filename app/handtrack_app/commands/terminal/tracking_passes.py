@@ -10,6 +10,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, sizing_bar
 from handtrack_app.commands.terminal.tracked_take import TrackedTake
 from handtrack_app.rerun.recorder import ResidualRecorder
@@ -48,7 +49,13 @@ class TrackingPasses:
                 bar.set_description(f"refining {share:.0%}")
 
             def shared(text: str) -> None:
-                self.refinement = text
+                self.refinement, scale = text, Refinement.read(text).scale
+                if scale is None:
+                    return
+                refined_run = run.with_scale(scale)
+                take.refined_with(refined_run.labels)
+                if self._recorder is not None:
+                    self._recorder.go_on_with(refined_run)
 
             control = replace(self._control, on_refined=refining, on_shared=shared)
             try:

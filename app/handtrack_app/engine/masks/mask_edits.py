@@ -19,7 +19,7 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.mask_state import choice_value, correction_value, usual_values
 from handtrack_app.engine.run import CameraSource
 from handtrack_app.engine.store import keys
-from handtrack_app.protocol.commands import FILES, NO_MASKS, MarkMaskBox, PaintMask, SetMasks
+from handtrack_app.protocol.mask_commands import FILES, NO_MASKS, MarkMaskBox, PaintMask, SetMasks
 
 Values = dict[str, Value]
 

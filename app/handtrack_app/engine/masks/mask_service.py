@@ -15,7 +15,7 @@ from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store import keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
-from handtrack_app.protocol.commands import FILES, NO_MASKS
+from handtrack_app.protocol.mask_commands import FILES, NO_MASKS
 from handtrack_app.protocol.masks import MaskCameraCard, MaskCard
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 

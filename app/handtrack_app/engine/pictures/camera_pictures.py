@@ -17,6 +17,7 @@ from handtrack.diagnostics.residual_image import (
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.observation.observation import Silhouette
+from handtrack_app.engine.pictures.close_up import close_up
 from handtrack_app.engine.pictures.cloud_pictures import depth_picture
 from handtrack_app.engine.run import RunSession
 
@@ -130,13 +131,17 @@ class CameraPictures:
         paint: str,
         flesh: PosedEllipsoids,
         silhouette: Silhouette | None,
+        aside: int | None = None,
     ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
-        paint: `plain`, `outline`, `residual` or `field`; silhouette: where there is one.
+        paint: `plain`, `outline`, `residual`, `field`, or `close` for the outline on what is near the model; silhouette: where there is one; aside: a bone
+        that a close picture may cut off.
         """
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()
+        if paint == "close":
+            return close_up(image, camera, flesh, aside)
         if paint == "outline":
             return outline_picture(image, camera, flesh)
         if paint == "residual" and silhouette is not None:

@@ -9,10 +9,11 @@ from itertools import combinations
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands

@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sized
 
-from handtrack_app.engine.document import Document, params_of
+from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
+from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.protocol.commands import WantPictures
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
@@ -51,6 +52,8 @@ class Painter:
         session, frame = document.run.session, document.frame
         bones = document.model.bones(params_of(document.model, document.shown))
         flesh = document.model.flesh["fine"].posed(bones)
+        skeleton = document.model.skeleton
+        aside = skeleton.bone("forearm") if document.model.has_forearm else None
         large = {}
         for camera, paint in wanted.screens:
             if camera not in session.rig.names or paint == "mask":
@@ -58,7 +61,7 @@ class Painter:
             needed = paint == "residual"
             seen = session.observation(frame, cloud=False).silhouettes if needed else ()
             silhouette = next((s for s in seen if s.camera.name == camera), None)
-            large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette)
+            large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette, aside)
         if large:
             self._publish(PictureSnapshot(frame, screens=large))
         small = {}

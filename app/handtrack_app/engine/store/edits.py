@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -14,8 +14,11 @@ from handtrack.model.pose_library import named_pose
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.simulation.body_motion import body_pose
 from handtrack.store.history import Value
-from handtrack_app.engine.document import Document, params_of
-from handtrack_app.engine.inverse_kinematics import reach
+from handtrack.store.spans import Span, beside_accepted, resolved
+from handtrack.store.store import spans_of
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.posing.inverse_kinematics import reach
+from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import keys
 
 Values = dict[str, Value]
@@ -26,14 +29,15 @@ def pose(document: Document, frame: int, values: Sequence[float], found: bool = 
     model, given = document.model, np.asarray(values, dtype=float)
     if given.shape != (len(model.parameter_names),):
         return {}  # sent before the model changed
-    return _pose(document, frame, model.joint_params(params_of(model, given)), found)
+    return set_pose(document, frame, model.joint_params(params_of(model, given)), found=found)
 
 
-def _pose(document: Document, frame: int, values: Floats[S], found: bool = False) -> Values:
+def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Values:
+    """Set a frame's pose as it is, within limits. how: `found` by a search, or `pinned`."""
     key = keys.pose(document.clamped(frame))
     known = (document.state.get(key) or {}).get("parameters", {})  # of other models, too
     now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
-    return {key: {"parameters": {**known, **now}, "found": found}}
+    return {key: {"parameters": {**known, **now}, "found": False, **how}}
 
 
 def taken_pose(document: Document, frame: int, source: str) -> Values:
@@ -68,6 +72,36 @@ def forgotten_pose(frame: int) -> Values:
     return {keys.pose(frame): None}
 
 
+def accepted(document: Document, frames: Iterable[int], on: bool) -> Values:
+    """Accept frames as they are, or let them go; those alone that have a pose."""
+    named = document.accepted.union(frames) if on else document.accepted.difference(frames)
+    now = {f for f in named if f in document.by_hand or f in document.results}
+    return {} if now == document.accepted else keys.accepted(now)
+
+
+def restored(document: Document, number: int, frames: range | None) -> Values:
+    """Make a take current again, whole (None) or some of its frames; accepted frames stay. Raises HandtrackError."""
+    take, state, frames_of = document.takes.get(number), document.state, document.takes.frames_of
+    if take is None or not len(take):
+        raise HandtrackError(f"Take {number} has no frames that could be shown.")
+    if take.parameter_names != document.model.parameter_names:
+        raise HandtrackError(
+            f"Take {number} was tracked with another model than the one in force, {document.run.labels.model} with "
+            f"coupling {document.model.coupling}. Choose its model in the tab Settings first."
+        )
+    first, stop = min(take), max(take) + 1
+    shown = resolved(spans_of(state.get(keys.SPANS)), frames_of)
+    laid = resolved([Span(number, first, stop)], frames_of)
+    if frames is not None:
+        some = range(max(frames.start, first), min(frames.stop, stop))
+        if not some:
+            raise HandtrackError(
+                f"Take {number} has the frames {first} to {stop - 1}, none of {frames.start} to {frames.stop - 1}."
+            )
+        laid = resolved([*shown, Span(number, some.start, some.stop)], frames_of)
+    return keys.spans(beside_accepted(laid, shown, state.get(keys.ACCEPTED) or ()))
+
+
 def setting(name: str, value: object) -> Values:
     """Change a setting of [tracking]."""
     return {keys.setting(name): value}
@@ -86,9 +120,10 @@ def limits(document: Document, name: str, interval: tuple[float, float] | None) 
     return {keys.limits(name): [low, high]}
 
 
-def size(scale: HandScale, pending: bool = False) -> Values:
-    """Change the hand's size. pending: it is still to be fitted."""
-    return {keys.SIZE: scale_table(scale) | {"pending": pending}}
+def size(scale: HandScale, pending: bool = False, live: HandScale | None = None) -> Values:
+    """Change the hand's size. pending: it is still to be fitted; live: what it was before refining, for tracking to begin with."""
+    before = {} if live is None else {"live": scale_table(live)}
+    return {keys.SIZE: scale_table(scale) | {"pending": pending} | before}
 
 
 def clouds(settings: CloudSettings | None) -> Values:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from handtrack.arrays import Floats, P
+from handtrack.model.articulated import HandScale
 from handtrack.session.takes.take_about import refined_by
 from handtrack.session.takes.versions import versions_in_use
 from handtrack.store.current_track import TakeFrames
@@ -31,6 +32,8 @@ class OpenTake:
     waiting: dict[int, FrameResult] = field(default_factory=dict)
     """frames that could not be written yet"""
     is_refined: bool = False
+    scale: HandScale | None = None
+    """of the hand, where it is another than the document's"""
     is_shown: bool = False
     is_told: bool = False
     """that frames cannot be written"""
@@ -45,9 +48,10 @@ class OpenTake:
         params: Floats[P],
         keyframes: tuple[int, ...] = (),
         is_refined: bool = False,
+        scale: HandScale | None = None,
     ) -> OpenTake:
-        """Begin a take; tracking starts at frame `first` with solver parameters. is_refined: it is of all frames together.
-        Raises HandtrackError.
+        """Begin a take; tracking starts at frame `first` with solver parameters. is_refined: it is of all frames together;
+        scale: and of a hand of another size. Raises HandtrackError.
         """
         run = document.run
         shelf = TakeFrames(run.model.parameter_names)
@@ -55,7 +59,7 @@ class OpenTake:
             by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
             frames=(frames.start, frames.stop),
-            labels=run.labels,
+            labels=(run if scale is None else run.with_scale(scale)).labels,
             start={"frame": first, "parameters": params.tolist()},
             keyframes=keyframes,
             versions=versions_in_use(),
@@ -63,7 +67,7 @@ class OpenTake:
         writer = None if store is None else store.begin(about)
         number = document.takes.next_number if writer is None else writer.take.number
         document.takes.put(number, shelf)
-        return cls(number, frames, first, shelf, writer, is_refined=is_refined)
+        return cls(number, frames, first, shelf, writer, is_refined=is_refined, scale=scale)
 
     def keep(self, result: FrameResult) -> None:
         """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
+from handtrack.model.articulated import HandScale
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
@@ -22,7 +23,10 @@ from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.correction_files import CorrectionFiles
+from handtrack_app.engine.posing.pin_state import changed_elsewhere
+from handtrack_app.engine.review.frozen_frames import is_locked
 from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store.brought_back import brought_back
 from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
 from handtrack_app.engine.store.shelf import TakeShelf
@@ -54,6 +58,8 @@ class Persistence:
     _unwritten: list[Action] = field(default_factory=list)
     _take: OpenTake | None = None
     _corrections: CorrectionFiles = field(default_factory=CorrectionFiles)
+    _pins_text: str | None = None
+    """pins.json as it was written here"""
     _tag: str = ""
     _when: float = 0.0
     _first_waits: float | None = None
@@ -196,6 +202,8 @@ class Persistence:
                 self.check()
                 changes = self._unwritten[0].changes
                 self._corrections.write(self.document.run.session, changes)
+                if any(keys.parts(change.key)[0] == keys.PINS for change in changes):
+                    self._pins_text = self.document.run.session.pins.write(self._pins_text)
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
 
@@ -221,16 +229,19 @@ class Persistence:
         params: Floats[P],
         keyframes: tuple[int, ...] = (),
         is_refined: bool = False,
+        scale: HandScale | None = None,
     ) -> None:
-        """Begin a take. It shows over what was tracked before from its first frame on."""
+        """Begin a take; scale: of a hand of another size, which holds with it. It shows over what was tracked before from its first frame on."""
         self._take = OpenTake.begin(
-            self.document, self.store, frames, first, params, keyframes, is_refined
+            self.document, self.store, frames, first, params, keyframes, is_refined, scale
         )
 
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
         take = self._take
         assert take is not None, "no take was begun"
+        if is_locked(self.document, result.frame) and result.frame not in take.shelf:
+            return  # accepted while tracking ran
         try:
             take.keep(result)
         except HandtrackError:
@@ -251,9 +262,18 @@ class Persistence:
         values: dict[str, Value] = keys.spans([*under, span])
         if take.first in take.shelf and take.first in document.by_hand:
             values |= edits.forgotten_pose(take.first)
+        for frame in document.by_hand:
+            if (
+                frame in take.frames
+                and document.is_pinned(frame)
+                and frame not in document.accepted
+            ):
+                values |= edits.forgotten_pose(frame)  # solved by its pins again
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
-            self.do(f"Refining of {many}", keys.spans([*under, span]))
+            live = document.live_scale or document.run.scale
+            sized = {} if take.scale is None else edits.size(take.scale, live=live)
+            self.do(f"Refining of {many}", values | sized)
             return
         self.do(f"Tracking of {f'frame {take.first}' if len(take.frames) == 1 else many}", values)
 
@@ -273,18 +293,9 @@ class Persistence:
                 f"{error} What was tracked stays as long as the workbench is open: save the track once there is room."
             ) from None
 
-    def restore_take(self, number: int) -> bool:
-        """Make a take the whole current track; return whether that changed anything. Raises HandtrackError."""
-        take, frames = self.document.takes.get(number), self.document.takes.frames_of(number)
-        if take is None or not frames:
-            raise HandtrackError(f"Take {number} has no frames that could be shown.")
-        if take.parameter_names != self.document.model.parameter_names:
-            raise HandtrackError(
-                f"Take {number} was tracked with another model than the one in force, {self.document.run.labels.model} with "
-                f"coupling {self.document.model.coupling}. Choose its model in the tab Settings first."
-            )
-        whole = Span(number, min(frames), max(frames) + 1)
-        return self.do(f"Take {number} restored", keys.spans([whole]))
+    def restore_take(self, number: int, frames: range | None = None) -> bool:
+        """Make a take, or some of its frames, current again; return whether that changed anything. Raises HandtrackError."""
+        return self.do(f"Take {number} restored", edits.restored(self.document, number, frames))
 
     # ---- bringing back
 
@@ -294,30 +305,16 @@ class Persistence:
         if document.run.session.live is not None:
             return ""
         document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
+        session, state = document.run.session, dict(self.history.state)
+        pins = {frame: session.pins.of(frame) for frame in session.pins.frames}
         self._apply_all(self.history.state)
         self._take_files()
-        session, state = document.run.session, dict(self.history.state)
-        for key, value in self._corrections.changed_elsewhere(session, state).items():
+        changed = self._corrections.changed_elsewhere(session, state)
+        for key, value in (changed | changed_elsewhere(pins, session.pins)).items():
             self.do("As the session's files have it", {key: value}, kind=NOTE)
         self._take_earlier_work()
         self._take_size_of_track()
-        settings = [*document.decided(keys.SETTING), *document.decided(keys.LIMITS)]
-        found = sum(document.is_found(frame) for frame in document.by_hand)
-        parts = [
-            f"{count} {one if count == 1 else many}"
-            for count, one, many in (
-                (len(document.results), "tracked frame", "tracked frames"),
-                (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
-                (found, "pose found", "poses found"),
-                (
-                    len(settings) + len(document.unsaved_clouds),
-                    "changed setting",
-                    "changed settings",
-                ),
-            )
-            if count
-        ]
-        return f"Brought back from last time: {', '.join(parts)}." if parts else ""
+        return brought_back(document)
 
     def _apply_all(self, state: Mapping[str, Value]) -> None:
         """Apply a state whole; where a part of it cannot be any more, the rest, and say which."""

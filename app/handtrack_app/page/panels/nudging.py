@@ -99,7 +99,7 @@ class NudgePanel:
     def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
         gui, page = self.page.gui, self.page
-        with gui.add_folder("Nudge as you see it", expand_by_default=True):
+        with gui.add_folder("Nudge as you see it", expand_by_default=False):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
                 page.on(row, lambda e, words=words: self.nudge(words.get(e.target.value), e.client))

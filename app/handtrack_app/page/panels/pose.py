@@ -10,13 +10,23 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats, S
-from handtrack_app.page.page import Page, UserEvent, number
+from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
+from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track
-from handtrack_app.protocol.palette import FINGER_COLOURS, FOUND, LIMB_COLOURS, STATUS, limb_of
+from handtrack_app.protocol.palette import (
+    FINGER_COLOURS,
+    FOUND,
+    LIMB_COLOURS,
+    PINNED,
+    STATUS,
+    limb_of,
+)
+from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
+_ROW = 3  # groups in a row of buttons
 _LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
 GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS)
 """folders; the first holds the root, of a body too"""
@@ -68,9 +78,14 @@ class PosePanel:
     tab: viser.GuiTabHandle
     nudges: NudgePanel
     guesses: GuessesPanel
+    pins: PinPanel
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
-    folders: list[viser.GuiFolderHandle] = field(default_factory=list)
+    folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
+    """by group; one is shown, so that all its sliders are on the screen"""
+    rows: list[viser.GuiButtonGroupHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
+    pose: PoseSnapshot | None = None
+    score: ScoreSnapshot | None = None
 
     def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
@@ -97,6 +112,8 @@ class PosePanel:
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
             self.guesses.build()
+            self.pins.build()
+            self.sliders_at = gui.add_html("").order
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))
@@ -146,20 +163,33 @@ class PosePanel:
                 slider.min, slider.max = math.floor(low), math.ceil(high)
 
     def _rebuild(self, session: SessionSnapshot) -> None:
-        for folder in self.folders:
-            folder.remove()
-        self.folders, self.sliders, self.names = [], {}, session.parameter_names
+        for handle in (*self.folders.values(), *self.rows):
+            handle.remove()
+        self.folders, self.rows, self.sliders, self.names = {}, [], {}, session.parameter_names
+        members = {g: [n for n in self.names if group_of(n) == g] for g in GROUPS}
+        groups = [group for group in GROUPS if members[group]]
         with self.tab:
-            for group in GROUPS:
-                members = [n for n in self.names if group_of(n) == group]
-                if members:
-                    self._add_folder(group, members, session)
+            for i in range(0, len(groups), _ROW):
+                row = self.page.gui.add_button_group(
+                    "Sliders of" if i == 0 else " ", tuple(groups[i : i + _ROW]), order=self.sliders_at,
+                    hint="One group's sliders at a time: all of them are on the screen.",
+                )  # fmt: skip
+                self.page.on(row, lambda event: self.open(str(event.target.value)))
+                self.rows.append(row)
+            for group in groups:
+                self._add_folder(group, members[group], session)
+        self.open(next(g for g in ("Index", "Left arm", *groups) if g in self.folders))
+
+    def open(self, group: str) -> None:
+        """Show the sliders of a group: a finger, a limb, `Hand` or `Wrist`."""
+        if group in self.folders:
+            for name, folder in self.folders.items():
+                put(folder, visible=name == group)
 
     def _add_folder(self, group: str, members: list[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
         title = "Body" if group == GROUPS[0] and session.kind == "body" else group
-        folder = gui.add_folder(title, expand_by_default=group in ("Thumb", "Index", "Left arm"))
-        self.folders.append(folder)
+        folder = self.folders[group] = gui.add_folder(title, order=self.sliders_at, visible=False)
         with folder:
             for name in members:
                 s = self.names.index(name)
@@ -195,26 +225,63 @@ class PosePanel:
             shown = min(max(shown, slider.min), slider.max)
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
-        self.card.content = pose_card(pose)
+        self.pose = pose
+        self.card.content = pose_card(pose, self.score)
+        self.pins.show(pose)
+
+    def show_score(self, score: ScoreSnapshot) -> None:
+        """Take a pose's score: it shows beside that pose alone."""
+        self.score = score
+        if self.pose is not None:
+            put(self.card, content=pose_card(self.pose, score))
 
 
-def pose_card(pose: PoseSnapshot) -> str:
-    """Return the lines above the sliders: frame, where the pose comes from, error against the truth."""
+def score_rows(score: ScoreSnapshot, with_energy: bool = True) -> list[tuple[str, str]]:
+    """Return energy and overlap by camera, each with how it differs from the pose that was fitted last."""
+    fitted = score.fitted_overlap or {}
+    rows = []
+    if score.energy and with_energy:
+        energy = sum(score.energy.values())
+        rows.append(("energy", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
+    for camera, share in score.overlap.items():
+        rows.append((f"overlap {camera}", f"{share:.2f}{_change(share, fitted.get(camera), 2)}"))
+    return rows
+
+
+def _change(now: float, before: float | None, digits: int) -> str:
+    moved = 0.0 if before is None else round(now - before, digits)
+    return f" ({moved:+.{digits}f})" if moved else ""
+
+
+def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
+    """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score.
+
+    score: of this pose, or of another, which is passed over.
+    """
     word, colour = STATUS.get(pose.status, STATUS[-1])
     if pose.origin == "carried":
         word = "not tracked yet"
     elif pose.origin == "found":
         word, colour = FOUND
+    elif pose.origin == "pinned":
+        word, colour = PINNED
     facts = []
     if math.isfinite(pose.error_mm):
         facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
+    known = score is not None and (score.frame, score.values) == (pose.frame, tuple(pose.values))
     if math.isfinite(pose.energy):
         facts.append(("energy", f"{pose.energy:.1f}"))
+    if known and score is not None:
+        facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
     rows = "".join(
         f"<div style='display:flex;justify-content:space-between'><span style='opacity:.65'>{html.escape(k)}</span>"
         f"<b>{html.escape(v)}</b></div>"
         for k, v in facts
     )
+    if pose.accepted:
+        rows += (
+            "<div style='margin-top:.2em'><b>Accepted</b>: tracking and refining leave it.</div>"
+        )
     if pose.note:
         rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
     return (

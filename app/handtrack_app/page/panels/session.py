@@ -11,9 +11,12 @@ import viser
 
 from handtrack_app.page.page import Keys, Page, number, put
 from handtrack_app.page.panels.tracking import progress_words
+from handtrack_app.page.views.room import Room
+from handtrack_app.page.views.wall import ALL
+from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
-FREE = "free view"
+FREE, TOGETHER = "free view", "all cameras, close"
 _MODE_WORDS = {
     "flesh": "Flesh",
     "surface": "Surface",
@@ -33,8 +36,8 @@ _STATES = {
 _SAVED = {
     "saved": "<span style='opacity:.7'>✓ All changes saved</span>",
     "saving": "<span style='opacity:.7'>… Saving</span>",
-    "unsaved": "<b style='color:#f0e442'>⚠ The last changes are not saved yet</b>",
-    "kept nowhere": "<b style='color:#f0e442'>⚠ To look at: nothing is saved</b>",
+    "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
+    "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
 }
 _PAINT_WORDS = {
     "nothing": "plain",
@@ -56,6 +59,8 @@ class SessionPanel:
     paint_over: Callable[[int, str], None]
     """what is painted over the camera's image that a client sees"""
     keys: Keys
+    zoom: ZoomKeys
+    room: Room
     others: viser.GuiButtonHandle = field(init=False)
     """leads to the start page"""
     built: bool = False
@@ -86,10 +91,11 @@ class SessionPanel:
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
                     "Look through",
-                    (FREE, *cameras),
+                    (FREE, *cameras, TOGETHER),
                     initial_value=FREE,
-                    hint="See the hand over a camera's image.",
+                    hint="See the hand over a camera's image, or all cameras' images of the hand side by side.",
                 )
+                self.zoom.build()
                 self.paint = gui.add_dropdown(
                     "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
                     hint="Residual: orange is silhouette without model, blue is model without silhouette. Mask: what counts as hand; of "
@@ -116,6 +122,7 @@ class SessionPanel:
                 self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             self._look_by_keys(cameras)
+            self.room.build()
             with gui.add_folder("Keys", expand_by_default=False):
                 gui.add_html(self.keys.table())
         page.on(
@@ -136,6 +143,9 @@ class SessionPanel:
             self.page.everyones.add(self.keys.add(f"Look through {name}", str(i), act))
         act = look(lambda event: self._show_look(None, event.client))
         self.page.everyones.add(self.keys.add("Look freely", "0", act))
+        act = look(lambda event: self._show_look(ALL, event.client))
+        self.page.everyones.add(self.keys.add("See the hand in all cameras", "G", act))
+        self.zoom.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
@@ -153,13 +163,14 @@ class SessionPanel:
         self.toggles[name] = box
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:
-        self.look(None if chosen == FREE else chosen, client)
+        self.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
 
     def _show_look(
         self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
     ) -> None:
         if client is not None:
-            self.page.show_own(client, self.through, camera or FREE)
+            word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
+            self.page.show_own(client, self.through, word)
             self.look(camera, client, everything)
 
     def _paint(self, client: viser.ClientHandle, chosen: str) -> None:

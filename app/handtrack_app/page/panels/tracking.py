@@ -96,6 +96,11 @@ class TrackingPanel:
                 hint="All tracked frames together, each by those after it as well. Poses set by hand hold, and what lies beside "
                 "follows from both sides. What was tracked stays as a take.",
             )  # fmt: skip
+            self.between = gui.add_button(
+                "Track between", icon=icon.ARROWS_JOIN, color="gray", visible=False,
+                hint="The frames between the two kept ones around the frame shown (set by hand, or accepted): half from each, then "
+                "refined together where that is set.",
+            )  # fmt: skip
             self.marked = gui.add_html("", visible=False)
             self.odd = gui.add_button(
                 "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
@@ -105,11 +110,12 @@ class TrackingPanel:
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         page.on(self.odd, lambda _: self.go_to_odd())
         page.on(self.refine, lambda _: page.send(Refine()))
+        page.on(self.between, lambda _: self.start("between"))
         for which, button in starters:
-            page.on(button, lambda _, which=which: self._start(which))
+            page.on(button, lambda _, which=which: self.start(which))
         page.on(self.later, lambda event: self._put_off(bool(event.target.value)))
         page.on(self.again, lambda event: self._again(event.target.value))
-        page.on(self.pause, lambda _: page.send(Pause(self.progress.state != "paused")))
+        page.on(self.pause, lambda _: self.pause_or_go_on())
         page.on(self.cancel, lambda _: page.send(Cancel()))
         page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
         page.on(save, lambda _: page.send(SaveTrack()))
@@ -124,8 +130,8 @@ class TrackingPanel:
                 "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
             )
             ranged = gui.add_button("Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray")
-        page.on(onward, lambda event: self._start(event.target.value))
-        page.on(ranged, lambda _: self._start("range"))
+        page.on(onward, lambda event: self.start(event.target.value))
+        page.on(ranged, lambda _: self.start("range"))
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
         self.starters += [onward, span]
@@ -140,6 +146,7 @@ class TrackingPanel:
         some = bool(len(odd_frames(strip)))
         put(self.odd, visible=some)
         self._show_refine()
+        self.show_frame()
 
     def _show_refine(self) -> None:
         """Offer it where frames are tracked."""
@@ -147,6 +154,15 @@ class TrackingPanel:
         tracked = self.strip is not None and int((self.strip.status >= 0).sum()) > 1
         idle = self.progress.state == "idle"
         put(self.refine, visible=tracked and idle and not self.session.live)
+
+    def show_frame(self) -> None:
+        """Offer to track between the kept frames around the frame shown."""
+        if self.session is None:
+            return
+        ends = frozen_ends(self.strip, self.page.state.frame)
+        if ends is not None:
+            put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
+        put(self.between, visible=ends is not None and self.progress.state == "idle")
 
     def go_to_odd(self) -> None:
         """Show the next frame that is doubtful or lost; after the last one the first again."""
@@ -168,12 +184,17 @@ class TrackingPanel:
         self.page.state.follow = on
         self.page.send(Follow(on))
 
-    def _start(self, which: str) -> None:
+    def start(self, which: str) -> None:
+        """Track: `all`, `here`, `range`, or as a button of the panel says."""
         order = self.order(which)
         if order is not None:
             self.page.play(False)
             self.page.send(order)
             self._follow(True)
+
+    def pause_or_go_on(self) -> None:
+        """Let tracking wait, or go on."""
+        self.page.send(Pause(self.progress.state != "paused"))
 
     def _show_size(self) -> None:
         """Offer to put the size's fit off while it is to be done, and the size that was fitted so."""
@@ -215,6 +236,9 @@ class TrackingPanel:
             return TrackLive()
         if which == "all":
             return Track(session.start, session.stop, session.first_frame, anew=True)
+        if which == "between":
+            ends = frozen_ends(self.strip, frame)
+            return None if ends is None else Track(ends[0], ends[1] + 1, ends[0], both_ends=True)
         if which == "here":
             return Track(frame, frame + 1, frame)
         if self.range is None:
@@ -250,6 +274,17 @@ class TrackingPanel:
                 button.visible = not busy
         self._show_size()
         self._show_refine()
+        self.show_frame()
+
+
+def frozen_ends(strip: TimelineSnapshot | None, frame: int) -> tuple[int, int] | None:
+    """Return the nearest frames before and after one that tracking leaves, with frames between them; None where there are none."""
+    kept = set() if strip is None else strip.accepted | set(strip.by_hand)
+    before = max((f for f in kept if f <= frame), default=None)
+    after = min((f for f in kept if f > frame), default=None)
+    if before is None or after is None or after - before < 2:
+        return None
+    return before, after
 
 
 def odd_frames(strip: TimelineSnapshot) -> list[int]:

@@ -13,9 +13,6 @@ from handtrack_app.page.scene.viewpoint import frustum_depth
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
-# of a view through a camera: field of view, and half heights the image is moved up
-_WIDER, _RAISED = (1.4, 0.27)
-
 
 @dataclass
 class CameraRigView:
@@ -71,20 +68,6 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -
     for name, image in images.items():
         if name in view.frusta:
             view.frusta[name].image = image
-
-
-def look_through(client: viser.ClientHandle, card: CameraCard) -> None:
-    """Move a client's view into a camera.
-
-    It stands in the camera's centre, so hand and image match whatever way it looks: it sees somewhat more than
-    the camera and looks somewhat lower, which moves the image up and clear of the timeline.
-    """
-    half = _WIDER * card.size[1] / 2 / card.matrix[1, 1]
-    lower = vtf.SO3.from_x_radians(float(-np.arctan(_RAISED * half)))
-    with client.atomic():
-        client.camera.fov = float(2 * np.arctan(half))
-        client.camera.wxyz = (vtf.SO3.from_matrix(card.rotation) @ lower).wxyz
-        client.camera.position = card.centre
 
 
 def bare(display: Display) -> Display:

@@ -9,17 +9,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import viser
 import viser.transforms as vtf
-from viser._messages import SetSceneNodeVisibilityMessage
+from viser._messages import DragButton, SetSceneNodeVisibilityMessage
 
 from handtrack.arrays import D3, Bytes, Floats, H, W
 from handtrack_app.page.page import Page
-from handtrack_app.page.scene.camera_view import look_through
 from handtrack_app.page.state import Look
+from handtrack_app.page.views.through import Views
+from handtrack_app.page.views.wall import ALL, CLOSE, Walls
+from handtrack_app.page.views.zoom import ray_pixel
 from handtrack_app.protocol.snapshots import CameraCard
 
 _BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 _IN_THE_WAY = ("/cameras", "/ground")
 """of who looks through a camera: its neighbour's picture could stand before the hand"""
+_SCREEN = "/screen"
 Picture = tuple[str, str]
 """a camera, and what is painted over its image"""
 Pixel = tuple[float, float]
@@ -42,9 +45,13 @@ class Looking:
 
     def __init__(self, page: Page) -> None:
         self._page = page
+        self.views, self.walls = Views(page), Walls(page)
+        page.everyones.add(_SCREEN)  # who looks on turns its own picture, too
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
         self._heard_image: viser.ImageHandle | None = None
+        self.boxed: set[int] = set()
+        """clients that drag a box over the picture, which stays where it is"""
         self.heard: int | None = None
         """the client whose drags over an image are listened to"""
 
@@ -56,22 +63,29 @@ class Looking:
     def anyone(self) -> bool:
         """Whether a page looks through a camera."""
         state = self._page.state
-        return any(state.look(client).through for client in self._page.server.get_clients())
+        here = self._page.server.get_clients()
+        return any(state.look(client).through in self._cards for client in here)
 
     def card(self, client: int | None) -> CameraCard | None:
         """Return the camera that a page looks through."""
         return self._cards.get(self._page.state.look(client).through or "")
 
     def set_through(self, client: viser.ClientHandle, camera: str | None) -> None:
-        """Let a page look through a camera; None: freely, from wherever it is."""
+        """Let a page look through a camera, or at what `ALL` see; None: freely, from wherever it is."""
         state, number = self._page.state, client.client_id
         with state.lock:
             state.looks[number] = replace(state.look(number), through=camera)
         card = self.card(number)
         for name in _IN_THE_WAY:
             self._page.tell(client, SetSceneNodeVisibilityMessage(name, card is None))
+        if card is None:
+            self.views.leave(client)
+        if camera == ALL:
+            self.walls.enter(client, tuple(self._cards))
+        else:
+            self.walls.leave(client)
         if card is not None:
-            look_through(client, card)
+            self.views.enter(client, card)
 
     def set_paint(self, client: int, paint: str) -> None:
         """Paint something else over what a page sees through its camera."""
@@ -82,7 +96,10 @@ class Looking:
     def pictures(self, field_camera: str | None) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field_camera: whose field is shown, if any."""
         here = self._page.server.get_clients()
-        chosen = (_picture(self._page.state.look(one), field_camera) for one in here)
+        looks = [self._page.state.look(one) for one in here]
+        chosen = [_picture(look, field_camera) for look in looks]
+        if any(look.through == ALL for look in looks):
+            chosen += [(camera, CLOSE) for camera in self._cards]
         return tuple(dict.fromkeys(one for one in chosen if one is not None))
 
     def place(self, field_camera: str | None, hand: Floats[D3], larger: float) -> None:
@@ -97,6 +114,8 @@ class Looking:
             screen = self._screens.get(number)
             if screen is None and picture is not None:
                 screen = self._screens[number] = Screen(_add_screen(client))
+                self._drags_turn(client, screen.image, "left")
+                self._drags_turn(client, screen.image, "right")
             if screen is None:
                 continue
             if picture != screen.picture:
@@ -112,8 +131,12 @@ class Looking:
         if screen is None or card is None:
             return
         self.hush()
+        screen.image.remove_drag_callback()
+        self._drags_turn(client, screen.image, "right")
 
         def tell(through: Sequence[float], phase: str) -> None:
+            if self._page.state.editor not in (None, client.client_id):
+                return
             eye = np.asarray(client.camera.position, dtype=float)
             at = _pixel(card, screen.depth[card.name], eye, np.asarray(through, dtype=float))
             if at is not None:
@@ -135,14 +158,34 @@ class Looking:
 
     def hush(self) -> None:
         """Listen no more: drags turn the view again."""
-        image, self._heard_image, self.heard = self._heard_image, None, None
-        if image is not None:
+        image, self._heard_image, heard = self._heard_image, None, self.heard
+        self.heard = None
+        client = self._page.server.get_clients().get(-1 if heard is None else heard)
+        if image is not None and client is not None:
             with suppress(RuntimeError):  # its page has gone
                 image.remove_drag_callback()
                 image.remove_click_callback()
+                self._drags_turn(client, image, "left")
+                self._drags_turn(client, image, "right")
+
+    def _drags_turn(
+        self, client: viser.ClientHandle, image: viser.ImageHandle, button: DragButton
+    ) -> None:
+        """Let a drag of the picture move it under the pointer."""
+
+        @image.on_drag(button)
+        async def _(event: viser.SceneNodeDragEvent[viser.ImageHandle]) -> None:
+            if client.client_id in self.boxed and button == "left":
+                return
+            card = self.card(client.client_id)
+            held = None if card is None else np.asarray(event.start_position) - card.centre
+            pixel = None if card is None or held is None else ray_pixel(card, held)
+            if pixel is not None:
+                self.views.drag(client, pixel, event.end_screen_pos)
 
     def show(self, images: dict[Picture, Bytes[H, W, D3]]) -> None:
         """Show the pictures that came."""
+        self.walls.show(images)
         for screen in self._screens.values():
             if screen.picture in images:
                 screen.image.image = images[screen.picture]
@@ -151,7 +194,7 @@ class Looking:
 
 def _picture(look: Look, field_camera: str | None) -> Picture | None:
     paint = look.paint if field_camera is None else "field"
-    camera = look.through or field_camera
+    camera = None if look.through == ALL else look.through or field_camera
     return None if camera is None else (camera, paint)
 
 
@@ -168,7 +211,7 @@ def _pixel(card: CameraCard, depth: float, eye: Floats[D3], through: Floats[D3])
 
 def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
     return client.scene.add_image(
-        "/screen", np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        _SCREEN, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
         receive_shadow=False, visible=False,
     )  # fmt: skip
 
@@ -181,12 +224,16 @@ def _place(screen: Screen, card: CameraCard, hand: Floats[D3], larger: float) ->
     if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
         depth = kept  # stands still while the hand stays in front of it
     screen.depth[card.name] = depth
-    (width, height), matrix, image = card.size, card.matrix, screen.image
+    image = screen.image
+    image.render_width, image.render_height, image.position = plane_of(card, depth)
+    image.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+
+
+def plane_of(card: CameraCard, depth: float) -> tuple[float, float, Floats[D3]]:
+    """Return width and height [m] and middle (world [m]) of what a camera's image covers at a depth [m]: exact for a pinhole."""
+    (width, height), matrix = card.size, card.matrix
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     middle = np.array(
         [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
     )
-    image.render_width = depth * width / fx
-    image.render_height = depth * height / fy
-    image.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
-    image.position = card.centre + card.rotation @ middle
+    return depth * width / fx, depth * height / fy, card.centre + card.rotation @ middle

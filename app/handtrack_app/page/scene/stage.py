@@ -9,6 +9,7 @@ import viser
 
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Page, put
+from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
@@ -20,6 +21,7 @@ from handtrack_app.page.scene.camera_view import (
 )
 from handtrack_app.page.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
 from handtrack_app.page.scene.ghosts import GhostView, add_ghosts, show_ghosts, update_ghosts
+from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.scene.handles import (
     RootHandle,
     TipHandles,
@@ -51,6 +53,7 @@ from handtrack_app.page.state import Display
 from handtrack_app.protocol.commands import PullTip, WantCloud, WantMasks, WantPictures, WantSurface
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
+    CameraCard,
     CloudSnapshot,
     GuessesSnapshot,
     MaskPicture,
@@ -79,10 +82,17 @@ class Stage:
         self._surface_at: tuple[int, str] | None = None
         self._marking = False
         """a box is to be dragged over an image: nothing stands before it"""
+        self._marks: dict[int, Callable[[viser.SceneRectSelectEvent], None]] = {}
+        """by client: what waits for that box"""
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
         self.looking = Looking(page)
-        self.ghosts: GhostView = add_ghosts(page.server, "/ghosts", self._guess_clicked)
+        self.grips = Grips(page, self._grasped)
+        self.ghosts: GhostView = add_ghosts(
+            page.server,
+            "/ghosts",
+            lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
+        )
         scene = page.server.scene
         scene.world_axes.visible = False
         scene.configure_default_lights(enabled=False)
@@ -103,17 +113,12 @@ class Stage:
                 self.page.server, "/tips", session.tip_names, self._tip_moved,
                 self._larger,
             )  # fmt: skip
-        if (
-            before is None
-            or before.bone_names != session.bone_names
-            or before.model != session.model
-        ):
+        known = before is not None and before.bone_names == session.bone_names
+        if before is None or not known or before.model != session.model:
             if self.hand is not None:
                 remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
-
-    def _guess_clicked(self, rank: int) -> None:
-        self.take_guess(rank)
+        self.grips.fit(session)
 
     def _root_moved(self, edit: dict[str, float]) -> None:
         self.page.edit_pose(edit, "root handle")
@@ -141,7 +146,8 @@ class Stage:
             self.root.control.visible = display.handle and self.pose is not None
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
-                self.looking.place(self.field_camera(), middle_of(self.pose), self._larger)
+                self.looking.place(self.field_camera(), self.pose.middle, self._larger)
+                self.grips.place()
 
     @property
     def display(self) -> Display:
@@ -194,9 +200,13 @@ class Stage:
             WantMasks(display.masks),
         )  # fmt: skip
 
+    def _grasped(self, client: int | None) -> CameraCard | None:
+        """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
+        return None if self._marking else self.looking.card(client)
+
     def hand_middle(self) -> Floats[D3] | None:
         """Return the middle of the hand shown [m]."""
-        return None if self.pose is None else middle_of(self.pose)
+        return None if self.pose is None else self.pose.middle
 
     def view_axes(self, client: int | None) -> Floats[D3, D3] | None:
         """Return the axes, camera → world, of the camera that a page looks through."""
@@ -208,9 +218,10 @@ class Stage:
     def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
         """Move the hand."""
         display = self.display
+        session = self.session
         if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
             return
-        if not self._fits(pose):
+        if not self._fits(pose) or session is None:
             return
         first, self.pose = self.pose is None, pose
         with self.page.server.atomic():
@@ -221,11 +232,13 @@ class Stage:
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self._move_tips()
-        if first and self.session is not None:
-            self._set_first_view(self.session, pose)
+        self.looking.views.show_hand(*hand_balls(session, pose))
+        if first:
+            self._set_first_view(session, pose)
             self.apply()
         else:
-            self.looking.place(self.field_camera(), middle_of(pose), self._larger)
+            self.looking.place(self.field_camera(), pose.middle, self._larger)
+        self.grips.show(pose)
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
@@ -303,12 +316,10 @@ class Stage:
 
     def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
         assert self.cameras is not None
-        size_cameras(self.cameras, middle_of(pose))
-        self.view = first_view(session, middle_of(pose))
+        size_cameras(self.cameras, pose.middle)
+        self.view = first_view(session, pose.middle)
         server = self.page.server
-        self.surroundings = add_surroundings(
-            server, middle_of(pose), upward(session), session.reach_m
-        )
+        self.surroundings = add_surroundings(server, pose.middle, upward(session), session.reach_m)
         server.scene.set_up_direction(self.view.up)
         start = server.initial_camera
         start.up, start.position, start.look_at = (
@@ -327,16 +338,20 @@ class Stage:
         everything: bool = False,
         marking: bool = False,
     ) -> None:
-        """Let a page look through a camera, or freely (None) at the hand or at everything. marking: at the bare image."""
+        """Let a page look through a camera, or freely (None) at the hand or at everything, or at what `ALL` cameras see.
+
+        marking: at the bare image.
+        """
+        self._end_mark(client)
         paints = self.looking.heard  # who looks on does not end it
         if paints in (None, client.client_id) or paints != self.page.state.editor:
             self._marking = marking
             self.looking.hush()
             self.stopped_painting()
         self.looking.set_through(client, camera)
-        if self.looking.card(client.client_id) is None and self.session and self.pose is not None:
+        if camera is None and self.session and self.pose is not None:
             view = overview if everything else hand_view
-            look_from(client, view(self.session, middle_of(self.pose)))
+            look_from(client, view(self.session, self.pose.middle))
         self.page.redraw()
 
     def paint_on(self, camera: str, client: viser.ClientHandle, pointed: Pointed) -> None:
@@ -359,11 +374,10 @@ class Stage:
             return
         self.look(camera, client, marking=True)
         card = self.cameras.cards[camera]
-        client.scene.remove_rect_select_callback()
 
         @client.scene.on_rect_select()
-        def _(event: viser.SceneRectSelectEvent) -> None:
-            client.scene.remove_rect_select_callback()
+        def once(event: viser.SceneRectSelectEvent) -> None:
+            self._end_mark(client)
             if not self._marking or self.page.state.look(client.client_id).through != camera:
                 return
             self._marking = False
@@ -372,7 +386,11 @@ class Stage:
             if box is not None:
                 marked(box)
 
+        self._marks[client.client_id] = once
+        self.looking.boxed.add(client.client_id)
 
-def middle_of(pose: PoseSnapshot) -> Floats[D3]:
-    """Return the middle of the hand [m]: of its ellipsoids near the palm and fingers."""
-    return np.median(pose.centre, axis=0)
+    def _end_mark(self, client: viser.ClientHandle) -> None:
+        """Wait for a box no more: drags move the picture again."""
+        self.looking.boxed.discard(client.client_id)
+        if (waits := self._marks.pop(client.client_id, None)) is not None:
+            client.scene.remove_rect_select_callback(waits)

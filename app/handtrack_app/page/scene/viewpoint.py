@@ -7,13 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 import viser
+from viser._messages import (
+    SetCameraFovMessage,
+    SetCameraLookAtMessage,
+    SetCameraPositionMessage,
+    SetCameraUpDirectionMessage,
+)
 
 from handtrack.arrays import D3, D5, Floats
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
-_LEAST = 0.17  # share of the picture's height that a hand must fill for cameras to be shown with it at first
-# free part of the picture, in half heights; the timeline is below
-_WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.42
+_LEAST = 0.35  # share of the picture's height that a hand reaches over at least if cameras are shown with it at first: bent, it fills two thirds of that
+_WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.94  # free part of the picture, in half heights
 
 
 @dataclass(frozen=True)
@@ -172,9 +177,15 @@ def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewp
 
 
 def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
-    """Move a client's view to a free viewpoint."""
+    """Move a client's view to a free viewpoint. The handle's own setters leave out what they believe is there already."""
+    up, position, target = (
+        (float(x), float(y), float(z)) for x, y, z in (view.up, view.position, view.look_at)
+    )
     with client.atomic():
-        client.camera.up_direction = view.up
-        client.camera.position = view.position
-        client.camera.look_at = view.look_at
-        client.camera.fov = view.fov
+        for message in (
+            SetCameraUpDirectionMessage(up),
+            SetCameraPositionMessage(position),
+            SetCameraLookAtMessage(target),
+            SetCameraFovMessage(view.fov),
+        ):
+            client._websock_connection.queue_message(message)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 USUAL_PER_VIEW = 15.0
 """energy a view of what was seen at which a model fits about as well as its noise says: half a hand's outline off by one sigma"""
-LEAST_MISFIT, MOST_MISFIT = 0.3, 3.0
-"""exact masks of the very model have 0.4 to 0.5, other hands' 1.1 to 2.1, ragged ones 3; beyond, it is no noise"""
+LEAST_MISFIT, MOST_MISFIT = 0.3, 2.0
+"""exact masks of the very model have 0.4 to 0.5, other hands' 1.1 to 2.1; ragged ones 3, of which no joint is the worse"""
 
 
 @dataclass(frozen=True)
@@ -24,20 +24,24 @@ class Seen:
     flesh_mm: float
     """how far another hand's joints lie beside the model's, constant offsets taken out [mm of a mean adult's hand]"""
     closed_mm: float
-    """how much further in a finger that is closed, whose flesh hides its joints"""
+    """how much further the tip of a finger that is closed, whose flesh hides how far each joint bends: from its base it grows"""
+    palm_mm: float
+    """how much further all of a closed hand, whose knuckles and thumb flesh pushes about"""
     flesh_by_misfit: float
-    """exponent of the misfit in both"""
+    """exponent of the misfit in all three"""
 
 
-MASKS = Seen(0.55, 1.15, 0.25, 5.0, 1.45)
-CLOUD = Seen(0.85, 0.3, 1.2, 1.8, 0.7)
+MASKS = Seen(0.47, 1.26, 0.25, 3.9, 1.6, 1.56)
+CLOUD = Seen(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 """a cloud's covariance has the hand's own shape in it already: `cloud.sigma_mm` for each patch"""
+BODY = Seen(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
+"""by joints that a detector sees, which are a skeleton's of its own: `handtrack bench honesty_bodies`, one to three cameras"""
 
-NEEDLESS_LOOK = 0.3
+NEEDLESS_LOOK = 1 / 3
 """a frame is doubtful above this probability that a joint is 25 mm off: what a needless look costs, of that and what a wrong frame
-costs that nobody looks at, which is taken for a little more than two looks: 1 / (1 + 2.3)"""
-ALWAYS = -5.3
-SIGNS = {"outline": 12.0, "few": 1.2, "open": 0.9, "curled": 2.3, "odd": 0.35, "moved": 0.6}
+costs that nobody looks at, which is taken for two looks"""
+ALWAYS = -5.95
+SIGNS = {"outline": 13.0, "few": 1.6, "open": 1.05, "curled": 1.75, "moved": 0.8}
 """logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts"""
 PART = (0.4, 0.6)
 """the same of a part, at 10 mm: always, and times the frame's"""

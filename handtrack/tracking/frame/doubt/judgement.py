@@ -12,8 +12,18 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
 from handtrack.tracking.frame.doubt import figures
+from handtrack.tracking.frame.doubt.mirrored import mirrored_covariance
 from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
-from handtrack.tracking.frame.doubt.wrong import Off, Signs, part_of, probably_off, spread_m
+from handtrack.tracking.frame.doubt.wrong import (
+    BODY_OFF_M,
+    FRAME_OFF_M,
+    Off,
+    Signs,
+    part_of,
+    probably_beyond,
+    probably_off,
+    spread_m,
+)
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, FrameResult, Status
@@ -52,6 +62,7 @@ def judged(
     model, joint = terms.model, terms.model.joint_params(params)
     bad, by_cloud = misfit(energies, terms.views), terms.cloud is not None
     stated = stated_covariance(model, joint, joint_covariance, bad, by_cloud)
+    stated += mirrored_covariance(terms, params)
     status, reason = assess(terms, model.bones(params), energy, previous)
     if moved_m is not None and reason is not None and reason.kind == "energy":
         status, reason = Status.TRACKED, None
@@ -62,7 +73,6 @@ def judged(
             few=1.0 / max(terms.views, 1),
             open=_above(spread_m(stated).max(), _OPEN_M),
             curled=float(curls(model, joint).mean()),
-            odd=float(odd_size(model) is not None),
             moved=_above(moved_m or 0.0, _MOVED_M),
         )
         off = probably_off(model, stated, signs)
@@ -71,10 +81,12 @@ def judged(
         reason = odd if odd is not None and not odd.part else None
         reason = reason or what_is_open(model, stated, most)
         if most > 0:
-            reason = reason or _may_be_off(model, stated, off)
+            reason = reason or _may_be_off(model, stated, off) or _may_be_far(model, stated)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
     if off is None:
-        return Judgement(status, reason, stated)
+        beyond = probably_beyond(stated, FRAME_OFF_M).max()
+        known = float(beyond) if model.kind == "body" else float("nan")
+        return Judgement(status, reason, stated, known)
     return Judgement(status, reason, stated, off.frame, off.parts)
 
 
@@ -100,3 +112,16 @@ def _may_be_off(
     own = np.array([part_of(name) == worst for name in model.joint_names])
     spread_mm = 1e3 * float(spread_m(joint_covariance)[own].max())
     return Reason("off", _WORDS[worst], off.telling, spread_mm, off.frame)
+
+
+def _may_be_far(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3]) -> Reason | None:
+    """Return which joint of a body most probably is as far off as a frame of a hand may be, for its size."""
+    if model.kind != "body":
+        return None
+    beyond = probably_beyond(joint_covariance, BODY_OFF_M)
+    worst = int(beyond.argmax())
+    if beyond[worst] <= figures.NEEDLESS_LOOK:
+        return None
+    spread_mm = 1e3 * float(spread_m(joint_covariance)[worst])
+    name = model.joint_names[worst].replace("_", " ")
+    return Reason("far off", name, number=spread_mm, other=float(beyond[worst]))

@@ -15,6 +15,8 @@ OBSERVED = ("coverage", "conic_field", "cloud_distance", "cloud_rays", "cloud_em
 """terms that see a surface, by name: what a misfit is told by"""
 _UNSEEN_M = 0.003
 """standard deviation above which a direction is open rather than noisy: twice an outline's usual error"""
+_BONES = {"pip": 1, "dip": 2, "tip": 3}
+_THUMB = {"thumb_mcp": 1, "thumb_ip": 2}
 _CLOSED_RAD = 4.0
 """sum of a finger's bends in a fist"""
 
@@ -38,16 +40,18 @@ def stated_covariance(
     how_bad: float,
     by_cloud: bool = False,
 ) -> Floats[J, D3, D3]:
-    """Return each joint's covariance [m²] of all that is known to be wrong; a body's as it is, of which nothing was measured.
+    """Return each joint's covariance [m²] of all that is known to be wrong.
 
     joint_covariance: if the model were the hand, and noise what it is said to be; how_bad: `misfit`; by_cloud:
     whether a cloud was seen.
     """
-    if model.kind == "body":
-        return joint_covariance
     seen = figures.CLOUD if by_cloud else figures.MASKS
-    closed = (_joint_fingers(model) @ curls(model, joint_params)) ** 2
-    flesh = 1e-3 * model.scale.overall * (seen.flesh_mm + seen.closed_mm * closed)
+    if model.kind == "body":
+        seen, how_bad = figures.BODY, 1.0
+    curled = curls(model, joint_params)
+    closed = _along_fingers(model) @ curled**2
+    flesh = seen.flesh_mm + seen.closed_mm * closed + seen.palm_mm * curled.mean() ** 2
+    flesh *= 1e-3 * model.scale.overall
     noise = seen.noise**2 * how_bad ** (2 * seen.noise_by_misfit)
     flesh = flesh**2 * how_bad ** (2 * seen.flesh_by_misfit)
     scaled = noise * joint_covariance
@@ -74,15 +78,11 @@ def _bends(model: ArticulatedModel) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _joint_fingers(model: ArticulatedModel) -> Array:
-    """Return (J, 5), 1 where a joint moves with its finger's bends: beyond its base."""
-    return np.array(
-        [[n.startswith(f"{f}_") and _moves(n) for f in FINGERS] for n in model.joint_names],
-        float,
-    )
-
-
-def _moves(joint: str) -> bool:
-    """Return whether a joint moves with its finger's bends: beyond its base."""
-    finger, _, place = joint.partition("_")
-    return finger in FINGERS and (joint == "thumb_mcp" or place not in ("cmc", "mcp"))
+def _along_fingers(model: ArticulatedModel) -> Array:
+    """Return (J, 5), of the finger that a joint is of, how many of its three bones lead there from its base, a share."""
+    found = np.zeros((len(model.joint_names), len(FINGERS)))
+    for row, name in enumerate(model.joint_names):
+        finger, _, place = name.partition("_")
+        if finger in FINGERS:
+            found[row, FINGERS.index(finger)] = _THUMB.get(name, _BONES.get(place, 0)) / 3
+    return found

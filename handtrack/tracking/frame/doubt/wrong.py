@@ -8,10 +8,12 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K
 from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.tracking.frame.constants import BODY_BY_HAND
 from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.result import PARTS
 
 FRAME_OFF_M, PART_OFF_M = 0.025, 0.010
+BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,6 @@ class Signs:
     """logarithm of the least sure joint's stated standard deviation, in units of 3 mm; 0 below"""
     curled: float = 0.0
     """how far the fingers are closed, 0 … 1, on average"""
-    odd: float = 0.0
-    """1 where nobody has a finger of such a share"""
     moved: float = 0.0
     """logarithm of how far the frames after moved a joint, in units of 5 mm; 0 below"""
 
@@ -49,9 +49,9 @@ def probably_off(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], s
     odds, telling = gross_odds(signs)
     part = np.array([part_of(name) for name in model.joint_names])
     own = [part == name for name in PARTS]
-    tail = _tails(joint_covariance, FRAME_OFF_M).max()
+    tail = probably_beyond(joint_covariance, FRAME_OFF_M).max()
     near = np.array(
-        [_tails(joint_covariance[p], PART_OFF_M).max() if p.any() else 0.0 for p in own]
+        [probably_beyond(joint_covariance[p], PART_OFF_M).max() if p.any() else 0.0 for p in own]
     )
     always, frame = figures.PART
     gross = _logistic(always + frame * odds)
@@ -83,8 +83,8 @@ def spread_m(covariance: Floats[J, D3, D3]) -> Floats[J]:
     return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
 
 
-def _tails(covariance: Floats[J, D3, D3], off_m: float) -> Floats[J]:
-    """Return how probably normal errors are longer than that: χ² of the same mean and variance (Satterthwaite 1946)."""
+def probably_beyond(covariance: Floats[J, D3, D3], off_m: float) -> Floats[J]:
+    """Return how probably each joint's normal error is longer than that: χ² of the same mean and variance (Satterthwaite 1946)."""
     from scipy.special import gammaincc  # slow to import
 
     trace = np.trace(covariance, axis1=1, axis2=2)

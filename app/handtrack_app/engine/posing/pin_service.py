@@ -1,0 +1,49 @@
+"""Pins of the page: pulled at, dropped, copied; the pose follows at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from handtrack.errors import HandtrackError
+from handtrack.observation.pins import Pin
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.posing import pin_edits
+from handtrack_app.engine.posing.pin_edits import Pull
+from handtrack_app.engine.store.edits import Values
+from handtrack_app.protocol.commands import CopyPins, DropPins, SetPin
+
+
+@dataclass
+class PinService:
+    """Lives on the worker's thread."""
+
+    document: Document
+    edit: Callable[[int, Values, str], None]
+    """changes a frame's pose, and shows it; the last is the control's tag"""
+    _pull: Pull | None = None
+
+    def serve(self, request: SetPin | DropPins | CopyPins) -> None:
+        """Do what is asked. Raises HandtrackError."""
+        document, frame = self.document, request.frame
+        if document.run.session.live is not None:
+            raise HandtrackError(
+                "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
+            )
+        match request:
+            case SetPin():
+                pull = self._pull
+                if pull is None or (pull.tag, pull.frame) != (request.tag, frame):
+                    pull = self._pull = pin_edits.begun(document, frame, request.tag)
+                pin = Pin(request.camera, request.pixel, request.joint, request.bone, request.point)
+                self.edit(
+                    frame, pin_edits.placed(document, pull, pin, request.by_images), request.tag
+                )
+            case DropPins():
+                pull = self._pull = pin_edits.begun(document, frame, "")
+                self.edit(
+                    frame, pin_edits.dropped(document, pull, request.which, request.by_images), ""
+                )
+            case CopyPins():
+                others = range(frame - request.before, frame + request.behind + 1)
+                self.edit(frame, pin_edits.copied(document, frame, others), "")

@@ -1,0 +1,115 @@
+"""Reviewing: frames are accepted and let go, a take is compared, the course of joint parameters is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.diagnostics.flexion import BENT_JOINTS
+from handtrack.errors import HandtrackError
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import pose_snapshot, timeline_snapshot
+from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol import commands
+from handtrack_app.protocol.comparing import ComparedSnapshot, Curve, CurvesSnapshot
+from handtrack_app.protocol.snapshots import PoseSnapshot, Snapshot, TimelineSnapshot
+
+Request = commands.Accept | commands.CompareTake | commands.WantCurves
+
+
+@dataclass
+class ReviewService:
+    """Lives on the worker's thread."""
+
+    document: Document
+    store: Persistence
+    publish: Callable[[Snapshot], None]
+    number: int | None = None
+    """of the take that is compared"""
+    names: tuple[str, ...] = ()
+    """of the parameters whose course is shown"""
+
+    def serve(self, request: Request) -> None:
+        """Do what is asked. Raises HandtrackError."""
+        match request:
+            case commands.Accept():
+                self._accept(request)
+            case commands.CompareTake():
+                self._compare(request.number)
+            case commands.WantCurves():
+                self.names = request.names
+                self.publish(self._curves())
+
+    def _accept(self, request: commands.Accept) -> None:
+        frames = {f for first, last in request.spans for f in range(first, last + 1)}
+        values = edits.accepted(self.document, frames, request.on)
+        named = f"Frame {min(frames, default=0)}" if len(frames) == 1 else f"{len(frames)} frames"
+        if self.store.do(f"{named} {'accepted' if request.on else 'let go'}", values):
+            self.publish(pose_snapshot(self.document))
+            self._tell(timeline_snapshot(self.document))
+
+    def _tell(self, snapshot: Snapshot) -> None:
+        self.publish(snapshot)
+        self.seen(snapshot)
+
+    def _compare(self, number: int | None) -> None:
+        document = self.document
+        take = None if number is None else document.takes.get(number)
+        if number is not None and take is None:
+            raise HandtrackError(f"Take {number} has no frames that could be compared.")
+        if take is not None and take.parameter_names != document.model.parameter_names:
+            raise HandtrackError(
+                f"Take {number} is of another model than the one in force: their joints cannot be compared. Choose its model in "
+                "the tab Settings first."
+            )
+        self.number = number
+        document.rows.compare(take)
+        self.show()
+        self._tell(timeline_snapshot(document))
+
+    def show(self) -> None:
+        """Tell how the take that is compared has the frame shown."""
+        document = self.document
+        frame, take = document.frame, document.rows.compared
+        result = None if take is None else take.get(frame)
+        if result is None or len(result.T_world_bone) != len(document.model.skeleton.length):
+            self.publish(ComparedSnapshot(frame, self.number))
+            return
+        bones = result.T_world_bone
+        self.publish(
+            ComparedSnapshot(
+                frame, self.number, bones[:, :3, 3].copy(), bones[:, :3, :3].copy(), document.model.skeleton.length
+            )
+        )  # fmt: skip
+
+    def seen(self, snapshot: Snapshot) -> None:
+        """Tell what goes with a pose or a timeline that was told."""
+        if isinstance(snapshot, TimelineSnapshot) and self.names:
+            self.publish(self._curves())
+        elif isinstance(snapshot, PoseSnapshot) and self.number is not None:
+            self.show()
+
+    def _curves(self) -> CurvesSnapshot:
+        document = self.document
+        known, rows = document.model.parameter_names, document.rows
+        count, curves = len(rows.frames), list[Curve]()
+        hand = [(f - rows.frames.start, pose) for f, pose in document.by_hand.items()]
+        for name in self.names if rows.values.shape[1] == len(known) else ():
+            if name not in known:
+                continue
+            at = known.index(name)
+            values, std = rows.values[:, at].copy(), rows.std[:, at].copy()
+            truth = np.zeros(0)
+            if (joint := name.removesuffix("_flex")) in BENT_JOINTS and joint != name:
+                truth = values + rows.bent[:, BENT_JOINTS.index(joint)]
+                truth = truth if np.isfinite(truth).any() else np.zeros(0)
+            for row, pose in hand:
+                if 0 <= row < count:
+                    values[row], std[row] = pose[at], np.nan
+            low, high = document.model.limits.interval[at].tolist()
+            curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth, (low, high)))
+        fps = float(document.run.session.fps)
+        return CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number)

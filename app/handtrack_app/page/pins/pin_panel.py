@@ -1,0 +1,111 @@
+"""Pins in the tab Pose: what holds the rest of the hand, which pins a frame has, and buttons to drop and copy them."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, field
+
+import viser
+
+from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.pins.grips import Grips
+from handtrack_app.protocol.commands import CopyPins, DropPins
+from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot
+
+IMAGES, LEAST = "the images", "least change"
+_NONE = (
+    "<div style='padding:.1em .9em .4em;font-size:.8em;opacity:.75;line-height:1.35'>Look through a camera (key 1, 2 …) and drag a "
+    "joint or a segment to where the picture has it. The same joint in a second camera fixes the point.</div>"
+)
+
+
+@dataclass
+class PinPanel:
+    """Handles of the folder."""
+
+    page: Page
+    grips: Grips
+    keys: Keys
+    pins: tuple[PinCard, ...] = field(default=())
+
+    def build(self) -> None:
+        """Add the folder where it stands."""
+        gui, page = self.page.gui, self.page
+        with gui.add_folder("Pins"):
+            self.held = gui.add_dropdown(
+                "Rest held by",
+                (IMAGES, LEAST),
+                initial_value=IMAGES,
+                hint="While a joint is dragged, the rest of the hand fits what was seen; or it stays as it is, as far as it can.",
+            )
+            self.list = gui.add_html(_NONE)
+            self.drop = gui.add_button(
+                "Drop the last pin", icon=viser.Icon.PIN, color="gray", visible=False,
+                hint="The place that was pinned last is free again. Ctrl-Z goes back a drag.",
+            )  # fmt: skip
+            self.drop_all = gui.add_button(
+                "Drop all pins of this frame", icon=viser.Icon.PINNED_OFF, color="gray", visible=False,
+                hint="The tracked pose shows again.",
+            )  # fmt: skip
+            self.copy = gui.add_button_group(
+                "Copy to frames",
+                ("5 before", "5 behind", "both"),
+                hint="The same correction beside, moved as what was tracked moves.",
+                visible=False,
+            )
+        page.on(self.held, lambda event: self._hold(str(event.target.value)))
+        page.on(self.drop, lambda _: self._drop(len(self.pins) - 1))
+        page.on(self.drop_all, lambda _: self._drop(None))
+        page.on(self.copy, lambda event: self._copy(str(event.target.value)))
+        add = self.keys.add
+        add("Drop the last pin", "Backspace", page.from_user(lambda _: self._drop_last()))
+        add(
+            "Pins: rest held by images, or least change",
+            "X",
+            page.from_user(lambda _: self._switch()),
+            "shift",
+        )
+
+    def show(self, pose: PoseSnapshot) -> None:
+        """Show the pins of a frame."""
+        if pose.pins == self.pins:
+            return
+        self.pins = pose.pins
+        self.list.content = pin_list(pose.pins) if pose.pins else _NONE
+        for button in (self.drop, self.drop_all, self.copy):
+            button.visible = bool(pose.pins)
+
+    def _hold(self, choice: str) -> None:
+        if choice in (IMAGES, LEAST):
+            self.grips.by_images = choice == IMAGES
+
+    def _switch(self) -> None:
+        self.held.value = LEAST if self.grips.by_images else IMAGES
+        self._hold(self.held.value)
+
+    def _drop_last(self) -> None:
+        if self.pins:
+            self._drop(len(self.pins) - 1)
+
+    def _drop(self, which: int | None) -> None:
+        state = self.page.state
+        version = state.begin_edit()
+        self.page.send(DropPins(state.frame, which, version, self.grips.by_images))
+
+    def _copy(self, choice: str) -> None:
+        state = self.page.state
+        before, behind = {"5 before": (5, 0), "5 behind": (0, 5)}.get(choice, (5, 5))
+        self.page.send(CopyPins(state.frame, before, behind, state.begin_edit()))
+
+
+def pin_list(pins: tuple[PinCard, ...]) -> str:
+    """Return the pins of a frame as a table: what, where, and by how much the pose misses it."""
+    rows = "".join(
+        f"<tr><td>{html.escape(pin.words)}</td><td style='opacity:.7'>{html.escape(pin.camera)}</td>"
+        f"<td style='text-align:right'>{pin.off_px:.1f} px</td></tr>"
+        for pin in pins
+    )
+    return (
+        "<table style='width:100%;padding:.1em .9em .4em;font-size:.8em;line-height:1.5' title='how far the pose is from it'>"
+        f"{rows}</table>"
+    )

@@ -1,0 +1,384 @@
+"""Lanes: the recording at a glance as one picture, which is sent once, and what is sent of it for a frame shown."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handtrack.arrays import Floats, Ints, N
+from handtrack_app.page.time.window import WIDTH, Window, extremes, runs
+from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
+from handtrack_app.protocol.timeline import (
+    APART,
+    AT_LIMITS,
+    MOVED,
+    PROBABILITY,
+    VIEWS,
+    TimelineSnapshot,
+)
+
+LEFT, RIGHT = 120, 66  # [px] where viser's slider begins and ends: it lies over the lanes
+_CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 36, 16, 26, 13, 13, 24  # heights [px]
+_REST = 66  # [px] of the panel besides its lanes: its edge, the legend, the buttons
+_BADNESS = (-1, 0, 4, 3, 1, 2)  # status, from what is drawn least to what is drawn above all
+_HEIGHTS = {-1: 3, 0: 7, 4: 7, 3: 10, 1: 10, 2: 14}
+_DOUBT, _ACCEPTED, _GAP, _LIMIT, _CHANGED, _OTHER = (
+    "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#f0e442",
+)  # fmt: skip
+_TAKES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
+_FULL_MM = 20.0  # a change that is drawn in full colour: more than a finger is thick
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A strip of the picture."""
+
+    label: str
+    """HTML, beside it"""
+    height: int
+    """[px]"""
+    parts: Sequence[str]
+    """SVG, from 0 to WIDTH across and to `height` down"""
+    value: Callable[[int], str]
+    """what stands behind it for a frame"""
+    hint: str = ""
+
+
+def lanes_of(strip: TimelineSnapshot, window: Window, every: bool = True) -> list[Lane]:
+    """Return the lanes that have something to show. every: not only the curve and the status."""
+    curve, title, unit = _main_curve(strip)
+    found = [_curve_lane(strip, window, curve, title, unit), _status_lane(strip, window)]
+    if not every:
+        return found
+    more = [
+        _probability_lane(strip, window), _term_lane(strip, window), _accepted_lane(strip, window),
+        _take_lane(strip, window), *_thin_lanes(strip, window),
+    ]  # fmt: skip
+    return found + [lane for lane in more if lane is not None]
+
+
+def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window) -> str:
+    """Return the picture, with the legend above it and frame numbers below."""
+    parts, labels, top = list[str](), "", 0
+    for lane in lanes:
+        parts.append(f"<g transform='translate(0 {top})'>{''.join(lane.parts)}</g>")
+        title = f" title='{html.escape(lane.hint)}'" if lane.hint else ""
+        labels += (
+            f"<div{title} style='position:absolute;left:0;top:{top}px;width:{LEFT - 20}px;height:{lane.height}px;display:flex;"
+            f"flex-direction:column;justify-content:center;line-height:1.15;overflow:hidden'>{lane.label}</div>"
+        )
+        top += lane.height
+    return (
+        f"<div class='handtrack-timeline' style='padding:.2em {RIGHT}px 0 {LEFT}px;position:relative;font-size:.75em'>"
+        f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
+        f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
+        f"<div style='min-height:1.5em;text-align:right;opacity:.85'>{_legends(strip)}</div>"
+        f"<div style='position:relative;height:{top + _AXIS}px'>"
+        f"<div style='position:absolute;left:{12 - LEFT}px;top:0'>{labels}</div>"
+        f"<svg viewBox='0 0 {WIDTH} {top + _AXIS}' preserveAspectRatio='none' "
+        f"style='width:100%;height:100%;display:block'>{_grid(window, top)}{''.join(parts)}</svg>{_numbers(window, top)}</div></div>"
+    )
+
+
+def cursor_picture(lanes: Sequence[Lane], frame: int) -> str:
+    """Return the numbers beside the lanes for the frame shown. It is sent for each frame; the line itself is the slider's."""
+    rows, top = "", 0
+    for lane in lanes:
+        value = lane.value(frame)
+        rows += (
+            f"<div style='position:absolute;top:{top}px;height:{lane.height}px;line-height:{lane.height}px'>{value}</div>"
+            if value and "<" not in value
+            else f"<div style='position:absolute;top:{top}px;line-height:{_TERM}px'>{value}</div>"
+            if value
+            else ""
+        )
+        top += lane.height
+    return (
+        "<div style='position:relative;height:0;pointer-events:none'>"
+        f"<div style='position:absolute;right:4px;bottom:0;height:{top + _AXIS}px;width:{RIGHT - 10}px;font-size:.72em;"
+        f"white-space:nowrap'>{rows}</div></div>"
+    )
+
+
+# ---- lanes
+
+
+def _main_curve(strip: TimelineSnapshot) -> tuple[Floats[N], str, str]:
+    """Return the values of the first lane, what they are, and their unit."""
+    if np.isfinite(strip.error_mm).any():
+        return strip.error_mm, "joint error", "mm"
+    return strip.energy, "energy", ""
+
+
+def _curve_lane(
+    strip: TimelineSnapshot, window: Window, values: Floats[N], title: str, unit: str
+) -> Lane:
+    finite = values[np.isfinite(values)]
+    top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
+    diamonds = [
+        _diamond(window.place(f), f in strip.found)
+        for f in strip.by_hand
+        if window.first <= f <= window.last
+    ]
+    return Lane(
+        f"<span>{title}</span><span style='opacity:.7'>{top}</span>", _CURVE,
+        [_ground(_CURVE), *curve(values, strip.start, window, _CURVE), *diamonds],
+        _value_of(strip, values, lambda v: f"{_number(v)} {unit}"),
+        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.",
+    )  # fmt: skip
+
+
+def _status_lane(strip: TimelineSnapshot, window: Window) -> Lane:
+    words = {code: word for code, (word, _) in STATUS.items()}
+
+    def value(frame: int) -> str:
+        row = frame - strip.start
+        return words[int(strip.status[row])] if 0 <= row < len(strip.status) else ""
+
+    return Lane("", _STATUS, bars(strip.status, strip.start, window), value)
+
+
+def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    values = strip.lanes.get(PROBABILITY)
+    if values is None:
+        return None
+    place, _, high = extremes(values, strip.start, window)
+    parts = [_ground(_LOW)]
+    for a, b in runs(np.isfinite(high)):
+        points = [f"{x:.1f},{_LOW - 1 - (_LOW - 3) * y:.1f}" for x, y in zip(place[a:b], high[a:b], strict=True)]  # fmt: skip
+        around = f"{place[a]:.1f},{_LOW} {' '.join(points)} {place[b - 1]:.1f},{_LOW}"
+        parts.append(f"<polygon points='{around}' fill='{_DOUBT}' opacity='.75'/>")
+    return Lane(
+        "probably off", _LOW, parts, _value_of(strip, values, lambda v: f"{100 * v:.0f} %"),
+        "How probably some joint is more than 25 mm off.",
+    )  # fmt: skip
+
+
+def _term_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    """Return the energy's parts, where more than silhouettes were looked at."""
+    terms = term_rows(strip)
+    if not terms:
+        return None
+    top = max(float(np.nanquantile(row, 0.98)) for row in terms.values()) * 1.1
+    height = max(_TERM * len(terms), 40)
+    colours = {word: TERMS.get(word, "#ffffff") for word in terms}
+    lines = [
+        part
+        for word, row in terms.items()
+        for part in curve(row, strip.start, window, height, max(top, 1e-12), colours[word])
+    ]
+    label = "".join(
+        f"<span style='height:{_TERM}px;white-space:nowrap'>{_chip(colours[word])}{word}</span>"
+        for word in terms
+    )
+    values = [_value_of(strip, row, _number) for row in terms.values()]
+
+    def value(frame: int) -> str:
+        return "".join(f"<div>{one(frame) or '&nbsp;'}</div>" for one in values)
+
+    return Lane(
+        label, height, [_ground(height), *lines], value, f"The energy's parts, to {_number(top)}"
+    )
+
+
+def term_rows(strip: TimelineSnapshot) -> dict[str, Floats[N]]:
+    """Return the energy's parts by their words, in order; none where only silhouettes were looked at."""
+    tracked = int((strip.status >= 0).sum())
+    terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
+    seen = [name for name in terms if name != "priors"]
+    if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
+        return {}
+    order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
+    return {name: terms[name] for name in order}
+
+
+def _accepted_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    if not strip.accepted:
+        return None
+    marked = np.isin(np.arange(strip.start, strip.start + len(strip.status)), [*strip.accepted])
+    parts = _blocks(marked.astype(float), strip.start, window, _ACCEPTED, 1.0)
+    return Lane(
+        "accepted", _THIN, parts, lambda f: "locked" if f in strip.accepted else "",
+        "Frames that neither tracking nor refining changes.",
+    )  # fmt: skip
+
+
+def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    if len(strip.takes) < 2:
+        return None
+    order = sorted({span.take for span in strip.takes})
+    parts = []
+    for span in strip.takes:
+        x = max(window.place(span.first) - window.half, 0.0)
+        width = min(window.place(span.last) + window.half, WIDTH) - x
+        if width > 0:
+            colour = _TAKES[order.index(span.take) % len(_TAKES)]
+            parts.append(
+                f"<rect x='{x:.1f}' y='3' width='{width:.1f}' height='8' fill='{colour}'/>"
+            )
+
+    def value(frame: int) -> str:
+        return next((f"take {s.take}" for s in strip.takes if s.first <= frame <= s.last), "")
+
+    return Lane("takes", _THIN, parts, value, "Which tracking shows where.")
+
+
+def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
+    views, found = strip.lanes.get(VIEWS), list[Lane | None]()
+    if views is not None:
+        missing = np.nanmax(views) - views
+        found.append(_thin(strip, window, "views missing", missing, 1.0, _GAP, "{:.0f}", "Views that showed nothing of the hand."))  # fmt: skip
+    for word, label, full, colour, form, hint in (
+        (AT_LIMITS, "at limits", 6.0, _LIMIT, "{:.0f}", "How many joints stand at a limit."),
+        (MOVED, "changed", _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."),
+        (APART, "apart", _FULL_MM, _OTHER, "{:.1f} mm", "How far the furthest joint lies from the take that is compared."),
+    ):  # fmt: skip
+        if word in strip.lanes:
+            found.append(_thin(strip, window, label, strip.lanes[word], full, colour, form, hint))
+    return found
+
+
+def _thin(
+    strip: TimelineSnapshot, window: Window, label: str, values: Floats[N], full: float, colour: str,
+    form: str, hint: str,
+) -> Lane | None:  # fmt: skip
+    known = np.where(np.isfinite(values), values, 0.0)
+    if not (known > 0).any():
+        return None
+    parts = _blocks(known, strip.start, window, colour, full)
+    return Lane(label, _THIN, parts, _value_of(strip, values, form.format), hint)
+
+
+# ---- parts of lanes
+
+
+def curve(
+    values: Floats[N],
+    start: int,
+    window: Window,
+    height: float,
+    top: float | None = None,
+    colour: str = "#56b4e9",
+) -> list[str]:
+    """Return lines through the known values, which begin at frame `start`, up to `top`, or to what nearly all are below. Of frames
+    that are drawn in one place, the largest counts.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return []
+    if top is None:
+        top = max(float(np.quantile(finite, 0.98)) * 1.1, 1e-12)
+    place, _, highest = extremes(values, start, window)
+    down = height - np.clip(np.nan_to_num(highest) / top, 0, 1) * (height - 3)
+    lines = []
+    for a, b in runs(np.isfinite(highest)):
+        run = [f"{x:.1f},{y:.1f}" for x, y in zip(place[a:b], down[a:b], strict=True)]
+        points = " ".join(run if len(run) > 1 else run * 2)
+        lines.append(
+            f"<polyline points='{points}' fill='none' stroke='{colour}' stroke-width='1.6' stroke-linecap='round' "
+            "vector-effect='non-scaling-stroke'/>"
+        )
+    return lines
+
+
+def bars(status: Ints[N], start: int, window: Window) -> list[str]:
+    """Runs of equal status. Height tells them apart as well as colour: the worse, the taller. Of frames that are drawn in
+    one place, the worst counts.
+    """
+    worse = np.argsort(_BADNESS)[status + 1].astype(float)  # status −1 comes first
+    _, _, high = extremes(worse, start, window)
+    worst = np.array(_BADNESS)[np.nan_to_num(high).astype(int)]
+    found = []
+    for code, x, width in _pieces(worst, window):
+        height = _HEIGHTS[code]
+        colour = "currentColor' opacity='.25" if code == -1 else STATUS[code][1]
+        found.append(
+            f"<rect x='{x:.1f}' y='{_STATUS - height}' width='{width:.1f}' height='{height}' fill='{colour}'/>"
+        )
+    return found
+
+
+def _blocks(values: Floats[N], start: int, window: Window, colour: str, full: float) -> list[str]:
+    """Return blocks where values are above 0, in four strengths of the colour."""
+    _, _, high = extremes(values, start, window)
+    strength = np.ceil(4 * np.clip(np.nan_to_num(high) / full, 0.0, 1.0)).astype(int)
+    return [
+        f"<rect x='{x:.1f}' y='3' width='{width:.1f}' height='8' fill='{colour}' opacity='{0.25 * code:.2f}'/>"
+        for code, x, width in _pieces(strength, window)
+        if code
+    ]
+
+
+def _pieces(codes: Ints[N], window: Window) -> list[tuple[int, float, float]]:
+    """Return runs of equal codes of the window's columns: code, place and width."""
+    places = window.columns()
+    edges = np.flatnonzero(np.diff(codes)) + 1
+    found = []
+    for begin, end in zip([0, *edges], [*edges, len(codes)], strict=True):
+        x = max(window.place(places[begin]) - window.half, 0.0)
+        right = min(window.place(places[end]) - window.half, WIDTH)
+        found.append((int(codes[begin]), x, right - x))
+    return found
+
+
+def _grid(window: Window, height: int) -> str:
+    return "".join(
+        f"<path d='M{window.place(f):.1f} 0V{height + 4}' stroke='currentColor' opacity='.12' vector-effect='non-scaling-stroke'/>"
+        for f in window.ticks()
+    )
+
+
+def _numbers(window: Window, top: int) -> str:
+    return "".join(
+        f"<div style='position:absolute;left:{window.place(f) / WIDTH * 100:.2f}%;top:{top + 4}px;transform:translateX(-50%);"
+        f"opacity:.75;font-size:.95em'>{f}</div>"
+        for f in window.ticks()
+    )
+
+
+def _ground(height: int) -> str:
+    return f"<rect width='{WIDTH}' height='{height - 2}' fill='currentColor' opacity='.05'/>"
+
+
+def _diamond(x: float, found: bool) -> str:
+    y, colour = _CURVE - 10, (FOUND if found else STATUS[3])[1]
+    return f"<path d='M{x:.1f} {y - 7} l5 7 l-5 7 l-5 -7 z' fill='{colour}'/>"
+
+
+def _legends(strip: TimelineSnapshot) -> str:
+    marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
+    return "".join(
+        f"<span style='margin-left:.9em'>{_chip(colour)}{word}</span>"
+        for word, colour in [*marks, *([FOUND] if strip.found else [])]
+    )
+
+
+def _chip(colour: str) -> str:
+    return (
+        "<span style='display:inline-block;width:.8em;height:.8em;margin-right:.3em;border-radius:2px;"
+        f"background:{colour}'></span>"
+    )
+
+
+def _has(strip: TimelineSnapshot, code: int) -> bool:
+    set_by_hand = code == 3 and len(strip.by_hand) > len(strip.found)
+    return set_by_hand or bool((strip.status == code).any())
+
+
+def _value_of(
+    strip: TimelineSnapshot, values: Floats[N], form: Callable[[float], str]
+) -> Callable[[int], str]:
+    def value(frame: int) -> str:
+        row = frame - strip.start
+        known = 0 <= row < len(values) and math.isfinite(values[row])
+        return form(float(values[row])) if known else ""
+
+    return value
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"

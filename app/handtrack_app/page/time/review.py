@@ -1,0 +1,235 @@
+"""Review: the stretches that are worth a look, the worst first; next, previous, accept."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, field
+
+import viser
+
+from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.protocol.commands import Accept
+from handtrack_app.protocol.snapshots import TimelineSnapshot
+from handtrack_app.protocol.timeline import StretchCard
+
+_ROWS = 8  # of the list, on one page
+_GO: tuple[str, ...] = ("Previous", "Next")
+_ACCEPT: tuple[str, ...] = ("Stretch", "Frame", "Good")
+_LET_GO: tuple[str, ...] = ("Stretch", "Frame", "All")
+
+
+@dataclass
+class ReviewPanel:
+    """Handles of the tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    strip: TimelineSnapshot | None = None
+    at: int | None = None
+    """the place in the queue that was gone to"""
+    rows: list[viser.GuiButtonHandle] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        page, gui = self.page, self.page.gui
+        with self.tab:
+            self.head = gui.add_html(head_words(None, None))
+            self.go = gui.add_button_group(
+                "Go to",
+                _GO,
+                visible=False,
+                hint="In the queue, the worst first. Keys Shift Z and, back, Shift U.",
+            )
+            self.accept = gui.add_button_group(
+                "Accept", _ACCEPT, visible=False,
+                hint="The stretch that was gone to, the frame shown, or all tracked frames of which nothing is doubted. No tracking "
+                "or refining changes them; your own edits do. Undo takes it back. Key Shift Y: the stretch, or the frame outside of one.",
+            )  # fmt: skip
+            self.release = gui.add_button_group(
+                "Let go", _LET_GO, visible=False,
+                hint="Tracking and refining may change these again.",
+            )  # fmt: skip
+            self.here = gui.add_html(here_words(0, False, None))
+            for n in range(_ROWS):
+                row = gui.add_button("–", color="gray", visible=False)
+                page.on(row, lambda _, n=n: self._chosen(n))
+                self.rows.append(row)
+            self.more = gui.add_html("")
+        page.on(self.go, lambda event: self.step(1 if event.target.value == "Next" else -1))
+        page.on(self.accept, lambda event: self.do_accept(event.target.value))
+        page.on(self.release, lambda event: self.let_go(event.target.value))
+
+    def add_keys(self, keys: Keys) -> None:
+        """Register what keys do."""
+        user = self.page.from_user
+        keys.add("Review: next in the queue", "Z", user(lambda _: self.step(1)), "shift")
+        keys.add("Review: previous in the queue", "U", user(lambda _: self.step(-1)), "shift")
+        keys.add("Review: accept", "Y", user(lambda _: self.do_accept("")), "shift")
+        keys.add("Review: let the frame go", None, user(lambda _: self.let_go("Frame")))
+
+    # ---- the queue
+
+    @property
+    def stretches(self) -> tuple[StretchCard, ...]:
+        """The queue."""
+        return () if self.strip is None else self.strip.stretches
+
+    @property
+    def current(self) -> StretchCard | None:
+        """The stretch that was gone to, as long as the frame shown lies in it."""
+        frame = self.page.state.frame
+        if self.at is None or self.at >= len(self.stretches):
+            return None
+        stretch = self.stretches[self.at]
+        return stretch if stretch.first <= frame <= stretch.last else None
+
+    def step(self, by: int) -> None:
+        """Go on in the queue, or back; after its end to its beginning."""
+        count = len(self.stretches)
+        if count:
+            start = -1 if by > 0 else 0
+            self.visit(((start if self.at is None else self.at) + by) % count)
+
+    def visit(self, place: int) -> None:
+        """Show the worst frame of a stretch."""
+        if 0 <= place < len(self.stretches):
+            self.at = place
+            self.page.play(False)
+            self.page.go_to(self.stretches[place].worst)
+            self._show()
+
+    def _chosen(self, row: int) -> None:
+        self.visit(self._first_row + row)
+
+    @property
+    def _first_row(self) -> int:
+        return (self.at or 0) // _ROWS * _ROWS
+
+    # ---- accepting
+
+    def do_accept(self, what: str) -> None:
+        """Accept the stretch, the frame shown, all that is not doubted, or, of none of these, the stretch or the frame. After a stretch
+        comes the next.
+        """
+        stretch, frame = self.current, self.page.state.frame
+        if what == "Good":
+            self.page.send(Accept(tuple(undoubted(self.strip))))
+        elif stretch is not None and what != "Frame":
+            self.page.send(Accept(((stretch.first, stretch.last),)))
+            if len(self.stretches) > 1:
+                # it leaves the queue: the one after it stands in its place
+                following = self.stretches[
+                    (self.stretches.index(stretch) + 1) % len(self.stretches)
+                ]
+                self.page.go_to(following.worst)
+        else:
+            self.page.send(Accept(((frame, frame),)))
+
+    def let_go(self, what: str) -> None:
+        """Let frames be changed again."""
+        frame, accepted = self.page.state.frame, sorted(self.strip.accepted) if self.strip else []
+        first = last = frame
+        if what == "All" and accepted:
+            first, last = accepted[0], accepted[-1]
+        elif what == "Stretch":
+            known = set(accepted)
+            while first - 1 in known:
+                first -= 1
+            while last + 1 in known:
+                last += 1
+        self.page.send(Accept(((first, last),), on=False))
+
+    # ---- showing
+
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
+        """Take the queue as it is now."""
+        if (
+            self.at is not None
+            and self.strip is not None
+            and strip.stretches != self.strip.stretches
+        ):
+            frame = self.page.state.frame
+            places = [n for n, s in enumerate(strip.stretches) if s.first <= frame <= s.last]
+            self.at = places[0] if places else min(self.at, max(len(strip.stretches) - 1, 0))
+        self.strip = strip
+        self._show()
+
+    def show_frame(self) -> None:
+        """Say what is to be said of the frame shown."""
+        frame, strip = self.page.state.frame, self.strip
+        if strip is not None:
+            put(self.here, content=here_words(frame, frame in strip.accepted, self.current))
+
+    def _show(self) -> None:
+        strip = self.strip
+        if strip is None:
+            return
+        tracked = bool((strip.status >= 0).any() or strip.by_hand)
+        put(self.head, content=head_words(strip, self.at))
+        put(self.go, visible=bool(self.stretches))
+        put(self.accept, visible=tracked)
+        put(self.release, visible=bool(strip.accepted))
+        first = self._first_row
+        for n, row in enumerate(self.rows):
+            place = first + n
+            there = place < len(self.stretches)
+            if there:
+                stretch = self.stretches[place]
+                put(row, label=row_words(stretch), hint=stretch.words)
+                put(row, color="blue" if place == self.at else "gray")
+            put(row, visible=there)
+        left = len(self.stretches) - first - _ROWS
+        words = f"{first} before these, {left} after" if first else f"{left} more"
+        shown = f"<div style='padding:.1em .9em .5em;font-size:.8em;opacity:.75'>{words}</div>"
+        put(self.more, content=shown if left > 0 or first else "")
+        self.show_frame()
+
+
+def row_words(stretch: StretchCard) -> str:
+    """Return a stretch in a line: frames, reason and size."""
+    frames = str(stretch.first) if stretch.first == stretch.last else f"{stretch.first}–{stretch.last}"  # fmt: skip
+    return f"{frames}, {stretch.brief}"
+
+
+def head_words(strip: TimelineSnapshot | None, at: int | None) -> str:
+    """Return how much there is to be looked at, and how much was accepted."""
+    if strip is None or not ((strip.status >= 0).any() or strip.by_hand):
+        return _words("Track some frames: what is worth a look is listed here, the worst first.")
+    count, stretches = len(strip.status), len(strip.stretches)
+    look = "Nothing is left that is doubted." if not stretches else (
+        f"<b>{stretches} {'stretch is' if stretches == 1 else 'stretches are'} worth a look</b>, those first of which most frames are "
+        "expected to be off."
+    )  # fmt: skip
+    place = f" This is number {at + 1}." if at is not None and stretches else ""
+    done = len(strip.accepted)
+    locked = f"<br>{done} of {count} frames are accepted: neither tracking nor refining changes them." if done else ""  # fmt: skip
+    return _words(look + place + locked)
+
+
+def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
+    """Return what is to be said of the frame shown."""
+    text = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
+    if stretch is not None:
+        text += (
+            f"<b>{row_words(stretch).partition(',')[0]}</b>: about {stretch.expected:.1f} frames off; worst {stretch.worst}: "
+            f"{html.escape(stretch.words)}."
+        )
+    return f"<div class='handtrack-queue'>{_words(text) if text else ''}</div>"
+
+
+def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
+    """Return runs of frames, first to last, that are tracked well or set by hand."""
+    if strip is None:
+        return []
+    good = {strip.start + n for n, code in enumerate(strip.status.tolist()) if code in (0, 3, 4)}
+    good |= set(strip.by_hand)
+    runs: list[tuple[int, int]] = []
+    for frame in sorted(good):
+        if runs and runs[-1][1] == frame - 1:
+            runs[-1] = runs[-1][0], frame
+        else:
+            runs.append((frame, frame))
+    return runs
+
+
+def _words(text: str) -> str:
+    return f"<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>{text}</div>"

@@ -1,0 +1,139 @@
+"""Timeline: the recording at a glance in lanes, with the frame slider over them; zoom, playback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import viser
+
+from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_picture
+from handtrack_app.page.time.window import Window, whole
+from handtrack_app.protocol.snapshots import SessionSnapshot, TimelineSnapshot
+
+_PLAY: tuple[str, ...] = ("First", "Back", "Play", "Next", "Last")
+_ZOOM: tuple[str, ...] = ("In", "Out", "All", "Lanes")
+_FACTOR = 2.0
+
+
+@dataclass
+class TimelinePanel:
+    """Handles of the timeline. A click anywhere on the lanes goes there: the slider lies over them, and has their ends."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    strip: TimelineSnapshot | None = None
+    fps: float = 25.0
+    slider: viser.GuiSliderHandle[int] | None = None
+    window: Window = field(default_factory=lambda: Window(0, 1))
+    every: bool = True
+    """all lanes, not only curve and status"""
+    moved: Callable[[], None] = lambda: None
+    """called when another part of the recording is shown"""
+    _lanes: list[Lane] = field(default_factory=list)
+    _shown: int | None = None
+
+    def __post_init__(self) -> None:
+        with self.tab:
+            self.picture = self.page.gui.add_html("")
+            self.cursor = self.page.gui.add_html("")
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Make the timeline fit a session's frames; built once."""
+        self.fps = session.fps
+        if self.slider is not None:
+            return
+        page, gui = self.page, self.page.gui
+        self.window = whole(range(session.start, session.stop))
+        with self.tab:
+            self.slider = gui.add_slider(
+                "Frame", self.window.first, self.window.last, 1, session.first_frame
+            )
+            self.play = gui.add_button_group(
+                "Play and zoom", (*_PLAY, *_ZOOM),
+                hint="Play, or hold. In, Out: fewer or more frames around the one shown; All of them. Lanes: all, or the first two. "
+                "A click on the lanes goes there. Keys P N B, Shift F and Shift G.",
+            )  # fmt: skip
+        page.on(self.slider, lambda event: page.go_to(page.said(event.target)))
+        page.on(self.play, lambda event: self._pressed(event.target.value))
+
+    def add_keys(self, keys: Keys) -> None:
+        """Register what keys do."""
+        keys.add("Timeline: fewer frames", "F", lambda _: self.look_closer(_ZOOM[0]), "shift")
+        keys.add("Timeline: more frames", "G", lambda _: self.look_closer(_ZOOM[1]), "shift")
+
+    def _pressed(self, key: str) -> None:
+        state = self.page.state
+        if key in _ZOOM:
+            self.look_closer(key)
+            return
+        if key == _PLAY[2]:
+            self.page.play(not state.playing)
+            return
+        self.page.play(False)
+        targets = (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1)
+        target = dict(zip(_PLAY, targets, strict=True)).get(key)
+        if target is not None:
+            self.page.go_to(target)
+
+    @property
+    def frames(self) -> range:
+        """Those of the recording."""
+        strip, state = self.strip, self.page.state
+        if strip is None:
+            return range(state.start, max(state.stop, state.start + 1))
+        return range(strip.start, strip.start + max(len(strip.status), 1))
+
+    def look_closer(self, how: str) -> None:
+        """Show fewer frames or more, all, or other lanes."""
+        if how == _ZOOM[3]:
+            self.every = not self.every
+            self._redraw()
+        elif how in _ZOOM:
+            factor = {_ZOOM[0]: 1 / _FACTOR, _ZOOM[1]: _FACTOR}.get(how)
+            frame = self.page.state.frame
+            here = self.window
+            wanted = (
+                whole(self.frames) if factor is None else here.zoomed(factor, frame, self.frames)
+            )
+            self.look_at(wanted)
+
+    def look_at(self, window: Window) -> None:
+        """Show a part of the recording."""
+        if window != self.window:
+            self.window = window
+            self._redraw()
+            self.moved()
+
+    def show_frame(self, frame: int) -> None:
+        """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
+        self.look_at(self.window.around(frame, self.frames))
+        if self.slider is not None and self.slider.value != frame:
+            put(self.slider, max=max(self.slider.max, frame))
+            self.slider.value = frame
+        self.draw()
+
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
+        """Take the recording's new status and energies."""
+        before, self.strip = self.frames, strip
+        if before != self.frames:  # frames are counted, or come, while the page is open
+            self.window = whole(self.frames)
+        self._redraw()
+
+    def _redraw(self) -> None:
+        """Send all lanes again."""
+        if self.strip is None:
+            return
+        self._lanes = lanes_of(self.strip, self.window, self.every)
+        put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window))
+        if self.slider is not None:
+            put(self.slider, min=self.window.first, max=self.window.last)
+        self._shown = None
+        self.draw()
+
+    def draw(self) -> None:
+        """Show the numbers of the frame shown, if something changed."""
+        if self._shown != self.page.state.frame:
+            self._shown = self.page.state.frame
+            put(self.cursor, content=cursor_picture(self._lanes, self._shown))

@@ -1,0 +1,94 @@
+"""One page of help, and a tour of five steps for who comes for the first time; both for one page alone, and left at once."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, field
+
+import viser
+
+from handtrack_app.page.page import Keys, Page
+
+_KEPT_AS = "handtrack.toured"  # in the browser's storage
+_GESTURES = (
+    ("Drag", "Turns the free view; moves the picture of a camera"),
+    ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
+    ("Ctrl click", "Through a camera: enlarges there. With Shift: smaller"),
+    ("Ctrl drag", "Through a camera: shows that box"),
+    ("Arrows, arcs", "Of the handle: move and turn the hand"),
+)
+TOUR = (
+    ("The recording", "A hand, filmed by several cameras. The line below shows every frame and how well it is explained. P plays, "
+     "N and B go on and back."),
+    ("Through a camera", "Press 1: you see the first camera's picture and the hand over it. The wheel enlarges, C finds the hand "
+     "again, G shows all cameras, 0 lets you look freely."),
+    ("Put it right", "T opens and folds the pose panel. Drag the arrows and arcs, or choose a finger and move its sliders. Ctrl Z "
+     "takes anything back."),
+    ("Let it follow", "F fits the frame to the images; Shift T tracks from here on; Shift N goes to the next doubtful frame."),
+    ("Take it along", "Shift V saves, the tab Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
+     "by its name."),
+)  # fmt: skip
+"""title and words of each step"""
+
+
+@dataclass
+class Help:
+    """Help and tour of the pages."""
+
+    page: Page
+    keys: Keys
+    offers_tour: bool = False
+    """to who comes for the first time"""
+    _steps: dict[int, tuple[viser.GuiFolderHandle, int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for words, key, act in (
+            ("Help: all keys", "H", self.show),
+            ("Tour: five steps through the page", None, self.tour),
+        ):
+            from_user = self.page.from_user(
+                lambda event, act=act: act(event.client) if event.client else None
+            )
+            self.page.everyones.add(self.keys.add(words, key, from_user, "shift" if key else None))
+
+    def welcome(self, client: viser.ClientHandle) -> None:
+        """Offer the tour to a page whose browser knows of none."""
+        if self.offers_tour:
+            self.page.remembered(
+                client, _KEPT_AS, lambda kept: self.tour(client) if kept is None else None
+            )
+
+    def show(self, client: viser.ClientHandle) -> None:
+        """Show all keys."""
+        modal = client.gui.add_modal("Keys and gestures")
+        with modal:
+            rows = "".join(
+                f"<tr><td style='white-space:nowrap;padding-right:1em'><b>{html.escape(how)}</b></td><td>{html.escape(what)}</td></tr>"
+                for how, what in _GESTURES
+            )
+            client.gui.add_html(
+                "<div style='display:flex;flex-wrap:wrap;gap:0 1.5em;max-height:60vh;overflow:auto'>"
+                f"<table style='font-size:.8em;line-height:1.6;align-self:flex-start'>{rows}</table>{self.keys.table()}</div>"
+            )
+            close = client.gui.add_button("Close")
+        close.on_click(lambda _: modal.close())
+
+    def tour(self, client: viser.ClientHandle) -> None:
+        """Begin the tour."""
+        self._step(client, 0)
+
+    def _step(self, client: viser.ClientHandle, number: int) -> None:
+        before = self._steps.pop(client.client_id, None)
+        if before is not None:
+            before[0].remove()
+        if number >= len(TOUR):
+            client.local_storage.set_item(_KEPT_AS, "yes")
+            return
+        title, words = TOUR[number]
+        with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
+            client.gui.add_markdown(words)
+            on = client.gui.add_button("Next" if number + 1 < len(TOUR) else "Done")
+            leave = client.gui.add_button("Leave the tour", color="gray")
+        on.on_click(lambda _: self._step(client, number + 1))
+        leave.on_click(lambda _: self._step(client, len(TOUR)))
+        self._steps[client.client_id] = folder, number

@@ -1,0 +1,69 @@
+"""Keys, and entries of the palette, for the work itself: frames, tracking, keyframes, saving, export."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from handtrack_app.page.page import Action, Keys, Page
+from handtrack_app.page.panels.tracking import TrackingPanel
+from handtrack_app.protocol.commands import (
+    Cancel,
+    Export,
+    ForgetPose,
+    Refine,
+    SavePose,
+    SaveTrack,
+    SetPose,
+)
+
+if TYPE_CHECKING:
+    from viser._messages import KeyModifier
+
+_TEN = 10
+_Entry = tuple[str, str | None, "KeyModifier | None", Action]
+
+
+def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
+    """Add them; each does what a button of the page does. Not W, A, S, D, Q, E, with whatever else: viser walks by them."""
+    state = page.state
+
+    def keyframe() -> None:
+        if state.values:
+            values = state.values
+            page.send(SetPose(state.frame, values, state.begin_edit(), "keyframe"))
+
+    entries: list[_Entry] = [
+        ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
+        ("Redo", "Z", "cmd/ctrl+shift", lambda _: page.travel(back=False)),
+        ("Play or pause", "P", None, lambda _: page.play(not state.playing)),
+        ("Next frame", "N", None, lambda _: page.go_to(state.frame + 1)),
+        ("Previous frame", "B", None, lambda _: page.go_to(state.frame - 1)),
+        ("Ten frames on", "pagedown", None, lambda _: page.go_to(state.frame + _TEN)),
+        ("Ten frames back", "pageup", None, lambda _: page.go_to(state.frame - _TEN)),
+        ("First frame", "home", None, lambda _: page.go_to(state.start)),
+        ("Last frame", "end", None, lambda _: page.go_to(state.stop - 1)),
+        ("Next doubtful or lost frame", "N", "shift", lambda _: tracking.go_to_odd()),
+        ("Keep this pose: a keyframe", "M", None, lambda _: keyframe()),
+        (
+            "No keyframe here: the tracked pose",
+            "M",
+            "shift",
+            lambda _: page.send(ForgetPose(state.frame, state.begin_edit())),
+        ),
+        ("Track: from here on", "T", "shift", lambda _: tracking.start("forward ▶")),
+        ("Track: from here back", "B", "shift", lambda _: tracking.start("◀ backward")),
+        ("Track: all frames", None, None, lambda _: tracking.start("all")),
+        ("Track: pause, and go on", "P", "shift", lambda _: tracking.pause_or_go_on()),
+        ("Track: cancel", "C", "shift", lambda _: page.send(Cancel())),
+        ("Refine all frames together", "R", "shift", lambda _: page.send(Refine())),
+        ("Save the track", "V", "shift", lambda _: page.send(SaveTrack())),
+        ("Save this pose as the first frame's", None, None, lambda _: page.send(SavePose())),
+        ("Export angles and positions (CSV)", "O", "shift", _export(page, "csv")),
+        ("Export everything (NPZ)", None, None, _export(page, "npz")),
+    ]
+    for words, key, modifier, act in entries:
+        keys.add(words, key, page.from_user(act), modifier)
+
+
+def _export(page: Page, kind: str) -> Action:
+    return lambda event: page.send(Export(kind, event.client_id or 0))

@@ -1,0 +1,162 @@
+"""Which part of a camera's image a window shows: from the camera's centre, so that model and image match however it turns.
+
+A place in a window is a pair of shares, (0, 0) its upper left corner and (1, 1) its lower right one, as viser tells clicks.
+A pixel is a column and a row of the camera's undistorted image; pixel centres have whole coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats, N
+from handtrack_app.protocol.snapshots import CameraCard
+
+MOST = 12.0
+"""times that a picture is enlarged at most"""
+_AIR = 1.04  # around what just fits
+_AROUND = 1.5  # around a hand: what is beside it is looked at, too
+_STEPS = (
+    12  # of bringing a pixel to a place; each leaves a small share of the way, even of wide images
+)
+
+Pixel = tuple[float, float]
+Place = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""x, y, width, height [px]"""
+
+
+@dataclass(frozen=True)
+class Zoom:
+    """Which part of an image is shown."""
+
+    aim: Pixel
+    """what is in the window's middle"""
+    times: float = 1.0
+    """1: the whole image just fits into the window"""
+
+
+@dataclass(frozen=True)
+class Eye:
+    """How a window is looked through, from a camera's centre."""
+
+    rotation: Floats[D3, D3]
+    """view (x right, y down, z ahead) → world"""
+    half: float
+    """tangent of half the vertical field of view"""
+    aspect: float
+    """width of the window by its height"""
+
+    @property
+    def fov(self) -> float:
+        """The vertical field of view [rad]."""
+        return float(2 * np.arctan(self.half))
+
+    def ray(self, place: Place) -> Floats[D3]:
+        """Return the direction, in the world, of what is at a place of the window: a unit vector."""
+        across, down = 2 * place[0] - 1, 2 * place[1] - 1
+        ray = self.rotation @ np.array([across * self.half * self.aspect, down * self.half, 1.0])
+        return ray / np.linalg.norm(ray)
+
+    def place(self, ray: Floats[D3]) -> Place | None:
+        """Return where a direction in the world is seen; None for what is behind the eye."""
+        x, y, ahead = self.rotation.T @ ray
+        if ahead <= 1e-9 * float(np.linalg.norm(ray)):
+            return None
+        across, down = x / ahead / self.half / self.aspect, y / ahead / self.half
+        return float(across + 1) / 2, float(down + 1) / 2
+
+
+def pixel_ray(card: CameraCard, pixel: Pixel) -> Floats[D3]:
+    """Return the direction, in the world, of what a camera sees at a pixel: a unit vector. It begins at `card.centre`."""
+    ray = card.rotation @ np.linalg.solve(card.matrix, np.array([*pixel, 1.0]))
+    return ray / np.linalg.norm(ray)
+
+
+def ray_pixel(card: CameraCard, ray: Floats[D3]) -> Pixel | None:
+    """Return the pixel at which a camera sees what lies in a direction (world) from its centre; None for what is behind."""
+    seen = card.matrix @ (card.rotation.T @ ray)
+    if seen[2] <= 1e-9 * float(np.linalg.norm(ray)):
+        return None
+    return float(seen[0] / seen[2]), float(seen[1] / seen[2])
+
+
+def eye(card: CameraCard, zoom: Zoom, aspect: float) -> Eye:
+    """Return how a window looks into a camera's image; rows are level in its middle."""
+    return Eye(_turned(card, zoom.aim), _all_of_it(card, aspect) / zoom.times, aspect)
+
+
+def whole(card: CameraCard) -> Zoom:
+    """Return what shows the whole image."""
+    return Zoom(((card.size[0] - 1) / 2, (card.size[1] - 1) / 2))
+
+
+def around(card: CameraCard, box: Box, aspect: float, air: float = _AROUND) -> Zoom:
+    """Return what shows a box of the image, `air` times as large as just fits, at most `MOST` times enlarged."""
+    x, y, width, height = box
+    zoom = _within(card, Zoom((x + width / 2, y + height / 2)))
+    corners = np.array([(x + a * width, y + b * height) for a in (0, 1) for b in (0, 1)])
+    half = air * _fitting(card, _turned(card, zoom.aim), corners, aspect)
+    times = _all_of_it(card, aspect) / max(half, 1e-9)
+    return replace(zoom, times=float(np.clip(times, 1.0, MOST)))
+
+
+def with_pixel_at(card: CameraCard, zoom: Zoom, aspect: float, pixel: Pixel, place: Place) -> Zoom:
+    """Return the same enlargement turned so that a pixel is seen at a place of the window, as far as the image reaches."""
+    for _ in range(_STEPS):
+        here = ray_pixel(card, eye(card, zoom, aspect).ray(place))
+        if here is None:
+            break
+        aim = (zoom.aim[0] + pixel[0] - here[0], zoom.aim[1] + pixel[1] - here[1])
+        zoom = _within(card, replace(zoom, aim=aim))
+    return zoom
+
+
+def towards(card: CameraCard, zoom: Zoom, aspect: float, place: Place, factor: float) -> Zoom:
+    """Return an enlargement by a further factor; what is at a place of the window stays there."""
+    pixel = ray_pixel(card, eye(card, zoom, aspect).ray(place))
+    closer = replace(zoom, times=float(np.clip(zoom.times * factor, 1.0, MOST)))
+    if closer.times <= 1.0 or pixel is None:
+        return whole(card) if closer.times <= 1.0 else closer
+    return with_pixel_at(card, closer, aspect, pixel, place)
+
+
+def box_of(card: CameraCard, points: Floats[N, D3], radii: Floats[N]) -> Box | None:
+    """Return the box that balls, world [m], have in a camera's image; None where none is before it."""
+    seen = (points - card.centre) @ card.rotation
+    ahead = seen[:, 2] > radii + 1e-6
+    if not ahead.any():
+        return None
+    seen, radii = seen[ahead], radii[ahead]
+    pixels = (seen / seen[:, 2:]) @ card.matrix[:2].T
+    reach = (radii / seen[:, 2])[:, None] * np.diag(card.matrix)[:2]
+    low, high = (pixels - reach).min(axis=0), (pixels + reach).max(axis=0)
+    return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])
+
+
+def _turned(card: CameraCard, aim: Pixel) -> Floats[D3, D3]:
+    """Return the axes of a view straight at a pixel, that has the image's rows level there."""
+    ahead = pixel_ray(card, aim)
+    right = card.rotation[:, 0] - (card.rotation[:, 0] @ ahead) * ahead
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(ahead, right), ahead], axis=1)
+
+
+def _all_of_it(card: CameraCard, aspect: float) -> float:
+    right, bottom = card.size[0] - 0.5, card.size[1] - 0.5
+    corners = np.array([(-0.5, -0.5), (right, -0.5), (-0.5, bottom), (right, bottom)])
+    return _fitting(card, _turned(card, whole(card).aim), corners, aspect)
+
+
+def _fitting(card: CameraCard, rotation: Floats, pixels: Floats, aspect: float) -> float:
+    """Return the tangent of half the field of view that has pixels (N, 2) just inside a window."""
+    rays = np.array([rotation.T @ pixel_ray(card, (x, y)) for x, y in pixels])
+    ahead = np.maximum(rays[:, 2], 1e-3)
+    return float(_AIR * np.max(np.abs(rays[:, :2] / ahead[:, None]) / (aspect, 1.0)))
+
+
+def _within(card: CameraCard, zoom: Zoom) -> Zoom:
+    """Return a zoom that aims at a pixel of the image."""
+    aim = np.clip(zoom.aim, 0.0, np.array(card.size) - 1.0)
+    return replace(zoom, aim=(float(aim[0]), float(aim[1])))

@@ -1,0 +1,40 @@
+"""How well a pose explains a frame: overlap in each camera, energy by term. Of any pose, tracked or set by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from handtrack.arrays import Floats, P
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.settings import TrackerSettings
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a pose is worth in one frame."""
+
+    overlap: dict[str, float]
+    """of model and mask, their common area by that of both, 0 to 1, by camera"""
+    energy: dict[str, float]
+    """½ Σ r² by term, in the narrowest band; without any pull to a prediction"""
+
+
+def score(
+    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, params: Floats[P]
+) -> Score:
+    """Return the score of solver parameters; empty where nothing was seen."""
+    bones = model.bones(params)
+    terms = frame_terms(model, settings, seen, bones, None)
+    if not terms.has_seen:
+        return Score({}, {})
+    overlap = dict[str, float]()
+    if terms.prepared:
+        shares = outline_overlap(terms.prepared, model.flesh["fine"], bones).iou.tolist()
+        names = [prepared.camera.name for prepared in terms.prepared]
+        overlap = dict(zip(names, shares, strict=True))
+    energy = stage_problem(model, terms, terms.stages - 1, params).costs(params)
+    return Score(overlap, {name: float(cost) for name, cost in energy.items()})

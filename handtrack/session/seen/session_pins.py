@@ -1,0 +1,149 @@
+"""A session's pins: the file pins.json, and before it what is not in the file yet."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replace_text
+from handtrack.files.text_files import read_json
+from handtrack.files.versions import keep_version
+from handtrack.geometry.camera import CameraRig
+from handtrack.observation.pins import ImagePins, Pin
+from handtrack.session.layout import PINS_FILE, inside
+
+_FORMAT = 1
+_DIGITS = 3  # of a pixel: a thousandth of one
+
+
+class SessionPins:
+    """Where a person said that joints and segments lie, by frame. Safe from several threads."""
+
+    def __init__(self, folder: Path, rig: CameraRig, has_file: bool = True) -> None:
+        """has_file: those of running cameras are about a recording's frames. Raises HandtrackError for a file that is none."""
+        self._path, self._rig = inside(folder, PINS_FILE, str(folder)), rig
+        self._flat = {camera.name: camera.without_distortion() for camera in rig}
+        self._lock = threading.Lock()
+        self._pins: dict[int, tuple[Pin, ...]] = {}
+        if has_file and self._path.is_file():
+            self._pins = self._read()
+
+    def of(self, frame: int) -> tuple[Pin, ...]:
+        """Return a frame's pins."""
+        with self._lock:
+            return self._pins.get(frame, ())
+
+    @property
+    def frames(self) -> list[int]:
+        """The frames that have pins."""
+        with self._lock:
+            return sorted(self._pins)
+
+    def observed(self, frame: int) -> tuple[ImagePins, ...]:
+        """Return a frame's pins as they are observed, by camera."""
+        return self.as_observed(self.of(frame))
+
+    def as_observed(self, pins: Iterable[Pin]) -> tuple[ImagePins, ...]:
+        """Return any pins as they are observed."""
+        by_camera: dict[str, list[Pin]] = {}
+        for pin in pins:
+            by_camera.setdefault(pin.camera, []).append(pin)
+        return tuple(ImagePins(self._flat[name], tuple(own)) for name, own in by_camera.items())
+
+    def hold(self, frame: int, pins: Iterable[Pin]) -> None:
+        """Let pins of a frame count from now on; none: no pins. The file is written by `write`."""
+        pins = tuple(pins)
+        with self._lock:
+            if pins:
+                self._pins[frame] = pins
+            else:
+                self._pins.pop(frame, None)
+
+    def write(self, kept: str | None = None) -> str | None:
+        """Write the file; without pins there is none. Return its text.
+
+        kept: what was written here last: a file that is otherwise is kept in versions/. Raises HandtrackError.
+        """
+        with self._lock:
+            pins = {frame: self._pins[frame] for frame in sorted(self._pins)}
+        text = self._text(pins) if pins else None
+        try:
+            stands = self._path.read_text(encoding="utf-8") if self._path.is_file() else None
+            if stands == text:
+                return text
+            if stands is not None and stands != kept:
+                keep_version(self._path)
+            if text is None:
+                self._path.unlink(missing_ok=True)
+            else:
+                replace_text(self._path, text)
+        except OSError as error:
+            raise HandtrackError(
+                f"{self._path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
+        return text
+
+    def _text(self, pins: Mapping[int, tuple[Pin, ...]]) -> str:
+        rows = ",\n".join(
+            "  " + json.dumps(self._row(frame, pin)) for frame, own in pins.items() for pin in own
+        )
+        return f'{{"format": {_FORMAT}, "unit": "px", "pins": [\n{rows}\n]}}\n'
+
+    def _row(self, frame: int, pin: Pin) -> dict[str, object]:
+        """Return a pin as the file has it, in the image as it was taken."""
+        taken = self._rig[pin.camera].distort_points(np.array(pin.pixel))
+        row: dict[str, object] = {"frame": frame, "camera": pin.camera}
+        row |= {"joint": pin.joint} if pin.joint else {"bone": pin.bone, "point_m": list(pin.point)}
+        return row | {"pixel": [round(float(x), _DIGITS) for x in taken]}
+
+    def _read(self) -> dict[int, tuple[Pin, ...]]:
+        data = read_json(self._path, "pins")
+        if not isinstance(data, dict) or not isinstance(data.get("pins"), list):
+            raise HandtrackError(
+                f'{self._path}: expected {{"format": 1, "unit": "px", "pins": [...]}}, as the workbench writes it.'
+            )
+        if data.get("format", _FORMAT) != _FORMAT:
+            raise HandtrackError(
+                f"{self._path}: format {data['format']!r}; this version reads format {_FORMAT}."
+            )
+        found: dict[int, tuple[Pin, ...]] = {}
+        for number, row in enumerate(data["pins"]):
+            frame, pin = self._pin(row, f"{self._path}: pin {number}")
+            found[frame] = (*found.get(frame, ()), pin)
+        return found
+
+    def _pin(self, row: Any, where: str) -> tuple[int, Pin]:
+        if not isinstance(row, dict):
+            raise HandtrackError(f"{where} is {row!r}; expected a table with frame, camera, pixel.")
+        frame, camera = row.get("frame"), row.get("camera")
+        if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
+            raise HandtrackError(f"{where}: frame = {frame!r}; expected a frame's number.")
+        if camera not in self._rig:
+            raise unknown_name("camera", str(camera), self._rig.names, where)
+        pixel = _numbers(row.get("pixel"), 2, f"{where}: pixel")
+        flat = self._rig[str(camera)].undistort_points(np.array(pixel))
+        if not np.isfinite(flat).all():
+            raise HandtrackError(
+                f"{where}: pixel = {list(pixel)} lies where the lens of {camera} cannot have put anything."
+            )
+        joint, bone = str(row.get("joint", "")), str(row.get("bone", ""))
+        if bool(joint) == bool(bone):
+            raise HandtrackError(f'{where}: expected either "joint", or "bone" with "point_m".')
+        point = _numbers(row.get("point_m"), 3, f"{where}: point_m") if bone else (0.0, 0.0, 0.0)
+        return frame, Pin(str(camera), (float(flat[0]), float(flat[1])), joint, bone, point)
+
+
+def _numbers(given: Any, count: int, where: str) -> Any:
+    good = isinstance(given, list) and len(given) == count
+    if not good or not all(
+        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in given
+    ):
+        raise HandtrackError(f"{where} = {given!r}; expected {count} numbers.")
+    return tuple(float(x) for x in given)

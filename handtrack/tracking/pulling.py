@@ -1,0 +1,59 @@
+"""A pose that is pulled at: pins hold, and all else follows from the images, or changes least."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.frame_terms import frame_terms, pin_terms
+from handtrack.tracking.frame.settings import TrackerSettings
+
+_AT_ONCE = SolverSettings(iterations=12, damping=1e-3)
+"""of one answer while somebody pulls: the next begins where it ends"""
+_STAY_M = 0.02
+"""a joint of a hand that moves so far costs as much as an angle that turns by `_STAY_RAD`; that makes a finger bend rather than
+the hand go along. Both only say what changes least: pins outweigh them a thousandfold"""
+_STAY_RAD = np.deg2rad(60.0)
+
+
+def pulled(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    seen: Observation,
+    params: Floats[P],
+    by_images: bool = True,
+    stood: Floats[P] | None = None,
+) -> Floats[P]:
+    """Return solver parameters, within limits, at which an observation's pins hold.
+
+    params: where the model stands. by_images: what else was seen holds the rest, in the narrowest band and from where it stands,
+    so that it follows a pull at once; otherwise the joints stay where they are at `stood` (params), as far as they can.
+    """
+    if by_images:
+        terms = frame_terms(model, settings, seen, model.bones(params), None)
+        problem = stage_problem(model, terms, terms.stages - 1, params)
+    else:
+        problem = _least_change(model, settings, seen, params if stood is None else stood)
+    return solve(problem, params, _AT_ONCE).params
+
+
+def _least_change(
+    model: ArticulatedModel, settings: TrackerSettings, seen: Observation, stood: Floats[P]
+) -> Problem:
+    joints = model.joint_positions(model.bones(stood))
+    stay = KeypointTerm(model, Keypoints(tuple(model.joint_names), joints, _STAY_M), name="stay")
+    sigma = np.full(len(model.parameter_names), np.inf)
+    sigma[6:] = _STAY_RAD
+    as_it_was = GaussianPrior(model.joint_params(stood), sigma, "stay")
+    silent = replace(seen, silhouettes=(), keypoints=(), cloud=None, images=())
+    parts = frame_terms(model, settings, silent, model.bones(stood), None).parts
+    return Problem(model, [*pin_terms(model, seen), *parts, stay], [as_it_was])

@@ -1,0 +1,94 @@
+"""The person in a recording: size, proportions and where a detector sees joints, the same in all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, Floats, K, N
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.size import SizeParameters
+from handtrack.observation.observation import Observation
+from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.size.seen_around import joints_around, seen_around
+from handtrack.tracking.size.size_doubt import doubt_of_size
+from handtrack.tracking.size.sized_problem import FARTHEST
+
+
+@dataclass(frozen=True)
+class OpenPerson:
+    """What may be found of a person with all frames."""
+
+    build: Callable[[HandScale], ArticulatedModel]
+    """makes their model"""
+    sizes: bool = True
+    """lengths and girths; not those that a person gave"""
+    offsets: bool = False
+    """where a detector sees joints"""
+
+
+@dataclass(frozen=True, eq=False)
+class PersonChange:
+    """Those of a person's `SizeParameters` that are found with the poses, in standard deviations of people."""
+
+    parameters: SizeParameters
+    """of the model as it was tracked"""
+    free: Array[N]
+    values: Floats[N]
+
+    @classmethod
+    def none(cls, model: ArticulatedModel) -> PersonChange:
+        """Return the person as known: nothing changes."""
+        parameters = SizeParameters(model)
+        values = parameters.deviations(model.scale)
+        return cls(parameters, np.zeros(len(values), bool), values)
+
+    @classmethod
+    def of(
+        cls,
+        model: ArticulatedModel,
+        looks: Sequence[tuple[Observation, Floats[D3]]],
+        who: OpenPerson,
+    ) -> PersonChange:
+        """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
+
+        All lengths where the hand is seen from around, from one side by a cloud the whole hand's alone.
+        """
+        around = any(seen_around(observed, place) for observed, place in looks)
+        cloud = any(observed.cloud is not None for observed, _ in looks)
+        seen = joints_around(looks) if who.offsets else ()
+        parameters = SizeParameters(model, seen)
+        split = len(parameters.names) - 3 * len(seen)
+        free = np.ones(len(parameters.names), bool)
+        free[:split] = who.sizes and around
+        free[0] = who.sizes and (around or cloud)
+        return cls(parameters, free, parameters.deviations(model.scale))
+
+    @property
+    def count(self) -> int:
+        """How many numbers there are."""
+        return int(self.free.sum())
+
+    def stepped(self, step: Floats[K]) -> PersonChange:
+        """Return the person after a step of the free ones, within what people are."""
+        values = self.values.copy()
+        values[self.free] = np.clip(values[self.free] + step, -FARTHEST, FARTHEST)
+        return replace(self, values=values)
+
+    def prior(self) -> JointSystem:
+        """Return what is known of people, by the free ones (K,)."""
+        found = self.values[self.free]
+        return JointSystem(0.5 * float(found @ found), found, np.eye(len(found)))
+
+    @cached_property
+    def model(self) -> ArticulatedModel:
+        """This person's, whose bones have grown."""
+        return self.parameters.grown(self.values) if self.count else self.parameters.model
+
+    def scale(self, covariance: Floats[K, K]) -> HandScale:
+        """Return the same as it is saved; covariance: of the free ones."""
+        std = doubt_of_size(self.parameters, self.values, self.free, covariance)
+        return replace(self.parameters.scale(self.values), std=std)

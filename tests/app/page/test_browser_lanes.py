@@ -1,0 +1,30 @@
+"""The lanes in a real browser: a click on them goes to the frame that stands there, also when zoomed in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack_app.protocol import commands
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.page.test_browser import browsing, eventually
+
+
+@pytest.mark.browser
+def test_a_click_on_the_lanes_goes_there(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench) as view:
+        bench.send(commands.Track(0, FRAMES, 3))
+        eventually(lambda: bool(bench.layout.review.stretches), "tracked")
+        picture = view.page.locator(".handtrack-timeline svg")
+        for frame in (8, 2, 11):
+            box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew
+            x = box["x"] + frame / (FRAMES - 1) * box["width"]
+            view.page.mouse.click(x - 1, box["y"] + 20)  # within the curve
+            eventually(lambda frame=frame: bench.state.frame == frame, f"frame {frame}")
+        view.page.keyboard.press("Shift+Z")
+        eventually(lambda: bench.state.frame == 7, "the worst one, by key")
+        view.page.keyboard.press("Shift+Y")
+        eventually(lambda: bench.worker.document.accepted == {7}, "accepted, by key")

@@ -1,0 +1,64 @@
+"""The page at 1280 × 800 in a real browser: how large scene and hand are, where notices stand, and what the browser remembers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack_app.page.scene.hand_place import hand_balls
+from handtrack_app.page.views.room import LIGHT, POSE, Taste
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import fake_document
+from tests.app.page.test_browser import PROJECT, PageUnderTest, browsing, eventually
+from tests.app.page.test_browser_zoom import CANVAS
+
+NOTICE = """() => {
+  const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
+  return r ? [r.left, r.top, r.right, r.bottom] : null;
+}"""
+KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))"
+
+
+@pytest.mark.browser
+def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench, dpr=1.0, size=(1280, 800), unfold=False) as view:
+        eventually(lambda: share(view) >= 0.6, "the scene has 60 % of the window")
+        view.page.wait_for_timeout(1000)
+        low, high = hand_in_page(bench, view)
+        height = view.page.evaluate(CANVAS)[3]
+        assert high[1] - low[1] >= 0.25 * height, "freely"
+        view.page.keyboard.press("1")
+        eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
+        view.page.wait_for_timeout(2500)
+        low, high = hand_in_page(bench, view)
+        assert high[1] - low[1] >= 0.25 * height, "through a camera"
+        bench.page.notify("warning", "Something", "was to be said.")
+        notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
+        assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
+
+        (client,) = bench.server.get_clients().values()
+        bench.layout.room.change(client, colours=LIGHT)
+        eventually(lambda: view.page.evaluate(KEPT), "the browser keeps it")
+        view.page.reload()
+        room = bench.layout.room
+        eventually(
+            lambda: Taste((POSE,), LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
+            "remembered", timeout=40.0,
+        )  # fmt: skip
+
+
+def share(view: PageUnderTest) -> float:
+    _, _, width, height = view.page.evaluate(CANVAS)
+    return float(width * height / (1280 * 800))
+
+
+def hand_in_page(bench: Workbench, view: PageUnderTest) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the box that the hand's ellipsoids have on the page [px]."""
+    session, pose = bench.stage.session, bench.stage.pose
+    assert session is not None and pose is not None
+    points, _ = hand_balls(session, pose)
+    places = np.array([view.page.evaluate(PROJECT, ["/hand", p.tolist()]) for p in points])
+    return places.min(axis=0), places.max(axis=0)

@@ -1,0 +1,102 @@
+"""Every command by key or palette: all that the work needs is there, no key twice, none that viser walks by; help and tour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack_app.page.views.help import TOUR
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES
+from tests.app.page.test_room import asked, said
+from tests.app.page.test_through import Browser
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+NEEDED = (
+    "Undo", "Redo", "Play or pause", "Ten frames on", "Ten frames back", "Keep this pose", "No keyframe", "Track: from here on",
+    "Track: all frames", "Track: pause", "Track: cancel", "Refine", "Save the track", "Export angles", "Fit to the images",
+    "Next doubtful", "Look through front", "Look freely", "See the hand in all cameras", "View: nearer", "View: wider",
+    "View: the whole image", "View: the hand", "Fold or open the pose panel", "Light or dark", "Large or usual text", "Help", "Tour",
+)  # fmt: skip
+
+
+def test_every_command_is_there_and_no_key_is_given_twice_or_to_viser(bench: Workbench) -> None:
+    commands = [
+        handle._impl.props for handle in bench.server.gui._command_handle_from_uuid.values()
+    ]
+    for words in NEEDED:
+        assert any(one.label.startswith(words) for one in commands), words
+    keys = [(one.hotkey, one.modifier) for one in commands if one.hotkey is not None]
+    assert len(keys) == len(set(keys)), sorted(k for k in keys if keys.count(k) > 1)
+    walking = {"W", "A", "S", "D", "Q", "E", "arrowup", "arrowdown", "arrowleft", "arrowright"}
+    assert not walking & {key for key, _ in keys}
+    table = bench.layout.keys.table()
+    assert "Page ↓" in table and "Keep this pose" in table
+
+
+def test_frames_and_keyframes_by_key(bench: Workbench) -> None:
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        page.press("First frame")
+        eventually(lambda: bench.state.frame == 0, "the first")
+        page.press("Ten frames on")
+        eventually(lambda: bench.state.frame == 10, "ten on")
+        page.press("Ten frames on")
+        eventually(lambda: bench.state.frame == FRAMES - 1, "no farther than the last")
+        page.press("Ten frames back")
+        eventually(lambda: bench.state.frame == FRAMES - 11, "ten back")
+        page.press("Keep this pose: a keyframe")
+        strip = bench.layout.timeline
+        eventually(lambda: strip.strip is not None and 1 in strip.strip.by_hand, "kept")
+        page.press("No keyframe here: the tracked pose")
+        eventually(lambda: strip.strip is not None and 1 not in strip.strip.by_hand, "not kept")
+
+
+def test_tracking_by_key(bench: Workbench) -> None:
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        page.press("Track: all frames")
+        strip = bench.layout.timeline
+        eventually(
+            lambda: strip.strip is not None and bool(np.all(strip.strip.status >= 0)), "tracked"
+        )
+
+
+def pressed(wire: WireClient, label: str) -> None:
+    eventually(lambda: wire.button(label) is not None, label)
+    uuid = wire.button(label)
+    assert uuid is not None
+    wire.set_value(uuid, True)
+
+
+def test_help_is_one_page_and_closes(bench: Workbench) -> None:
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        page.press("Help: all keys")
+        eventually(lambda: bool(said(wire, "GuiModalMessage")), "open")
+        pressed(wire, "Close")
+        eventually(lambda: bool(said(wire, "GuiCloseModalMessage")), "closed")
+
+
+def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench: Workbench) -> None:
+    bench.layout.help.offers_tour = True
+    assert len(TOUR) == 5
+    with WireClient(bench.url) as wire:
+        for _ in range(200):  # both questions to the browser's memory
+            requests = said(wire, "LocalStorageGetItemRequestMessage")
+            for one in requests:
+                wire.send({
+                    "type": "LocalStorageGetItemResponseMessage", "value": None, "error": None,
+                    "request_uuid": one["request_uuid"],
+                })  # fmt: skip
+            if len(requests) == 2:
+                break
+            assert asked(wire)
+        eventually(lambda: wire.button("Leave the tour") is not None, "it begins")
+        for _ in range(2):
+            before = wire.button("Next")
+            pressed(wire, "Next")
+            eventually(lambda before=before: wire.button("Next") not in (None, before), "a step on")
+        pressed(wire, "Leave the tour")
+        eventually(lambda: wire.button("Leave the tour") is None, "left")
+        eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")), "and remembered")

@@ -1,0 +1,71 @@
+"""The queue of stretches that are worth a look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from handtrack.diagnostics.review import probability_off, queue_words, worth_a_look
+from handtrack.tracking.frame.reason import BRIEF, KINDS, SIGNS, Reason
+from handtrack.tracking.frame.result import Status
+
+
+@dataclass(frozen=True)
+class Known:
+    frame: int
+    status: Status = Status.DOUBTFUL
+    reason: Reason | None = None
+    p_off_25mm: float = float("nan")
+
+
+def off(frame: int, part: str, probability: float) -> Known:
+    reason = Reason("off", part, "outline", 12.0, probability)
+    return Known(frame, Status.DOUBTFUL, reason, probability)
+
+
+def test_most_frames_off_come_first_with_reason_and_size():
+    ring = [off(f, "ring finger", 0.4 + 0.05 * (f == 215)) for f in range(212, 220)]
+    thumb = [off(f, "thumb", 0.9) for f in (30, 31)]
+    fine = [Known(f, Status.TRACKED, None, 0.1) for f in range(100, 110)]
+    first, second = worth_a_look([*thumb, *fine, *ring])
+    assert (first.first, first.last, first.worst) == (212, 219, 215)
+    assert first.expected == pytest.approx(8 * 0.4 + 0.05)
+    assert str(first) == "212–219, ring finger, P 0.45 off, ± 12 mm"
+    assert (second.first, second.last) == (30, 31), "1.8 frames are expected to be off"
+
+
+def test_parts_have_stretches_of_their_own_and_short_gaps_are_bridged():
+    frames = [off(10, "thumb", 0.5), off(12, "palm", 0.5), off(14, "thumb", 0.5), off(30, "thumb", 0.5)]  # fmt: skip
+    found = {(s.first, s.last) for s in worth_a_look(frames)}
+    assert found == {(10, 14), (12, 12), (30, 30)}
+
+
+def test_what_is_done_needs_no_look():
+    frames = [off(f, "thumb", 0.5) for f in range(10)]
+    assert [(s.first, s.last) for s in worth_a_look(frames, done={0, 1, 9})] == [(2, 8)]
+    assert worth_a_look(frames, done=range(10)) == []
+
+
+def test_a_lost_hand_is_off_and_a_body_as_probably_as_not():
+    lost = Known(5, Status.LOST, Reason("unseen"), 0.2)
+    assert probability_off(lost) == 1.0
+    assert probability_off(Known(5)) == 0.5
+    assert probability_off(Known(5, Status.TRACKED)) == 0.0
+    (stretch,) = worth_a_look([lost])
+    assert str(stretch) == "5, lost: not seen"
+
+
+def test_the_head_of_the_queue_in_words():
+    assert queue_words([]) == ""
+    overlap = Known(7, reason=Reason("overlap", camera="cam1", number=0.61))
+    apart = [off(20 * n, "thumb", 0.5) for n in range(1, 5)]
+    words = queue_words(worth_a_look([overlap, *apart]), most=1)
+    assert words == "worth a look, worst first: frames 7, cam1 overlap 0.61; 4 more."
+
+
+def test_each_reason_has_brief_words():
+    assert BRIEF.keys() == KINDS.keys()
+    for kind in KINDS:
+        brief = Reason(kind, "thumb", next(iter(SIGNS)), 0.5, 3.0).brief
+        assert 0 < len(brief) < 45

@@ -1,0 +1,80 @@
+"""pins.json: written as the image was taken, read without the lens, damaged in every way, and seen by the tracker."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.observation.pins import Pin
+from handtrack.session.seen.session_pins import SessionPins
+from handtrack.session.session import Session
+from tests.session.small_session import make_session
+
+LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
+MATRIX = np.array([[500.0, 0.0, 160.0], [0.0, 500.0, 120.0], [0.0, 0.0, 1.0]])
+RIG = CameraRig((Camera("left", (320, 240), MATRIX, LENS, np.eye(3), np.zeros(3)),))
+TIP = Pin("left", (20.25, 30.5), "index_tip")
+ON_BONE = Pin("left", (100.0, 40.0), "", "index_distal", (0.001, 0.01, 0.0))
+
+
+def test_pins_come_back_from_the_file_and_lie_there_in_the_image_as_it_was_taken(tmp_path):
+    pins = SessionPins(tmp_path, RIG)
+    pins.hold(3, [TIP, ON_BONE])
+    pins.write()
+    row = json.loads((tmp_path / "pins.json").read_text())["pins"][0]
+    taken = RIG["left"].distort_points(np.array(TIP.pixel))
+    assert np.linalg.norm(taken - TIP.pixel) > 3
+    np.testing.assert_allclose(row["pixel"], taken, atol=1e-3)
+    again = SessionPins(tmp_path, RIG)
+    assert again.frames == [3]
+    tip, on_bone = again.of(3)
+    np.testing.assert_allclose(tip.pixel, TIP.pixel, atol=2e-3)
+    assert (tip.joint, on_bone.bone, on_bone.point) == ("index_tip", "index_distal", ON_BONE.point)
+    (seen,) = again.observed(3)
+    assert not seen.camera.is_distorted
+    assert len(seen.pins) == 2
+
+
+def test_without_pins_there_is_no_file_and_what_somebody_else_wrote_is_kept(tmp_path):
+    pins = SessionPins(tmp_path, RIG)
+    pins.hold(0, [TIP])
+    ours = pins.write()
+    pins.hold(0, [])
+    assert pins.write(ours) is None
+    assert not list(tmp_path.rglob("*.json"))
+    (tmp_path / "pins.json").write_text('{"format": 1, "pins": []}')
+    pins.hold(0, [TIP])
+    pins.write(ours)
+    assert '"pins": []' in next((tmp_path / "versions").glob("pins*")).read_text()
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"frame": -1, "camera": "left", "joint": "wrist", "pixel": [1, 2]}, "frame = -1"),
+        ({"frame": 0, "camera": "middle", "joint": "wrist", "pixel": [1, 2]}, "middle"),
+        ({"frame": 0, "camera": "left", "joint": "wrist", "pixel": [1]}, "expected 2 numbers"),
+        ({"frame": 0, "camera": "left", "pixel": [1, 2]}, 'either "joint"'),
+        ({"frame": 0, "camera": "left", "bone": "root", "pixel": [1, 2]}, "point_m"),
+        ("nothing", "expected a table"),
+    ],
+)
+def test_a_damaged_pin_is_said_in_words(tmp_path, row, words):
+    (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [row]}))
+    with pytest.raises(HandtrackError, match=words):
+        SessionPins(tmp_path, RIG)
+
+
+def test_a_session_observes_its_pins(tmp_path):
+    folder = make_session(tmp_path)
+    pin = {"frame": 2, "camera": "cam1", "joint": "ring_tip", "pixel": [31.5, 20.0]}
+    (folder / "pins.json").write_text(json.dumps({"format": 1, "pins": [pin]}))
+    session = Session.open(folder)
+    assert not session.observation(1).pins
+    (seen,) = session.observation(2).pins
+    assert seen.camera.name == "cam1"
+    assert seen.pins == (Pin("cam1", (31.5, 20.0), "ring_tip"),)

@@ -1,0 +1,100 @@
+"""What one camera cannot see of a body is in what is stated: limbs that look the same bent towards it and away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.sampling.chains import chain_along
+from handtrack.sampling.interpretation_tree import interpretation_tree
+from handtrack.tracking.frame.doubt.mirrored import mirrored_covariance
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.tracker import Tracker
+
+BODY = load_model("body34")
+FRONT = Camera(
+    "front", (1080, 1920), np.array([[1200.0, 0, 540], [0, 1200.0, 960], [0, 0, 1]]), np.zeros(5),
+    np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0]),
+)  # fmt: skip
+SIDE = replace(FRONT, name="side", rotation=FRONT.rotation @ rotation_matrix(np.r_[0, 1.4, 0]).T)
+WRIST, ANKLE = (BODY.joint_names.index(name) for name in ("left_wrist", "right_ankle"))
+
+
+def _stepping() -> np.ndarray:
+    """Return a body with an arm held out to the front and a knee bent: of both the mirror image is a pose, too."""
+    joint = BODY.joint_params(BODY.rest_params())
+    for name, angle in (("left_shoulder_flex", 0.5), ("right_hip_flex", 0.6), ("right_knee_flex", 0.7)):  # fmt: skip
+        joint[BODY.parameter_names.index(name)] = angle
+    return BODY.clipped(BODY.transform.solver_params(joint))
+
+
+def _seen(pose: np.ndarray, *cameras: Camera) -> Observation:
+    places = BODY.joint_positions(BODY.bones(pose))
+    joints = [ImageKeypoints(c, BODY.joint_names, c.project(places), 10.0) for c in cameras]
+    return Observation(0, 0.0, keypoints=tuple(joints))
+
+
+def _terms(seen: Observation, pose: np.ndarray):
+    return frame_terms(BODY, TrackerSettings(), seen, BODY.bones(pose), None)
+
+
+def _flipped(pose: np.ndarray) -> np.ndarray:
+    """Return the pose with its left arm flipped as far as it goes."""
+    chain = chain_along(BODY, "arm", ("left_shoulder", "left_elbow", "left_wrist"))
+    leaves = interpretation_tree(BODY, pose, [chain], FRONT).params
+    places = [BODY.joint_positions(BODY.bones(leaf))[WRIST] for leaf in leaves]
+    far = np.linalg.norm(places - BODY.joint_positions(BODY.bones(pose))[WRIST], axis=1)
+    return leaves[int(far.argmax())]
+
+
+def test_an_arm_that_is_flipped_lies_within_what_is_stated():
+    true = _stepping()
+    wrong = _flipped(true)
+    off = (BODY.joint_positions(BODY.bones(true)) - BODY.joint_positions(BODY.bones(wrong)))[WRIST]
+    assert np.linalg.norm(off) > 0.15
+    covariance = mirrored_covariance(_terms(_seen(true, FRONT), wrong), wrong)[WRIST]
+    along = off / np.linalg.norm(off)
+    assert np.linalg.norm(off) < 2.0 * np.sqrt(along @ covariance @ along)
+
+
+@pytest.mark.parametrize("seen", ["two cameras", "points in space"])
+def test_what_is_seen_from_two_sides_has_no_mirror_image(seen):
+    pose = _stepping()
+    places = Keypoints(BODY.joint_names, BODY.joint_positions(BODY.bones(pose)), 0.01)
+    by = {
+        "two cameras": _seen(pose, FRONT, SIDE),
+        "points in space": Observation(0, 0.0, keypoints=(places,)),
+    }
+    assert not mirrored_covariance(_terms(by[seen], pose), pose).any()
+
+
+def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
+    true = _stepping()
+    status = {}
+    for name, cameras in (("one", (FRONT,)), ("two", (FRONT, SIDE))):
+        seen = _seen(true, *cameras)
+        frames = [replace(seen, frame=n, time_s=n / 25) for n in range(4)]
+        found = {
+            r.frame: r
+            for r in track_recording(
+                Tracker(BODY), lambda n, _, f=frames: f[n], 0, _flipped(true), range(4)
+            )
+        }
+        status[name] = {r.status for r in found.values()}
+        places = BODY.joint_positions(BODY.bones(true))
+        for result in found.values():
+            off = np.linalg.norm(result.joint_positions - places, axis=1)
+            stated = np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2))
+            assert np.sqrt((off**2).mean()) < 2.0 * np.sqrt((stated**2).mean())
+            assert 0.0 <= result.p_off_25mm <= 1.0
+            assert result.p_off_10mm is None
+    assert status == {"one": {Status.DOUBTFUL}, "two": {Status.TRACKED}}

@@ -1,0 +1,137 @@
+"""A pose that is pulled at: a joint lies on the ray, the rest is held by masks or changes least; and pins in a track."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.arrays import Floats
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.pins import ImagePins, Pin
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.pulling import pulled
+from handtrack.tracking.sequence import refine_recording, track_frames
+from handtrack.tracking.tracker import Tracker
+
+HAND = load_model("hand26")
+CAMERAS = [camera.without_distortion() for camera in simulated_rig(2, (320, 240)).cameras]
+SETTINGS = TrackerSettings()
+TIP = HAND.joint_names.index("index_tip")
+
+
+def _at_ease():
+    params = HAND.rest_params()
+    params[1] = -0.09
+    return params
+
+
+def _joints(params: Floats) -> Floats:
+    return HAND.joint_positions(HAND.bones(params))
+
+
+def _pins(target, joint="index_tip", cameras=CAMERAS):
+    return tuple(
+        ImagePins(c, (Pin(c.name, tuple(map(float, c.project(target))), joint),)) for c in cameras
+    )
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return mask_views(HAND, _at_ease(), CAMERAS)
+
+
+def test_pins_in_two_images_hold_a_point_and_the_other_fingers_change_little():
+    stood = _at_ease()
+    target = _joints(stood)[TIP] + (0.0, -0.02, -0.02)
+    found = pulled(HAND, SETTINGS, Observation(0, 0.0, pins=_pins(target)), stood, by_images=False)
+    moved = np.linalg.norm(_joints(found) - _joints(stood), axis=1)
+    assert np.linalg.norm(_joints(found)[TIP] - target) < 1e-3
+    others = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
+    assert moved[others].max() < 0.25 * moved[TIP]
+
+
+def test_a_pin_in_one_image_leaves_the_depth_as_it_was():
+    stood = _at_ease()
+    target = _joints(stood)[TIP] + 0.02 * CAMERAS[0].rotation[0]
+    one = Observation(0, 0.0, pins=_pins(target, cameras=CAMERAS[:1]))
+    found = pulled(HAND, SETTINGS, one, stood, by_images=False)
+    depth = [CAMERAS[0].to_camera(_joints(p))[TIP, 2] for p in (stood, found)]
+    off = CAMERAS[0].project(_joints(found)[TIP]) - CAMERAS[0].project(target)
+    assert np.linalg.norm(off) < 0.3
+    assert abs(depth[1] - depth[0]) < 0.006
+
+
+def test_masks_hold_the_rest_against_a_pin_and_give_way_at_the_joint(seen):
+    stood = _at_ease()
+    target = _joints(stood)[TIP] + (0.0, -0.01, -0.01)
+    with_pins = replace(seen, pins=_pins(target))
+    found = pulled(HAND, SETTINGS, with_pins, stood)
+    for camera in CAMERAS:
+        assert np.linalg.norm(camera.project(_joints(found)[TIP]) - camera.project(target)) < 1.0
+    wrist = HAND.joint_names.index("wrist")
+    assert np.linalg.norm(_joints(found)[wrist] - _joints(stood)[wrist]) < 0.004
+
+
+def test_a_pull_stays_within_limits():
+    stood = _at_ease()
+    target = _joints(stood)[TIP] + (0.0, 0.0, 0.15)  # behind the back of the hand
+    found = pulled(HAND, SETTINGS, Observation(0, 0.0, pins=_pins(target)), stood, by_images=False)
+    np.testing.assert_allclose(found, HAND.clipped(found))
+
+
+FRAMES = 17
+
+
+def _unseen_finger():
+    """Return what is seen of a hand whose index finger nobody sees, as tracked, and where it really is: bent."""
+    straight = HAND.rest_params()
+    names = HAND.transform.names
+    bent = straight.copy()
+    bent[[names.index(f"index_{part}") for part in ("mcp_flex", "pip_flex", "dip_flex")]] = (
+        0.8, 0.9, 0.4,
+    )  # fmt: skip
+    named = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
+    points = _joints(bent)[named]
+    given = Keypoints(tuple(HAND.joint_names[n] for n in named), points, 0.002)
+
+    def observe(frame, bones=None, pinned=()):
+        pins = _pins(_joints(bent)[TIP]) if frame in pinned else ()
+        return Observation(frame, frame / 30, keypoints=(given,), pins=pins)
+
+    live = list(track_frames(Tracker(HAND), observe, 0, straight, range(FRAMES)))
+    return observe, live, bent
+
+
+def test_pins_of_one_frame_set_its_neighbours_right_and_it_is_still_refined():
+    observe, live, bent = _unseen_finger()
+    at, tracker = FRAMES // 2, Tracker(HAND)
+    true = _joints(bent)[TIP]
+    before = [np.linalg.norm(r.joint_positions[TIP] - true) for r in live]
+    assert min(before) > 0.02
+
+    def pinned(frame, bones=None):
+        return observe(frame, bones, pinned=(at,))
+
+    pose = pulled(
+        HAND, SETTINGS, pinned(at), HAND.transform.solver_params(live[at].parameters), False
+    )
+    found = refine_recording(tracker, pinned, live, pinned={at: pose})
+    off = {r.frame: np.linalg.norm(r.joint_positions[TIP] - true) for r in found}
+    assert at in off, "no keyframe: its pins are what counts"
+    assert off[at] < 0.002
+    assert max(off[at - 2], off[at + 2]) < 0.5 * min(before)
+
+
+def test_a_track_takes_pins_as_it_meets_them():
+    observe, _, bent = _unseen_finger()
+    at = FRAMES // 2
+    tracked = track_frames(
+        Tracker(HAND), lambda f, b: observe(f, b, pinned=(at,)), 0, HAND.rest_params(), range(at + 1)
+    )  # fmt: skip
+    last = max(tracked, key=lambda r: r.frame)
+    assert np.linalg.norm(last.joint_positions[TIP] - _joints(bent)[TIP]) < 0.003

@@ -1,0 +1,126 @@
+"""The person whom all frames share: size and detector's offsets found with the poses, cameras and time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.model_file import load_model
+from handtrack.model.size import hand_length_mm
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.person import OpenPerson, PersonChange
+from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.cameras import CameraChanges
+from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.motion import moved
+from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.shared import Shared
+from tests.derivatives import check_gradient
+from tests.tracking.test_shared_cameras import FPS, FRAMES, SIGMA_PX, camera_at, waving_poses
+
+HAND = load_model("hand26")
+WHO = OpenPerson(lambda scale: load_model("hand26", scale=scale))
+OTHER = HandScale(1.06, {"thumb": 0.95, "index": 1.05})
+
+
+def _observed(poses, person, cameras, late=(0, 0, 0)):
+    """Return how frames of a person look to cameras."""
+    model, noise = load_model("hand26", scale=person), np.random.default_rng(5)
+    truth = np.array([model.keypoints21(model.bones(pose)) for pose in poses])
+    pixels = np.array([camera_at(k).project(truth) for k in range(3)])
+    pixels += SIGMA_PX * noise.normal(size=pixels.shape)
+
+    def observe(frame, _bones):
+        seen = [(k, c) for k, c in enumerate(cameras) if frame >= late[k]]
+        views = tuple(
+            ImageKeypoints(c, keypoint_names(), pixels[k, frame - late[k]], SIGMA_PX)
+            for k, c in seen
+        )
+        return Observation(frame, frame / FPS, keypoints=views)
+
+    return observe, truth
+
+
+def _refined(late=(0, 0, 0), who=WHO):
+    """Return what refining says that all share, the frames, and the true points; the live pass has the mean adult's hand."""
+    observe, truth = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)], late)
+    tracker, told = Tracker(HAND, TrackerSettings()), []
+    live = list(track_frames(tracker, observe, 0, waving_poses()[0], range(FRAMES)))
+    control = Control(on_shared=told.append)
+    frames = refined(HAND, tracker.settings, observe, live, control, who=who)
+    return Refinement.read(told[0]), frames, truth
+
+
+def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_person(rng):
+    poses = waving_poses()[:3]
+    observe, _ = _observed(poses, OTHER, [camera_at(k) for k in range(3)])
+    evidence = Evidence(HAND, TrackerSettings(), observe, dict(enumerate(poses)), 1 / FPS)
+    looks = [(observe(0, None), HAND.bones(poses[0]).position.mean(axis=0))] * 4
+    person = PersonChange.of(HAND, looks, replace(WHO, offsets=True))
+    assert person.count == len(person.parameters.names) == 7 + 3 * 21
+    shared = Shared(CameraChanges.none([camera_at(k) for k in range(3)]), person)
+    shared = shared.stepped(0.01 * rng.normal(size=shared.count))
+    speed, size = 0.01 * rng.normal(size=poses.shape), poses.shape[1]
+
+    def system(x):
+        there = shared.stepped(x[size:])
+        pose = moved(poses, np.tile(x[:size], (3, 1)))
+        views = [there.cameras.seen_poses(k, pose, speed) for k in range(3)]
+        seen = evidence.sharing(there).of(1)
+        return seen.linearize(pose[1], views, 1, there.person).whole
+
+    zero = np.zeros(size + shared.count)
+    check_gradient(lambda x: system(x).cost, system(zero).gradient, zero, rtol=1e-4)
+
+
+def test_a_size_that_was_wrong_is_found_with_the_poses():
+    found, frames, truth = _refined()
+    assert found.scale is not None
+    model = load_model("hand26", scale=found.scale)
+    true = hand_length_mm(load_model("hand26", scale=OTHER))
+    std = found.scale.std["length_mm"]
+    assert hand_length_mm(model) == pytest.approx(true, abs=max(3 * std, 1.0))
+    assert found.scale.parts["thumb"] == pytest.approx(0.95, abs=0.02)
+    # the frames are this person's
+    pose = model.transform.solver_params(frames[3].parameters)
+    np.testing.assert_allclose(model.keypoints21(model.bones(pose)), frames[3].keypoints21)
+    off = [np.linalg.norm(r.keypoints21 - truth[r.frame], axis=1).mean() for r in frames]
+    assert 1e3 * np.mean(off) < 1.0
+
+
+def test_a_size_that_was_given_stays():
+    found, frames, _ = _refined(who=None)
+    assert found.scale is None
+    pose = HAND.transform.solver_params(frames[3].parameters)
+    np.testing.assert_allclose(HAND.keypoints21(HAND.bones(pose)), frames[3].keypoints21)
+
+
+def test_a_camera_that_is_late_is_found_though_the_hand_was_of_another_size():
+    found, _, _ = _refined(late=(0, 2, 0))
+    late = {one.name: one.late_frames for one in found.cameras}
+    assert late == pytest.approx({"cam0": 0.0, "cam1": 2.0, "cam2": 0.0}, abs=0.1)
+    assert found.scale is not None
+    assert found.scale.overall == pytest.approx(1.06, abs=0.01)
+
+
+def test_one_camera_tells_no_size():
+    place = HAND.bones(waving_poses()[0]).position.mean(axis=0)
+    observe, _ = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)])
+    one = replace(observe(0, None), keypoints=observe(0, None).keypoints[:1])
+    assert PersonChange.of(HAND, [(one, place)], WHO).count == 0
+    assert PersonChange.of(HAND, [(observe(0, None), place)], WHO).count == 7
+
+
+def test_what_was_found_of_a_person_comes_back_as_it_was_written():
+    found = Refinement("converged", 3, (), replace(OTHER, std={"length_mm": 0.5}))
+    again = Refinement.read(found.text)
+    assert again.scale == OTHER
+    assert again.scale.std == {"length_mm": 0.5}
+    assert Refinement.read('{"why": "converged", "sweeps": 3, "cameras": []}').scale is None
