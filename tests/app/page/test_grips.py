@@ -80,7 +80,10 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
 
         def follows() -> bool:
             now = bench.stage.pose
-            return now is not None and bool(now.pins) and now.pins[0].off_px < 0.5 and np.linalg.norm(now.joints[session.joint_names.index("index_tip")] - tip) > 0.015  # fmt: skip
+            if now is None or not now.pins or now.pins[0].off_px >= 0.5:
+                return False
+            moved = now.joints[session.joint_names.index("index_tip")] - tip
+            return bool(np.linalg.norm(moved) > 0.015)
 
         eventually(follows, "the tip is there")
         assert bench.stage.pose is not None

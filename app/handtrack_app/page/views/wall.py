@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -37,39 +38,44 @@ class _Wall:
 
 @dataclass
 class Walls:
-    """The pages that see all cameras, or did."""
+    """The pages that see all cameras, or did. Called by viser's threads and the view thread."""
 
     page: Page
     chosen: Callable[[str, viser.ClientHandle], None] = lambda camera, client: None
     """a camera's picture was clicked"""
     _walls: dict[int, _Wall] = field(default_factory=dict)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+    """a picture that comes while its page leaves must not be shown after"""
 
     def enter(self, client: viser.ClientHandle, cameras: Sequence[str]) -> None:
         """Show a page all cameras."""
-        here = self.page.server.get_clients()
-        self._walls = {one: wall for one, wall in self._walls.items() if one in here}
-        wall = self._walls.get(client.client_id)
-        if wall is None:
-            wall = self._walls[client.client_id] = self._built(client, cameras)
-        wall.shown, wall.aspect = True, 0.0
-        self._lay_out(client, wall)
+        with self._lock:
+            here = self.page.server.get_clients()
+            self._walls = {one: wall for one, wall in self._walls.items() if one in here}
+            wall = self._walls.get(client.client_id)
+            if wall is None:
+                wall = self._walls[client.client_id] = self._built(client, cameras)
+            wall.shown, wall.aspect = True, 0.0
+            self._lay_out(client, wall)
 
     def leave(self, client: viser.ClientHandle) -> None:
         """Show it no more."""
-        wall = self._walls.get(client.client_id)
-        if wall is not None and wall.shown:
-            wall.shown = False
-            for node in (*wall.images.values(), *wall.labels.values()):
-                node.visible = False
+        with self._lock:
+            wall = self._walls.get(client.client_id)
+            if wall is not None and wall.shown:
+                wall.shown = False
+                for node in (*wall.images.values(), *wall.labels.values()):
+                    node.visible = False
 
     def show(self, pictures: dict[tuple[str, str], Bytes[H, W, D3]]) -> None:
         """Show the pictures that came."""
-        for wall in self._walls.values():
-            for camera, image in wall.images.items():
-                picture = pictures.get((camera, CLOSE))
-                if picture is not None and wall.shown:
-                    image.image = picture
-                    image.visible = wall.labels[camera].visible = True
+        with self._lock:
+            for wall in self._walls.values():
+                for camera, image in wall.images.items():
+                    picture = pictures.get((camera, CLOSE))
+                    if picture is not None and wall.shown:
+                        image.image = picture
+                        image.visible = wall.labels[camera].visible = True
 
     def _built(self, client: viser.ClientHandle, cameras: Sequence[str]) -> _Wall:
         wall = _Wall({}, {})
@@ -86,8 +92,9 @@ class Walls:
 
         @client.camera.on_update
         def _(_camera: viser.CameraHandle) -> None:
-            if wall.shown:
-                self._lay_out(client, wall)
+            with self._lock:
+                if wall.shown:
+                    self._lay_out(client, wall)
 
         return wall
 
