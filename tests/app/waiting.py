@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 
 
-def eventually(test: Callable[[], bool], what: str, timeout: float = 10.0) -> None:
-    """Wait until the test is true, at most `timeout` [s]; what: in words, for the failure."""
+def eventually(test: Callable[[], bool], what: str, timeout: float = 60.0) -> None:
+    """Wait until the test is true, at most `timeout` [s] (a kernel may be compiled meanwhile); what: in words, for the failure."""
     until = time.monotonic() + timeout
     while not test():
         assert time.monotonic() < until, f"{what}: not within {timeout:g} s"

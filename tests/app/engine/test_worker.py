@@ -34,7 +34,7 @@ class Listener:
             self._came.notify_all()
 
     def wait(
-        self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 10.0
+        self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 60.0
     ) -> Any:
         """Return the first snapshot of a kind that passes the test, waiting for it."""
 

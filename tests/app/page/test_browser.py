@@ -42,7 +42,7 @@ PROJECT = """([name, p]) => {
 }"""
 
 
-def eventually(test: Callable[[], Any], what: str, timeout: float = 20.0) -> Any:
+def eventually(test: Callable[[], Any], what: str, timeout: float = 60.0) -> Any:
     until = time.monotonic() + timeout
     while not (value := test()):
         assert time.monotonic() < until, f"{what}: not within {timeout:g} s"
@@ -182,7 +182,7 @@ def _tracks(bench: Workbench, view: PageUnderTest) -> None:
         lambda: view.page.get_by_role("button", name="Cancel", exact=True).is_visible(),
         "cancel can be pressed",
     )
-    view.page.get_by_text("Tracking finished").first.wait_for(timeout=20_000)
+    view.page.get_by_text("Tracking finished").first.wait_for(timeout=60_000)
     strip = bench.layout.timeline.strip
     assert strip is not None and (strip.status >= 0).all()
 
