@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from handtrack.diagnostics.metrics import evaluate
     from handtrack.errors import HandtrackError
+    from handtrack.export.tables.csv_wide import write_csv
     from handtrack.geometry.camera import Camera, CameraRig
     from handtrack.model.articulated import ArticulatedModel, HandScale
     from handtrack.model.model_file import load_model
     from handtrack.observation.observation import Keypoints, Observation, Silhouette
     from handtrack.session.bundled import bundled_session
-    from handtrack.session.formats.tables import read_npz, write_csv, write_npz
+    from handtrack.session.formats.tables import read_npz, write_npz
     from handtrack.session.run import TrackingRun
     from handtrack.session.session import Session
     from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
@@ -45,7 +46,7 @@ _MODULES = {
     "evaluate": "diagnostics.metrics",
     "load_model": "model.model_file",
     "read_npz": "session.formats.tables",
-    "write_csv": "session.formats.tables",
+    "write_csv": "export.tables.csv_wide",
     "write_npz": "session.formats.tables",
 }
 

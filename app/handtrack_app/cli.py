@@ -222,10 +222,11 @@ COMMANDS: dict[str, _Command] = {
         _SET,
         _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"),
     )),
-    "export": _Command("export", "Convert a tracked sequence.", (
+    "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
-        _option("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints"),
+        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
+        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"),
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
