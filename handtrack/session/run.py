@@ -38,10 +38,10 @@ from handtrack.session.sizing import (
 )
 from handtrack.session.takes.versions import version_of
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.state import Step

@@ -17,6 +17,7 @@ from handtrack.tracking.frame.stacked import (
     stacked_probabilities,
     stacked_reasons,
 )
+from handtrack.tracking.frame.tables.named_track import NamedTrack
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
@@ -155,7 +156,7 @@ class TrackLabels:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackResult:
+class TrackResult(NamedTrack):
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
     frame: Ints[F]
