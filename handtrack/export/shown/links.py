@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel
 
 
 def joint_links(model: ArticulatedModel) -> list[tuple[int, int]]:
-    """Return pairs of joints (nearer to the root, farther): each hangs on the one before it along the bones."""
-    at_head: dict[int, int] = {}
-    for joint, (bone, point) in enumerate(zip(model.joint_bone, model.joint_point)):
-        if not point.any():
-            at_head.setdefault(int(bone), joint)
+    """Return pairs of joints (nearer to the root, farther): each hangs on the closest one before it along the bones."""
     links = []
-    for joint, bone in enumerate(model.joint_bone):
-        above = int(bone)
-        if at_head.get(above) == joint:
+    for joint, (bone, point) in enumerate(zip(model.joint_bone, model.joint_point)):
+        before = [
+            k
+            for k in _on(model, int(bone))
+            if np.linalg.norm(model.joint_point[k]) < np.linalg.norm(point)
+        ]
+        above, place = int(bone), point
+        while not before and above >= 0:
+            place = model.skeleton.offset[above]  # where this bone begins, in the one above it
             above = int(model.skeleton.parent[above])
-        while above >= 0 and above not in at_head:
-            above = int(model.skeleton.parent[above])
-        if above >= 0:
-            links.append((at_head[above], joint))
+            before = _on(model, above)
+        if before:
+            links.append((_closest(model, before, place), joint))
     return links
+
+
+def _on(model: ArticulatedModel, bone: int) -> list[int]:
+    return np.flatnonzero(model.joint_bone == bone).tolist()
+
+
+def _closest(model: ArticulatedModel, joints: list[int], place: Floats[D3]) -> int:
+    return min(joints, key=lambda k: float(np.linalg.norm(model.joint_point[k] - place)))

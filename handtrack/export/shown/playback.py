@@ -38,7 +38,7 @@ def scene_of(table: ResultsTable) -> dict[str, Any]:
     cameras = () if table.rig is None else table.rig
     return {
         "session": track.session,
-        "model": f"{track.model}, {track.side}",
+        "model": track.model if model.kind == "body" else f"{track.model}, {track.side}",
         "fps": table.fps,
         "frame": track.frame.tolist(),
         "time_s": np.round(track.time_s, 4).tolist(),

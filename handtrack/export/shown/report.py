@@ -67,7 +67,8 @@ def report_page(table: ResultsTable) -> str:
 
 def _about(table: ResultsTable) -> str:
     track = table.track
-    words = [f"{track.model}, {track.side}" if track.side else track.model]
+    sided = track.side and track.keypoints21 is not None
+    words = [f"{track.model}, {track.side}" if sided else track.model]
     words.append(f"frames {track.frame[0]} to {track.frame[-1]} at {table.fps:g} a second")
     if table.rig is not None:
         words.append(f"cameras {', '.join(table.rig.names)}")

@@ -60,10 +60,10 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys((*_SCALARS, "take", *_TEXTS, *_JSON), ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
-_OFF = ("p_off_25mm", "p_off_10mm", "part_names")
+_OFF = ("p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = (
-    "keypoints21", "energy_names", "energies", "take", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
+    "keypoints21", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
 )  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
