@@ -62,7 +62,7 @@ class Tracker:
     def _stepped(
         self, state: TrackerState, observation: Observation, control: Control
     ) -> tuple[TrackerState, Solved]:
-        task = self._task(state, observation, control)
+        task = self._task(state, self._looked_at(state, observation), control)
         hypotheses: tuple[MovingHypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
             solved, hypotheses = solve_mixture(self._mixture_step, task, state.hypotheses)
@@ -91,6 +91,14 @@ class Tracker:
             priors=_joined(observation.priors, self.priors),
         )
 
+    def _looked_at(self, state: TrackerState, observation: Observation) -> Observation:
+        """Return what the method looks at in a frame: where joints only begin, joints alone or anything else."""
+        if not (self.settings.traits.joints_begin and observation.keypoints):
+            return observation
+        if state.start is None:
+            return replace(observation, keypoints=())
+        return replace(observation, silhouettes=(), images=(), cloud=None)
+
     def _task(self, state: TrackerState, observation: Observation, control: Control) -> FrameTask:
         """Return the frame to be solved, from where the hand is expected."""
         observation = self.with_own(observation)
@@ -102,7 +110,8 @@ class Tracker:
                     "`TrackerState.beginning_at(params)`; `find_pose(model, observation)` finds params."
                 )
             start = self.model.transform.solver_params(expected)
-        start = self.model.clipped(start)
+        if self.settings.solver.limits != "none":
+            start = self.model.clipped(start)
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
         texture = state.texture if self.settings.looks_at_images else None

@@ -171,7 +171,7 @@ def test_written_files_have_the_usual_mode(rng, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": np.array(2)}, "format 2; this version of handtrack reads format 1"),
+        ({"format": np.array(3)}, "format 3; this version of handtrack reads formats 1 and 2"),
         ({"format": None}, "no array `format`, so this is no tracked sequence"),
         ({"energy": None, "status": None}, "arrays are missing: status, energy. Found: "),
         ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),

@@ -17,17 +17,19 @@ from handtrack.files.atomic import replace_text, replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
 from handtrack.model.articulated import keypoint_names
+from handtrack.session.formats.anatomy import anatomy_arrays, model_of
 from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import Status, TrackResult
 
-FORMAT = 1
+FORMAT = 2
+"""with the model's hierarchy; files of format 1 are without it, and open"""
 
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
-_WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
+_WHOLE = ("frame", "status", "iterations", "hypothesis_parent", "take")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
-_REFINEMENT = "refinement"
-_HAND = ("start_confidence", "hand_length_mm", "hand_length_std_mm")
+_JSON = ("refinement", "definition", "cameras", "pins")
+_SCALARS = ("start_confidence", "hand_length_mm", "hand_length_std_mm", "fps")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
     "time_s": ("F",),
@@ -57,14 +59,13 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "hypothesis_weight": ("F", "H"),
     "hypothesis_parent": ("F", "H"),
     "hypothesis_origin": ("F", "H"),
-    **dict.fromkeys(_HAND, ()),
-    **dict.fromkeys((*_TEXTS, _REFINEMENT), ()),
+    **dict.fromkeys((*_SCALARS, "take", *_TEXTS, *_JSON), ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _OFF = ("p_off_25mm", "p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = (
-    "keypoints21", "energy_names", "energies", _REFINEMENT, *_HAND, *_REASON, *_OFF, *_HYPOTHESES
+    "keypoints21", "energy_names", "energies", "take", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
 )  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
@@ -82,11 +83,13 @@ def write_result(path: Path | str, track: TrackResult) -> Path | None:
 
 def write_npz(path: Path | str, track: TrackResult) -> None:
     """Write a result whole or not at all. The same result gives the same bytes."""
-    arrays: dict[str, Array] = {"format": np.array(FORMAT)}
+    arrays: dict[str, Array] = {"format": np.array(1 if track.definition is None else FORMAT)}
     for field in fields(track):
         value = getattr(track, field.name)
         if value is not None:
             arrays[field.name] = np.asarray(value)
+    if track.definition is not None:
+        arrays |= anatomy_arrays(model_of(track, str(path)))
     write_arrays(path, arrays)
 
 
@@ -118,7 +121,7 @@ def read_npz(path: Path | str) -> TrackResult:
     found = arrays["format"]
     if found.shape != () or found.dtype.kind not in "iu" or not 1 <= int(found) <= FORMAT:
         raise HandtrackError(
-            f"{path}: format {found.tolist()}; this version of handtrack reads format {FORMAT}. "
+            f"{path}: format {found.tolist()}; this version of handtrack reads formats 1 and {FORMAT}. "
             "Update handtrack, or track the session again."
         )
     _check_shapes(path, arrays)
@@ -160,22 +163,19 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 def _value(path: Path, name: str, array: Array) -> object:
     kinds = (
-        "U"
-        if name in (*_NAMES, *_TEXTS, *_WORDS, _REFINEMENT)
-        else "iu"
-        if name in _WHOLE
-        else "fiu"
+        "U" if name in (*_NAMES, *_TEXTS, *_WORDS, *_JSON) else "iu" if name in _WHOLE else "fiu"
     )
     if array.dtype.kind not in kinds:
         what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
     if name in _NAMES:
         return tuple(str(text) for text in array)
-    if name in (*_TEXTS, _REFINEMENT):
+    if name in (*_TEXTS, *_JSON):
         return str(array)
     if name in _WORDS:
         return array
-    return float(array) if not array.ndim else array.astype(np.int64 if name in _WHOLE else float)
+    kind = int if name in _WHOLE else float
+    return kind(array) if not array.ndim else array.astype(np.int64 if kind is int else float)
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:

@@ -33,7 +33,9 @@ def about_take(
         "frames": f"{frames.start}:{frames.stop}",
         "first pose": _digest(json.dumps(start), json.dumps(given)),
         "settings": _digest(labels.settings),
-        "hand": _digest(labels.model, labels.side, labels.scale, *labels.parameter_names),
+        "hand": _digest(
+            labels.definition or labels.model, labels.side, labels.scale, *labels.parameter_names
+        ),
         "versions": " ".join(versions.values()),
     }
     return TakeAbout(

@@ -35,7 +35,8 @@ def stage_problem(
     model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
 ) -> Problem:
     """Return the problem of one stage of the schedule; bands are frozen at params."""
-    return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
+    seen, free = terms.stage(stage, model.bones(params)), terms.settings.solver.limits == "none"
+    return Problem(model, seen, terms.priors, unlimited=free)
 
 
 def descend(

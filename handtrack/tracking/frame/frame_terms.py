@@ -114,7 +114,11 @@ class FrameTerms:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
         if settings.term == "conic_field":
-            weight = self._weight(_FIELD_BAND_MM * scale)
+            weight = (
+                [settings.weight] * len(self.prepared)
+                if self.settings.traits.plain_sums
+                else self._weight(_FIELD_BAND_MM * scale)
+            )
             terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
             return terms
         band = np.maximum(band_mm * scale, _LEAST_BAND_PX)

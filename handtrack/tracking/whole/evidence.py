@@ -52,9 +52,10 @@ class FrameSystem:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """A frame as it was seen, and what it costs."""
+    """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 
-    observation: Observation
+    frame: int
+    time_s: float
     terms: FrameTerms
     views: tuple[Problem, ...]
     """what each of the cameras saw that may change"""
@@ -246,7 +247,7 @@ class Evidence:
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
-            observation, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
+            observation.frame, observation.time_s, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
             Problem(model, (), terms.priors), bones,
         )  # fmt: skip
 

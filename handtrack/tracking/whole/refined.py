@@ -267,7 +267,7 @@ def _result(
             terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
         )
     result = judged_result(
-        model, frame.observation, pose, found_at, spread.parameter_std,
+        model, Observation(frame.frame, frame.time_s), pose, found_at, spread.parameter_std,
         float(found.costs[n]) if seen else float("nan"),
         before.iterations + found.sweeps, energies,
     )  # fmt: skip
