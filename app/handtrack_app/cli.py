@@ -206,6 +206,18 @@ COMMANDS: dict[str, _Command] = {
         _TAKE_OVER, _JSON,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
+    "batch": _Command("batch.batch", "Track many recordings, one process each, and report the worst first.", (
+        _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
+        _option("--jobs", type=int, default=1, metavar="N", help="recordings at a time on this machine (1)"),
+        _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
+        _option("--resume", action="store_true", help="go on with a batch: leave out what the same inputs gave already"),
+        _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="of ledger, reports, logs (./batch); results stay "
+                "with their recordings"),
+        _option("--most-lost", type=float, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
+        _INIT, _YES, _FRAMES,
+        _option("--use", metavar="NAMES", help="as for `track`"), _SET,
+        _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
+    )),
     "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
         _SESSION,
         _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
