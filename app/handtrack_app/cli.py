@@ -245,6 +245,12 @@ COMMANDS: dict[str, _Command] = {
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
     )),
     "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "skin": _Command("skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
+        _SESSION,
+        _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
+                help="an image file and its mask; several times (default: what was painted in the session's masks)"),
+        _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"),
+    )),
     "simulate": _Command("simulate", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
