@@ -275,9 +275,7 @@ class OpenSession:
         """Change a pose, and show it. It is written when edits rest."""
         frame = self.document.clamped(frame)
         try:
-            self.store.do(
-                f"Pose of frame {frame}", values, tag, waits=True, is_stroke=is_stroke
-            )
+            self.store.do(f"Pose of frame {frame}", values, tag, waits=True, is_stroke=is_stroke)
         finally:
             self.document.show(frame)
             self._show_pose()

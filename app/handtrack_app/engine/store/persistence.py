@@ -268,11 +268,7 @@ class Persistence:
         if take.first in take.shelf and take.first in document.by_hand:
             values |= edits.forgotten_pose(take.first)
         for frame in document.by_hand:
-            if (
-                frame in take.frames
-                and document.is_led(frame)
-                and frame not in document.accepted
-            ):
+            if frame in take.frames and document.is_led(frame) and frame not in document.accepted:
                 values |= edits.forgotten_pose(frame)  # solved again
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
