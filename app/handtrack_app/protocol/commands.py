@@ -229,11 +229,11 @@ class SetClouds:
 
 @dataclass(frozen=True)
 class SampleSkin:
-    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
+    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
 
     frame: int
     camera: str
-    box: tuple[int, int, int, int]
+    box: tuple[int, int, int, int] | None
     size: float
 
 
