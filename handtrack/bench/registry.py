@@ -60,6 +60,7 @@ _LONG = {
     "honesty_bodies": "honesty.bodies",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
+    "pin_latency": "workbench.pin_latency",
 }
 """function → the module below `handtrack.bench`"""
 
