@@ -43,10 +43,10 @@ class _Opened:
 Request = SessionRequest | _Previewed | _Opened
 
 _LOOKS_ELSEWHERE = (
-    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess, commands.Undo,
-    commands.Redo, commands.SetPin, commands.DropPins, commands.ForgetPose,
+    commands.SetPose, commands.TakePose, commands.PullPlace, commands.LookBefore, commands.ShowFrame, commands.TakeGuess,
+    commands.Undo, commands.Redo, commands.SetPin, commands.DropPins, commands.ForgetPose,
 )  # fmt: skip
-_MOVES = commands.SetPose, commands.PullTip, commands.SetPin
+_MOVES = commands.SetPose, commands.PullPlace, commands.SetPin
 """what comes twenty times a second while somebody drags"""
 _PREPARING = "Preparing the first pose …"
 

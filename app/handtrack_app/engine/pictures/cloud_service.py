@@ -81,7 +81,7 @@ class CloudService:
     def _moment(self) -> RenderInput:
         document = self._document
         model, session, frame = document.model, document.run.session, document.frame
-        bones = model.bones(params_of(model, document.shown))
+        bones = model.bones(params_of(model, document.seen))
         before = frame - 1
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
