@@ -53,7 +53,7 @@ def _imported(store: WritableStore, track: TrackResult, name: str) -> int:
     labels = TrackLabels(
         track.parameter_names, track.bone_names, track.joint_names,
         track.model, track.side, track.scale, track.session, track.settings, track.version,
-        track.start_confidence, track.hand_length_mm, track.hand_length_std_mm,
+        track.start_confidence, track.hand_length_mm, track.hand_length_std_mm, track.refinement,
     )  # fmt: skip
     now = datetime.now(UTC).isoformat(timespec="seconds")
     writer = store.begin(TakeAbout(name, now, (first, stop), labels))

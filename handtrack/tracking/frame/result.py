@@ -162,6 +162,7 @@ class TrackLabels:
     start_confidence: float | None = None
     hand_length_mm: float | None = None
     hand_length_std_mm: float | None = None
+    refinement: str | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
@@ -257,6 +258,7 @@ class TrackResult:
         start_confidence: float | None = None,
         hand_length_mm: float | None = None,
         hand_length_std_mm: float | None = None,
+        refinement: str | None = None,
     ) -> TrackResult:
         """Return the frames stacked. They are in ascending order, each once, and at least one."""
         numbers = np.array([f.frame for f in frames], dtype=np.int64)
@@ -294,7 +296,7 @@ class TrackResult:
             start_confidence=start_confidence,
             hand_length_mm=hand_length_mm,
             hand_length_std_mm=hand_length_std_mm,
-            refinement=None,
+            refinement=refinement,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **stacked_reasons(frames),
