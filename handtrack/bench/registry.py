@@ -59,6 +59,7 @@ _LONG = {
     "balancing": "silhouettes.balancing",
     "honesty": "honesty.honesty",
     "honesty_bodies": "honesty.bodies",
+    "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -80,6 +80,10 @@ Step = list[Action]
 """of a drag there may be several"""
 
 
+def _unpacked(step: bytes) -> Step:
+    return [Action.of(one) for one in json.loads(zlib.decompress(step))]
+
+
 @dataclass
 class Steps:
     """Steps one upon the other. Those further down are packed: of a day's work there are thousands, of 7 kB each."""
@@ -94,9 +98,7 @@ class Steps:
     def top(self) -> Step:
         """The latest step. Raises IndexError where there is none."""
         if not self._open:
-            self._open.append(
-                [Action.of(one) for one in json.loads(zlib.decompress(self._packed.pop()))]
-            )
+            self._open.append(_unpacked(self._packed.pop()))
         return self._open[-1]
 
     def push(self, step: Step) -> None:
@@ -111,6 +113,12 @@ class Steps:
         step = self.top
         self._open.pop()
         return step
+
+    def latest_first(self) -> Iterator[Step]:
+        """Yield the steps from the latest on; none is taken off."""
+        yield from reversed(self._open)
+        for packed in reversed(self._packed):
+            yield _unpacked(packed)
 
     def clear(self) -> None:
         """Forget all."""

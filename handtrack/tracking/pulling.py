@@ -1,7 +1,8 @@
-"""A pose that is pulled at: pins hold, and all else follows from the images, or changes least."""
+"""A pose that is pulled at: pins hold, and all else follows from the images, or changes least. And one that is fitted again."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import frame_terms, pin_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -44,6 +45,23 @@ def pulled(
     else:
         problem = _least_change(model, settings, seen, params if stood is None else stood)
     return solve(problem, params, _AT_ONCE).params
+
+
+def fitted_again(
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    seen: Observation,
+    params: Floats[P],
+    should_stop: Callable[[], bool] | None = None,
+) -> Floats[P] | None:
+    """Return the solver parameters to which a frame's whole schedule, wide bands first, leads from params, pins held; None where
+    nothing was seen, or it was stopped. It is what tracking does in a frame, but for its searches for other poses.
+    """
+    terms = frame_terms(model, settings, seen, model.bones(params), None)
+    if not (terms.has_seen or seen.pins):
+        return None
+    summary, _, _ = descend(model, settings.solver, terms, params, should_stop)
+    return None if summary.why == "stopped" else summary.params
 
 
 def _least_change(

@@ -22,7 +22,6 @@ from handtrack.store.history import Value
 from handtrack.store.store import spans_of
 from handtrack_app.engine.masks import mask_state
 from handtrack_app.engine.posing import pin_state
-from handtrack_app.engine.posing.inverse_kinematics import tip_names
 from handtrack_app.engine.posing.page_values import params_of, renamed
 from handtrack_app.engine.run import Run
 from handtrack_app.engine.store import keys
@@ -65,6 +64,8 @@ class Document:
         self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
         self.shown = self.start.copy()
+        self.before: Floats[S] | None = None
+        """a pose that the frame had earlier, looked at in place of `shown` until anything else is done"""
         self._starts: dict[tuple[str, ...], Floats[S]] = {}
         """where other models start, by their parameters"""
         self.version = 0
@@ -117,6 +118,7 @@ class Document:
         has the same state has the same document. Raises HandtrackError, and changes nothing, for what cannot be.
         """
         kinds = {keys.parts(key)[0] for key in values}
+        self.before = None
         run = self._run_with(values)
         corrections = mask_state.corrections_in(run.session, values)
         pins = pin_state.pins_in(run.session, values)
@@ -253,16 +255,17 @@ class Document:
         self._carried.pop(frame, None)
         if given is not None and frame in self.frames:
             shelf = self._carried if given.get("carried", False) else self.by_hand
-            shelf[frame] = self._posed(given)
+            shelf[frame] = self.posed(given)
 
-    def _posed(self, given: Value) -> Floats[S]:
+    def posed(self, given: Value) -> Floats[S]:
+        """Return the joint parameters of a pose as the state has it."""
         known, names = given["parameters"], self.model.parameter_names
         return np.array([float(known.get(n, at)) for n, at in zip(names, self.start, strict=True)])
 
     def _start_at(self, given: Value) -> None:
         """Where the session has no first pose, a pose that was taken from a search is where tracking begins."""
         if given is not None:
-            self.first_frame, self.start = int(given["frame"]), self._posed(given)
+            self.first_frame, self.start = int(given["frame"]), self.posed(given)
         elif len(self._own_start[1]) == len(self.start):
             self.first_frame, self.start = self._own_start
 
@@ -283,8 +286,13 @@ class Document:
 
     def show(self, frame: int) -> None:
         """Go to a frame (the nearest one of the session)."""
-        self.frame = self.clamped(frame)
+        self.frame, self.before = self.clamped(frame), None
         self.shown = self.pose_at(self.frame)
+
+    @property
+    def seen(self) -> Floats[S]:
+        """The joint parameters (S,) of the pose that is looked at: as it is, or as it was before."""
+        return self.shown if self.before is None else self.before
 
     def clamped(self, frame: int) -> int:
         """Return the nearest frame of the session."""
@@ -305,17 +313,21 @@ class Document:
         return bool((self.state.get(keys.pose(frame)) or {}).get("found", False))
 
     def is_pinned(self, frame: int) -> bool:
-        """Return whether a frame's pose is where its pins led: tracking solves it anew, by its pins."""
+        """Return whether a frame's pose is where its pins led."""
         return bool((self.state.get(keys.pose(frame)) or {}).get("pinned", False))
+
+    def is_refitted(self, frame: int) -> bool:
+        """Return whether a frame's pose is what was seen, fitted anew while settings were tuned."""
+        return bool((self.state.get(keys.pose(frame)) or {}).get("refitted", False))
+
+    def is_led(self, frame: int) -> bool:
+        """Return whether the solver led to a frame's pose, by pins or settings: tracking solves it anew."""
+        return self.is_pinned(frame) or self.is_refitted(frame)
 
     @property
     def pose_names(self) -> tuple[str, ...]:
         """The pose library of the model."""
         return tuple(BODY_POSES) if self.model.kind == "body" else pose_names()
-
-    @property
-    def tip_names(self) -> tuple[str, ...]:
-        return tip_names(self.model)
 
     def start_from(self, first: FirstPose) -> None:
         """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""
@@ -346,12 +358,12 @@ class Document:
         return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
     def keyframes(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses set by hand at some of the frames, as solver parameters; not those to which pins led."""
-        return self._posed_at(f for f in self.by_hand if f in frames and not self.is_pinned(f))
+        """Return the poses set by hand at some of the frames, as solver parameters; not those to which the solver led."""
+        return self._posed_at(f for f in self.by_hand if f in frames and not self.is_led(f))
 
-    def pinned(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses to which pins led at some of the frames, as solver parameters."""
-        return self._posed_at(f for f in self.by_hand if f in frames and self.is_pinned(f))
+    def led(self, frames: range) -> dict[int, Floats[P]]:
+        """Return the poses to which the solver led at some of the frames, by pins or settings, as solver parameters."""
+        return self._posed_at(f for f in self.by_hand if f in frames and self.is_led(f))
 
     def _posed_at(self, frames: Iterable[int]) -> dict[int, Floats[P]]:
         return {frame: params_of(self.model, self.by_hand[frame]) for frame in sorted(frames)}

@@ -14,11 +14,13 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
 from handtrack_app.engine.review.glance import numbers_of, queue, take_spans
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
+    BEFORE,
     HAND_REACH_M,
     CameraCard,
     PartCard,
@@ -79,8 +81,8 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         settings=dict(document.run.settings.flat()),
         own_settings=document.own_settings,
         has_truth=session.truth is not None,
-        tip_names=document.tip_names,
         joint_names=model.joint_names,
+        stem_bones=stem_bones(model),
         pose_names=document.pose_names,
         model=model_words(model),
         kind=model.kind,
@@ -113,28 +115,29 @@ def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
-    bones = model.bones(params_of(model, document.shown))
+    bones = model.bones(params_of(model, document.seen))
     posed = model.flesh["fine"].posed(bones)
     result = document.results.get(frame)
+    is_now = document.before is None
     by_hand = frame in document.by_hand
+    solved = result if is_now and not by_hand else None
     return PoseSnapshot(
         frame=frame,
         version=document.version,
-        values=document.shown.copy(),
+        values=document.seen.copy(),
         bone_position=bones.position,
         bone_rotation=bones.rotation,
         centre=posed.centre,
         rotation=posed.rotation,
-        tips=model.joint_positions(bones)[[model.joint_names.index(n) for n in document.tip_names]],
-        origin=_origin(document, frame),
+        origin=_origin(document, frame) if is_now else BEFORE,
         status=3 if by_hand else int(result.status) if result is not None else -1,
-        energy=float(result.energy) if result is not None and not by_hand else float("nan"),
-        std=result.parameter_std if result is not None and not by_hand else None,
+        energy=float("nan") if solved is None else float(solved.energy),
+        std=None if solved is None else solved.parameter_std,
         truth=truth_at(document, frame),
         error_mm=_error_mm(document, frame, bones),
-        note=status_note(result) if result is not None and not by_hand else "",
+        note="" if solved is None else status_note(solved),
         joints=model.joint_positions(bones),
-        pins=pin_cards(document, frame, bones),
+        pins=pin_cards(document, frame, bones) if is_now else (),
         accepted=frame in document.accepted,
     )
 
@@ -143,6 +146,8 @@ def _origin(document: Document, frame: int) -> str:
     if frame in document.by_hand:
         if document.is_pinned(frame):
             return "pinned"
+        if document.is_refitted(frame):
+            return "refitted"
         return "found" if document.is_found(frame) else "set"
     return "tracked" if frame in document.results else "carried"
 

@@ -278,7 +278,7 @@ def refine(
         on_shared=lambda text: shared.append(Refinement.read(text)),
     )
     before = {result.frame: result for result in tracked}
-    results = run.refined(tracked, control, given.held, changed, given.pinned)
+    results = run.refined(tracked, control, given.held, changed, given.led)
     results = [result for result in results if result is not before.get(result.frame)]
     for first in range(0, len(results), _TOGETHER):
         found = shared[-1] if shared else None

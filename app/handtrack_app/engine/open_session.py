@@ -18,31 +18,34 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
-from handtrack_app.engine.masks.mask_service import MaskService
+from handtrack_app.engine.masks.mask_service import MaskChange, MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
-from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.cloud_service import CloudChange, CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.posing.pin_service import PinService
+from handtrack_app.engine.posing.pose_service import PoseService
+from handtrack_app.engine.posing.pose_service import Request as PoseRequest
 from handtrack_app.engine.review.live_score import LiveScore
+from handtrack_app.engine.review.review_service import Request as ReviewRequest
 from handtrack_app.engine.review.review_service import ReviewService
 from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store.exporting import export_beside
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.store.tracks import export
-from handtrack_app.protocol import commands
+from handtrack_app.engine.tuning.refit import Refitted
+from handtrack_app.engine.tuning.tuning_service import Request as TuningRequest
+from handtrack_app.engine.tuning.tuning_service import TuningService
+from handtrack_app.protocol import commands, posing
 from handtrack_app.protocol.snapshots import (
-    Download,
     Notice,
     PoseSnapshot,
     Snapshot,
     WorkSnapshot,
 )
 
-Request = commands.Command | Report
+Request = commands.Command | Report | Refitted
 _EDITS = (
-    commands.TakePose | commands.PullTip | commands.SetPin | commands.DropPins | commands.CopyPins
-    | commands.ForgetPose | commands.Track | commands.TakeGuess
-    | commands.Undo | commands.Redo
+    posing.TakePose | posing.PullPlace | posing.SetPin | posing.DropPins | posing.CopyPins | posing.ForgetPose
+    | commands.Track | commands.TakeGuess | commands.Undo | commands.Redo
 )  # fmt: skip
 _KEEPS = (
     commands.SavePose
@@ -69,7 +72,7 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        post: Callable[[Report], None],
+        post: Callable[[Report | Refitted], None],
         waiting: Sized,
         render_thread: RenderThread,
         watch: Watch | None,
@@ -90,7 +93,12 @@ class OpenSession:
         )
         self._clouds = CloudService(document, self.store, self.jobs, render_thread, publish)
         self._masks = MaskService(document, self.store, self.jobs, render_thread, publish)
-        self._pins = PinService(document, self._edit)
+        self._poses = PoseService(
+            document, lambda: self.store.history, self._edit, publish, self._show_pose
+        )
+        self._tuning = TuningService(
+            document, self.store, self.jobs, self._edit, publish, self._show_all, post
+        )
         self._review = ReviewService(document, self.store, publish)
         self._score = LiveScore(document, publish)
         self._counted, self._told = False, set[str]()
@@ -116,39 +124,48 @@ class OpenSession:
         elif document.run.first is None:
             say("info", "No first pose yet", NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
-        self._say_notes(document.run.session.warnings)
+        self._tuning.say_notes(document.run.session.warnings)
         self.jobs.show_progress()
 
     # ---- commands, and reports of the jobs
 
     def serve(self, request: Request) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
-        document, jobs = self.document, self.jobs
+        document = self.document
         if self._live is not None and isinstance(request, _KEEPS):
             raise HandtrackError(KEEPS_NOTHING)
         if isinstance(request, _EDITS):
             document.version = max(document.version, request.version)
+        if isinstance(request, PoseRequest):
+            self._poses.serve(request)
+        elif isinstance(request, TuningRequest):
+            self._tuning.serve(request)
+        elif isinstance(request, ReviewRequest):
+            self._review.serve(request)
+        elif isinstance(request, CloudChange):
+            self._tuning.followed(lambda: self._clouds.serve(request))
+        elif isinstance(request, MaskChange):
+            self._tuning.followed(lambda: self._masks.serve(request))
+        elif isinstance(request, Report):
+            self._take(request)
+        else:
+            self._serve(request)
+
+    def _take(self, report: Report) -> None:
+        try:
+            self.jobs.take(report)
+        except Exception:
+            self.jobs.show_progress()  # a full disk at a job's end: it is over all the same
+            raise
+
+    def _serve(self, request: commands.Command) -> None:
+        document, jobs = self.document, self.jobs
         match request:
-            case commands.SetPose():
-                if request.version >= document.version:
-                    document.version = request.version
-                    pose = edits.pose(document, request.frame, request.values)
-                    self._edit(request.frame, pose, request.tag)
             case commands.ShowFrame():
                 if self.store.write_what_rests(at_once=True):
                     self._announce(timeline_snapshot(document))
                 document.show(request.frame)
                 self._show_pose()
-            case commands.TakePose():
-                self._edit(request.frame, edits.taken_pose(document, request.frame, request.source))
-            case commands.PullTip():
-                bent = edits.pulled_tip(document, request.frame, request.tip, request.target)
-                self._edit(request.frame, bent, request.tag)
-            case commands.SetPin() | commands.DropPins() | commands.CopyPins():
-                self._pins.serve(request)
-            case commands.ForgetPose():
-                known = document.clamped(request.frame) in document.by_hand
-                self._edit(request.frame, edits.forgotten_pose(request.frame) if known else {})
             case commands.Undo() | commands.Redo():
                 self._travel(request)
             case commands.RestoreTake():
@@ -158,8 +175,6 @@ class OpenSession:
                     document.show(document.frame)
                     self._show_all()
                     self._say("done", f"Take {request.number} is the track again", "")
-            case commands.Accept() | commands.CompareTake() | commands.WantCurves():
-                self._review.serve(request)
             case commands.WantPictures():
                 self.painter.want(request)
                 self._masks.want(request)
@@ -186,36 +201,21 @@ class OpenSession:
             case commands.Pause():
                 jobs.show_progress()
             case commands.Cancel():
+                self._tuning.cancel()
                 jobs.leave()  # acted on in `send` already; most jobs report their end themselves
             case commands.Follow() | commands.StartAgain():
                 pass  # acted on in `send`
-            case commands.SetSetting() | commands.SetLimits():
-                self._change(request)
-            case commands.SaveSettings():
-                self.jobs.require_idle()
-                self._say("done", "Settings saved", saving.save_settings(self.store))
-                self._show_session()
             case commands.WantCloud() | commands.WantSurface():
                 self._clouds.want(request)
-            case (
-                commands.SetClouds() | commands.SampleSkin() | commands.RestoreClouds() | commands.SaveClouds()
-            ):  # fmt: skip
-                self._clouds.serve(request)
             case commands.WantMasks():
                 self._masks.want(request)
-            case (
-                commands.SetMasks() | commands.MarkMaskBox() | commands.SaveMasks() | commands.RestoreMasks()
-                | commands.PaintMask() | commands.DropCorrection() | commands.CarryMasks()
-            ):  # fmt: skip
-                self._masks.serve(request)
             case commands.SavePose():
                 self._see_arm()
                 self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
             case commands.SaveTrack():
                 self._say("done", "Track saved", saving.save_track(self.store))
             case commands.Export():
-                name, data = export(document, request.kind)
-                self._publish(Download(name, data, request.client_id))
+                export_beside(document, request, self._publish)
             case commands.FindHand():
                 self.store.write_what_rests(at_once=True)
                 jobs.find(request.frame)
@@ -225,28 +225,6 @@ class OpenSession:
                 if keys.FOREARM in taken or keys.SIZE in taken:
                     self._show_session()
                     self._show_all()
-            case _:
-                try:
-                    jobs.take(request)
-                except Exception:
-                    jobs.show_progress()  # a full disk at a job's end: it is over all the same
-                    raise
-
-    def _change(self, change: commands.SetSetting | commands.SetLimits) -> None:
-        document, store = self.document, self.store
-        try:
-            self.jobs.require_idle()
-            if isinstance(change, commands.SetLimits):
-                values = edits.limits(document, change.name, change.interval)
-                words = f"Limits of {change.name}"
-            else:
-                values, words = edits.setting(change.name, change.value), change.name
-            known = document.run.notes
-            store.do(change.tag or words, values, tag=change.tag or words)
-            self._say_notes(known)
-        finally:
-            self._show_session()  # the page shows what holds
-        self._show_all()
 
     def _travel(self, way: commands.Undo | commands.Redo) -> None:
         """Undo or redo, and show what that changed."""
@@ -270,14 +248,8 @@ class OpenSession:
             self._show_session()
             self._clouds.tell()
             self._masks.tell()
-            self._say_notes(known)
+            self._tuning.say_notes(known)
         self._show_all()
-
-    def _say_notes(self, known: Sequence[str]) -> None:
-        """Say what is new to be known of the settings: above all that one has no effect here."""
-        for note in self.document.run.notes:
-            if note not in known:
-                self._say("warning", "About the settings", note)
 
     def _say_warnings(self, *more: str) -> None:
         for warning in filter(None, (*more, *self.document.run.session.warnings)):
@@ -295,11 +267,13 @@ class OpenSession:
 
     # ---- edits
 
-    def _edit(self, frame: int, values: edits.Values, tag: str = "") -> None:
+    def _edit(
+        self, frame: int, values: edits.Values, tag: str = "", is_stroke: bool = False
+    ) -> None:
         """Change a pose, and show it. It is written when edits rest."""
         frame = self.document.clamped(frame)
         try:
-            self.store.do(f"Pose of frame {frame}", values, tag, waits=True)
+            self.store.do(f"Pose of frame {frame}", values, tag, waits=True, is_stroke=is_stroke)
         finally:
             self.document.show(frame)
             self._show_pose()
@@ -372,6 +346,7 @@ class OpenSession:
 
     def close(self) -> list[str]:
         """Keep the last edits and end what runs; return what is to be said at the end."""
+        self._tuning.close()
         said = [] if self._live is None else self._live.close()
         self.store.close()
         return said

@@ -43,8 +43,8 @@ class _Opened:
 Request = SessionRequest | _Previewed | _Opened
 
 _LOOKS_ELSEWHERE = (
-    commands.SetPose, commands.TakePose, commands.PullTip, commands.ShowFrame, commands.TakeGuess, commands.Undo,
-    commands.Redo,
+    commands.SetPose, commands.TakePose, commands.PullPlace, commands.LookBefore, commands.ShowFrame, commands.TakeGuess,
+    commands.Undo, commands.Redo,
 )  # fmt: skip
 _PREPARING = "Preparing the first pose …"
 

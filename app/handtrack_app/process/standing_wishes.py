@@ -14,7 +14,7 @@ from handtrack_app.protocol.snapshots import LiveSnapshot, PoseSnapshot, Progres
 
 _STANDING = (
     commands.WantPictures, commands.WantSurface, commands.WantCloud, commands.WantMasks, commands.Follow,
-    commands.CompareTake, commands.WantCurves,
+    commands.CompareTake, commands.WantCurves, commands.RefitWhileTuning,
 )  # fmt: skip
 _UNWRITTEN_S = 2.0  # edits reach the disk within one second, and a busy engine is late
 _AT_WORK = ("tracking", "paused")
@@ -78,7 +78,7 @@ class StandingWishes:
                     self._strokes.popleft()
             case _ if isinstance(command, _STANDING):
                 self._wishes[type(command)] = command
-            case commands.ShowFrame():
+            case commands.ShowFrame() | commands.LookBefore():
                 pass
             case _:
                 self._edits.clear()  # what came before it is not to come back over it

@@ -18,6 +18,17 @@ from handtrack_app.protocol.mask_commands import (
     SetMasks,
     WantMasks,
 )
+from handtrack_app.protocol.posing import (
+    CopyPins,
+    DropPins,
+    ForgetPose,
+    LookBefore,
+    PullPlace,
+    RefitWhileTuning,
+    SetPin,
+    SetPose,
+    TakePose,
+)
 from handtrack_app.protocol.reviewing import Accept, CompareTake, WantCurves
 
 
@@ -26,89 +37,6 @@ class ShowFrame:
     """Show another frame. A newer one replaces an older one that still waits."""
 
     frame: int
-
-
-@dataclass(frozen=True)
-class SetPose:
-    """Set the whole pose of a frame by hand. A newer one replaces an older one that still waits."""
-
-    frame: int
-    values: tuple[float, ...]
-    """(S,) joint parameters [m, rad]"""
-    version: int
-    """counts the user's edits; the answering snapshot carries it back"""
-    tag: str = ""
-    """the control that is moved: what follows soon with the same is one step of undo"""
-
-
-@dataclass(frozen=True)
-class TakePose:
-    """Replace a frame's pose by another one."""
-
-    frame: int
-    source: str
-    """`start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the fingers"""
-    version: int
-
-
-@dataclass(frozen=True)
-class PullTip:
-    """Bend a finger so that its tip comes to a point. A newer one replaces an older one that still waits."""
-
-    frame: int
-    tip: str
-    target: tuple[float, float, float]
-    """world [m]"""
-    version: int
-    tag: str = ""
-
-
-@dataclass(frozen=True)
-class SetPin:
-    """Let a joint, or a point of a segment, lie at a pixel of a camera's undistorted image. A newer one of the same drag
-    replaces an older one that still waits.
-    """
-
-    frame: int
-    camera: str
-    pixel: tuple[float, float]
-    version: int
-    joint: str = ""
-    """or a bone, and a point in its frame [m]"""
-    bone: str = ""
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    by_images: bool = True
-    """what was seen holds the rest of the hand; else it changes least"""
-    tag: str = ""
-    """of the drag"""
-
-
-@dataclass(frozen=True)
-class DropPins:
-    """Drop one of a frame's pins by its place in the list, or all (None)."""
-
-    frame: int
-    which: int | None
-    version: int
-    by_images: bool = True
-
-
-@dataclass(frozen=True)
-class CopyPins:
-    """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
-
-    frame: int
-    before: int
-    behind: int
-    version: int
-
-
-@dataclass(frozen=True)
-class ForgetPose:
-    """Drop what was set by hand at a frame; the tracked pose shows again."""
-
-    frame: int
-    version: int
 
 
 @dataclass(frozen=True)
@@ -241,7 +169,7 @@ class WantPictures:
 
 @dataclass(frozen=True)
 class Export:
-    """Send a file to one client: `csv`, `npz` or `init`."""
+    """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown."""
 
     kind: str
     client_id: int
@@ -301,11 +229,11 @@ class SetClouds:
 
 @dataclass(frozen=True)
 class SampleSkin:
-    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
+    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
 
     frame: int
     camera: str
-    box: tuple[int, int, int, int]
+    box: tuple[int, int, int, int] | None
     size: float
 
 
@@ -325,7 +253,7 @@ class StartAgain:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullTip | SetPin | DropPins | CopyPins | ForgetPose | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullPlace | SetPin | DropPins | CopyPins | ForgetPose | LookBefore | RefitWhileTuning | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | CompareTake | WantCurves | Accept | StartAgain
@@ -355,6 +283,6 @@ def kind_of(request: object) -> Hashable | None:
         return ("limits", request.name)
     if isinstance(request, SetPin):
         return (SetPin, request.frame, request.camera, request.tag)
-    if isinstance(request, SetPose | PullTip):
+    if isinstance(request, SetPose | PullPlace):
         return (type(request), request.frame)  # an edit never replaces another frame's
     return type(request) if isinstance(request, _LATEST_WINS) else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, J, K, L, M, N, S, T, V, W
+from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, J, K, M, N, S, T, V, W
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
@@ -17,6 +17,8 @@ from handtrack_app.protocol.masks import MaskCard, MaskPicture
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.timeline import TimelineChange, TimelineSnapshot
 
+BEFORE = "before"
+"""what a pose is that was looked at as it was before the last step, and holds no more"""
 HAND_REACH_M = 0.11
 """how far a hand extends around its middle"""
 
@@ -80,8 +82,9 @@ class SessionSnapshot:
     """as session.toml has them"""
     has_truth: bool
     model: str
-    tip_names: tuple[str, ...]
     joint_names: tuple[str, ...]
+    stem_bones: tuple[str, ...]
+    """of no finger or limb: a drag of them moves the whole"""
     pose_names: tuple[str, ...]
     """the pose library"""
     kind: str = "hand"
@@ -131,10 +134,10 @@ class PoseSnapshot:
     centre: Floats[E, D3]
     rotation: Floats[E, D3, D3]
     """of ellipsoids"""
-    tips: Floats[L, D3]
-    """fingertips, world [m]"""
     origin: str
-    """`set` by hand, `pinned`: where pins led, `found` by a search and not edited since, `tracked`, or `carried` over from elsewhere"""
+    """`set` by hand, `pinned`: where pins led, `refitted`: where settings led, `found` by a search and not edited since, `tracked`,
+    `carried` over from elsewhere, or `BEFORE`
+    """
     status: int
     """contracts §5, or −1 where nothing was tracked"""
     energy: float

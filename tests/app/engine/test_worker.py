@@ -71,7 +71,7 @@ def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
 def test_commands_are_picklable() -> None:
     sent = [
         commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
-        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
+        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullPlace(1, (0.0, 0.1, 0.2), 3, "index_tip"), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
         commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.WantPictures(True, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
     ]  # fmt: skip
     assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
@@ -305,17 +305,18 @@ def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
         assert len(fitted) == 1
 
 
-def test_a_fingertip_can_be_pulled(desk: tuple[Worker, Listener]) -> None:
+@pytest.mark.parametrize("joint", ["index_tip", "index_pip"])
+def test_a_joint_can_be_pulled(desk: tuple[Worker, Listener], joint: str) -> None:
     worker, listener = desk
     session, before = (
         listener.wait(snapshots.SessionSnapshot),
         listener.wait(snapshots.PoseSnapshot),
     )
-    tip = session.tip_names.index("index_tip")
-    target = before.tips[tip] + np.array([0.0, -0.02, -0.02])
-    worker.send(commands.PullTip(3, "index_tip", tuple(target.tolist()), 5))
+    held = session.joint_names.index(joint)
+    target = before.joints[held] + np.array([0.0, -0.01, -0.02])
+    worker.send(commands.PullPlace(3, tuple(target.tolist()), 5, joint))
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
-    assert np.linalg.norm(pose.tips[tip] - target) < 0.004
+    assert np.linalg.norm(pose.joints[held] - target) < 0.008
     others = [i for i, name in enumerate(session.parameter_names) if not name.startswith("index")]
     np.testing.assert_allclose(pose.values[others], before.values[others], atol=1e-9)
 

@@ -50,7 +50,7 @@ class Painter:
         self.is_stale, self._painted = False, time.monotonic()
         document, maker, wanted = self._document, self._maker, self._wanted
         session, frame = document.run.session, document.frame
-        bones = document.model.bones(params_of(document.model, document.shown))
+        bones = document.model.bones(params_of(document.model, document.seen))
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None

@@ -1,4 +1,4 @@
-"""Poses that a person gave: keyframes stay as they are, pins lead; and with which of them frames were refined."""
+"""Poses that a person gave: keyframes stay as they are, pins and refits lead; and with which of them frames were refined."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Given:
 
     held: Mapping[int, Floats[P]] = field(default_factory=dict)
     """they stay as they are"""
-    pinned: Mapping[int, Floats[P]] = field(default_factory=dict)
-    """where pins led: tracking goes on from there, and these frames are solved by their pins"""
+    led: Mapping[int, Floats[P]] = field(default_factory=dict)
+    """where the solver led while somebody pulled or tuned: tracking goes on from there, and solves these frames anew"""
 
     def without(self, frame: int) -> Given:
         """Return the others."""
         held = {f: pose for f, pose in self.held.items() if f != frame}
-        return Given(held, {f: pose for f, pose in self.pinned.items() if f != frame})
+        return Given(held, {f: pose for f, pose in self.led.items() if f != frame})
 
 
 @dataclass(frozen=True, eq=False)

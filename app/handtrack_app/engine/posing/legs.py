@@ -26,10 +26,10 @@ def legs(
     from that.
 
     Frames that are held are not tracked; their neighbours start from them. If the pose at `first` is among them, tracking
-    begins beside it. Frames with pins are tracked, from where these led. both_ends: of frames between two that are given, half are
+    begins beside it. Frames to which the solver led are tracked, from there. both_ends: of frames between two that are given, half are
     tracked from each.
     """
-    held, known = given.held, {**given.pinned, **given.held}
+    held, known = given.held, {**given.led, **given.held}
     later = [k for k in sorted(known) if first < k < frames.stop]
     earlier = [k for k in sorted(known, reverse=True) if frames.start <= k < first]
     low = earlier[0] + 1 if earlier else frames.start
@@ -53,8 +53,8 @@ def legs(
 def _halves(leg: Leg, given: Given) -> list[Leg]:
     """Return a leg between two given poses as one from each of them; any other as it is."""
     low, high = leg.frames.start, leg.frames.stop
-    before = given.pinned.get(low, given.held.get(low - 1))
-    behind = given.pinned.get(high, given.held.get(high))
+    before = given.led.get(low, given.held.get(low - 1))
+    behind = given.led.get(high, given.held.get(high))
     if before is None or behind is None:
         return [leg]
     middle = (low + high + 1) // 2

@@ -11,7 +11,7 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.posing import pin_edits
 from handtrack_app.engine.posing.pin_edits import Pull
 from handtrack_app.engine.store.edits import Values
-from handtrack_app.protocol.commands import CopyPins, DropPins, SetPin
+from handtrack_app.protocol.posing import CopyPins, DropPins, SetPin
 
 
 @dataclass
@@ -19,8 +19,8 @@ class PinService:
     """Lives on the worker's thread."""
 
     document: Document
-    edit: Callable[[int, Values, str], None]
-    """changes a frame's pose, and shows it; the last is the control's tag"""
+    edit: Callable[[int, Values, str, bool], None]
+    """changes a frame's pose, and shows it; at last the control's tag, and whether that is of one drag"""
     _pull: Pull | None = None
 
     def serve(self, request: SetPin | DropPins | CopyPins) -> None:
@@ -36,14 +36,12 @@ class PinService:
                 if pull is None or (pull.tag, pull.frame) != (request.tag, frame):
                     pull = self._pull = pin_edits.begun(document, frame, request.tag)
                 pin = Pin(request.camera, request.pixel, request.joint, request.bone, request.point)
-                self.edit(
-                    frame, pin_edits.placed(document, pull, pin, request.by_images), request.tag
-                )
+                placed = pin_edits.placed(document, pull, pin, request.by_images)
+                self.edit(frame, placed, request.tag, True)
             case DropPins():
                 pull = self._pull = pin_edits.begun(document, frame, "")
-                self.edit(
-                    frame, pin_edits.dropped(document, pull, request.which, request.by_images), ""
-                )
+                left = pin_edits.dropped(document, pull, request.which, request.by_images)
+                self.edit(frame, left, "", False)
             case CopyPins():
                 others = range(frame - request.before, frame + request.behind + 1)
-                self.edit(frame, pin_edits.copied(document, frame, others), "")
+                self.edit(frame, pin_edits.copied(document, frame, others), "", False)

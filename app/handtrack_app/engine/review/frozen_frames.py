@@ -12,8 +12,8 @@ def given_poses(document: Document, frames: range) -> Given:
     """Return the poses that are given at some frames; accepted ones are held."""
     accepted = sorted(f for f in document.accepted if f in frames and is_locked(document, f))
     held = {f: params_of(document.model, document.pose_at(f)) for f in accepted}
-    pinned = {f: pose for f, pose in document.pinned(frames).items() if f not in held}
-    return Given({**document.keyframes(frames), **held}, pinned)
+    led = {f: pose for f, pose in document.led(frames).items() if f not in held}
+    return Given({**document.keyframes(frames), **held}, led)
 
 
 def is_locked(document: Document, frame: int) -> bool:

@@ -11,15 +11,18 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_table
 from handtrack.model.pose_library import named_pose
+from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.simulation.body_motion import body_pose
 from handtrack.store.history import Value
 from handtrack.store.spans import Span, beside_accepted, resolved
 from handtrack.store.store import spans_of
+from handtrack.terms.keypoints import pinned_places
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.posing.inverse_kinematics import reach
 from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import keys
+from handtrack_app.protocol.posing import PullPlace
 
 Values = dict[str, Value]
 
@@ -33,7 +36,7 @@ def pose(document: Document, frame: int, values: Sequence[float], found: bool = 
 
 
 def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Values:
-    """Set a frame's pose as it is, within limits. how: `found` by a search, or `pinned`."""
+    """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
     key = keys.pose(document.clamped(frame))
     known = (document.state.get(key) or {}).get("parameters", {})  # of other models, too
     now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
@@ -57,14 +60,16 @@ def taken_pose(document: Document, frame: int, source: str) -> Values:
     return pose(document, frame, taken.tolist())
 
 
-def pulled_tip(document: Document, frame: int, tip: str, target: Sequence[float]) -> Values:
-    """Bend a finger so that its tip comes to a point, world [m]."""
-    point = np.asarray(target, dtype=float)
-    if tip not in document.tip_names or point.shape != (3,) or not np.isfinite(point).all():
-        return {}
-    model = document.model
-    params = params_of(model, document.pose_at(frame))
-    return pose(document, frame, model.joint_params(reach(model, params, tip, point)).tolist())
+def pulled_place(document: Document, pull: PullPlace) -> Values:
+    """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
+    model, target = document.model, np.asarray(pull.target, dtype=float)
+    place = Pin("", (0.0, 0.0), pull.joint, pull.bone, pull.point)
+    (bone,), (point,) = pinned_places(model, [place])
+    if target.shape != (3,) or not np.isfinite([*target, *point]).all():
+        raise HandtrackError(f"a pull: expected a point in metres, found {pull.target}.")
+    params = params_of(model, document.pose_at(document.clamped(pull.frame)))
+    reached = reach(model, params, int(bone), point, target)
+    return pose(document, pull.frame, model.joint_params(reached).tolist())
 
 
 def forgotten_pose(frame: int) -> Values:

@@ -10,8 +10,8 @@ from handtrack.store.store import ACCEPTED, SPANS
 
 POSE, SETTING, LIMITS = "pose", "setting", "limits"
 """kinds with a name behind a slash: `pose/12` {parameters, found} or, where undo went back to a pose that was only seen,
-{parameters, carried}, or to which pins led {parameters, pinned}; `setting/cloud.weight`; `limits/index_mcp_flex` [low, high]
-[rad]"""
+{parameters, carried}, or to which pins led {parameters, pinned}, or settings {parameters, refitted}; `setting/cloud.weight`;
+`limits/index_mcp_flex` [low, high] [rad]"""
 MASKS, CORRECTION = "masks", "correction"
 """likewise: `masks/cam0` {masks, roi} as session.toml has them; `correction/cam0/12` {png, carried} of the camera's own frame"""
 PINS = "pins"

@@ -208,6 +208,11 @@ class Persistence:
             del self._unwritten[0]
 
     @property
+    def tag(self) -> str:
+        """Of the control that was moved last: what follows with it is one step."""
+        return self._tag
+
+    @property
     def is_saved(self) -> bool:
         """Whether all that was done is on disk, or nowhere to be kept."""
         return not self._unwritten and not (self._take and self._take.waiting)
@@ -265,12 +270,8 @@ class Persistence:
         if take.first in take.shelf and take.first in document.by_hand:
             values |= edits.forgotten_pose(take.first)
         for frame in document.by_hand:
-            if (
-                frame in take.frames
-                and document.is_pinned(frame)
-                and frame not in document.accepted
-            ):
-                values |= edits.forgotten_pose(frame)  # solved by its pins again
+            if frame in take.frames and document.is_led(frame) and frame not in document.accepted:
+                values |= edits.forgotten_pose(frame)  # solved again
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
             live = document.live_scale or document.run.scale

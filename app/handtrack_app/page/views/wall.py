@@ -12,6 +12,7 @@ import viser
 
 from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app.page.page import Page
+from handtrack_app.page.scene.camera_names import CameraNames
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 
 ALL = "*"
@@ -76,6 +77,13 @@ class Walls:
                     if picture is not None and wall.shown:
                         image.image = picture
                         image.visible = wall.labels[camera].visible = True
+
+    def name(self, names: CameraNames) -> None:
+        """Write beside the pictures what stands beside the small ones."""
+        with self._lock:
+            for wall in self._walls.values():
+                if wall.shown:
+                    names.write(wall.labels)
 
     def _built(self, client: viser.ClientHandle, cameras: Sequence[str]) -> _Wall:
         wall = _Wall({}, {})
