@@ -145,10 +145,10 @@ class TrackLabels:
     start_confidence: float | None = None
     hand_length_mm: float | None = None
     hand_length_std_mm: float | None = None
-    refinement: str | None = None
     definition: str | None = None
     fps: float | None = None
     cameras: str | None = None
+    refinement: str | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
