@@ -145,3 +145,15 @@ def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tm
     assert (whole.confidence()[2:4] == 0).all()
     (path,) = written("bvh", part, tmp_path)
     assert "Frames: 5" in path.read_text()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_how_far_one_skeleton_is_from_the_frames_is_known(kind):
+    """A track that is put together from takes of hands of two sizes."""
+    _, track = sample_sequence(kind)
+    assert ResultsTable(track).misfit_m < 1e-9
+    larger = json.dumps(json.loads(track.scale) | {"overall": 1.02 * json.loads(track.scale)["overall"]})  # fmt: skip
+    span = np.linalg.norm(track.joint_positions - track.joint_positions[:, :1], axis=2).max()
+    assert ResultsTable(replace(track, scale=larger)).misfit_m == pytest.approx(
+        0.02 * span, rel=0.2
+    )
