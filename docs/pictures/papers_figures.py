@@ -25,7 +25,7 @@ from handtrack.simulation.render import pixel_rays, render
 from handtrack.tracking.sequence import track_frames
 
 PAPER, OURS = "#D55E00", "#0072B2"
-_STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(120, 520), slice(180, 580))
+_STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))
 _DANCE_SHOWN = (0, 8, 16, 24)
 
 
