@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from handtrack.capture.clouds.point_cloud import PointCloud
     from handtrack.diagnostics.metrics import evaluate
     from handtrack.errors import HandtrackError
+    from handtrack.export.tables.csv_wide import write_csv
     from handtrack.geometry.camera import Camera, CameraRig
     from handtrack.model.articulated import ArticulatedModel, HandScale
     from handtrack.model.model_file import load_model
     from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
     from handtrack.session.bundled import bundled_session
-    from handtrack.session.formats.tables import read_npz, write_csv, write_npz
+    from handtrack.session.formats.tables import read_npz, write_npz
     from handtrack.session.run import TrackingRun
     from handtrack.session.session import Session
     from handtrack.terms.joint_position_term import JointPositionTerm
@@ -57,7 +58,7 @@ _MODULES = {
     "read_cameras": "capture.calibration.formats.read_cameras",
     "read_npz": "session.formats.tables",
     "track": "tracking.track",
-    "write_csv": "session.formats.tables",
+    "write_csv": "export.tables.csv_wide",
     "write_npz": "session.formats.tables",
 }
 

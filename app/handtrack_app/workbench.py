@@ -223,7 +223,8 @@ class Workbench:
             case snapshots.CurvesSnapshot():
                 self.layout.plots.show(snapshot)
             case snapshots.ScoreSnapshot():
-                self.layout.pose.show_score(snapshot)
+                self.stage.show_score(snapshot)
+                self.layout.show_score(snapshot)
             case snapshots.ComparedSnapshot():
                 self.layout.compared.show(snapshot)
             case snapshots.WorkSnapshot():
@@ -264,11 +265,16 @@ class Workbench:
                 self.layout.export.deliver(snapshot)
 
     def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
+        if len(pose.values) != len(self.state.names):
+            return  # of a model that is about to be told, with this pose again
         with self.state.lock:
             newest = pose.version >= self.state.version
             if newest:
-                self.state.frame = self.state.values_at = pose.frame
-                self.state.values = tuple(pose.values.tolist())
+                self.state.frame = pose.frame
+                self.state.looks_before = pose.origin == snapshots.BEFORE
+                if not self.state.looks_before:  # edits go on from what is
+                    self.state.values_at = pose.frame
+                    self.state.values = tuple(pose.values.tolist())
         self.stage.show_pose(pose, move_handle=newest)
         self.server.flush()
         if newest:

@@ -12,10 +12,14 @@ from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.live import LivePanel
 from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.page.panels.pose import PosePanel, certainty_table, group_of
+from handtrack_app.page.panels.pose import PosePanel
+from handtrack_app.page.panels.pose_card import certainty_table
+from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.panels.session import SessionPanel, head
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.pins.pin_panel import PinPanel
+from handtrack_app.page.posing.copy_panel import CopyPanel
+from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import STYLE_SHEET
 from handtrack_app.page.time.compared_hand import ComparedHand
@@ -28,7 +32,10 @@ from handtrack_app.page.views.room import POSE, REST, WIDTHS, Room, colours
 from handtrack_app.page.views.work_keys import add_work_keys
 from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.commands import StartAgain
+from handtrack_app.protocol.palette import ASIDE
+from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
+    BEFORE,
     Notice,
     PoseSnapshot,
     ProgressSnapshot,
@@ -37,12 +44,18 @@ from handtrack_app.protocol.snapshots import (
     WorkSnapshot,
 )
 
+_ASIDE = (
+    f"<div style='margin:0 .9em .4em;padding:.15em .6em;border-left:3px solid {ASIDE[1]};font-size:.85em'>"
+    "<b>Before the last step.</b> Space shows the pose as it is.</div>"
+)
+"""seen whatever tab is open, as the panel with the pose's card may be folded"""
+
 
 class PageLayout:
     """Builds the panels once, and passes snapshots on to them."""
 
     def __init__(self, page: Page, stage: Stage) -> None:
-        self.page = page
+        self.page, self.names = page, stage.names
         gui = page.gui
         colours(gui)
         self.progress = ProgressSnapshot("opening", "Opening …")
@@ -50,6 +63,7 @@ class PageLayout:
         self.saved = ""
         gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
+        self.aside = gui.add_html(_ASIDE, visible=False)
         self.failure = gui.add_markdown("", visible=False)
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
         page.on(self.again, lambda _: page.send(StartAgain()))
@@ -73,7 +87,8 @@ class PageLayout:
         self.takes = TakesPanel(page, self.tracking.tab)
         self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
         self.masks = MaskPanel(page, tabs.add_tab("Masks"), stage)
-        self.settings = SettingsPanel(page, tabs.add_tab("Settings"))
+        refits = RefitSwitch(page, self.keys)
+        self.settings = SettingsPanel(page, tabs.add_tab("Settings"), refits)
         self.export = ExportPanel(page, tabs.add_tab("Export"))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTHS[REST])
@@ -84,9 +99,10 @@ class PageLayout:
         stage.take_guess = self.guesses.take
         nudges = NudgePanel(page, stage.hand_middle, stage.view_axes, self.keys)
         pins = PinPanel(page, stage.grips, self.keys)
-        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins)
+        copies = CopyPanel(page, self.keys, stage.view_axes)
+        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins, copies)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
-        self.limits = LimitsPanel(page, left.add_tab("Limits"))
+        self.limits = LimitsPanel(page, left.add_tab("Limits"), refits)
         certainty = left.add_tab("Certainty")
         with certainty:
             self.certainty = gui.add_html("")
@@ -130,6 +146,13 @@ class PageLayout:
         self.tracking.show_frame()
         self.compared.show_frame(pose.frame)
         self.certainty.content = certainty_table(self.pose.names, pose.std)
+        self.session.show_names(self.names)
+        put(self.aside, visible=pose.origin == BEFORE)
+
+    def show_score(self, score: ScoreSnapshot) -> None:
+        """Show a pose's score in the panels."""
+        self.pose.show_score(score)
+        self.session.show_names(self.names)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""

@@ -17,7 +17,7 @@ import viser
 from viser._messages import GuiUpdateMessage
 
 from handtrack_app.page.state import UserState
-from handtrack_app.protocol.commands import Command, Redo, SetPose, Undo
+from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
 
 if TYPE_CHECKING:
     from viser._messages import HotkeyKey, KeyModifier, Message
@@ -74,11 +74,19 @@ class Page:
     def gui(self) -> viser.GuiApi:
         return self.server.gui
 
-    def edit_pose(self, changes: dict[str, float], tag: str) -> None:
-        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back. tag: of the control."""
+    def edit_pose(self, changes: dict[str, float], tag: str, is_stroke: bool = False) -> None:
+        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back. tag: of the control; is_stroke: of one
+        drag of it, which is one step however long it takes.
+        """
         edit = self.state.edit(changes)
         if edit is not None:
-            self.send(SetPose(edit.frame, edit.values, edit.version, tag))
+            self.send(SetPose(edit.frame, edit.values, edit.version, tag, is_stroke))
+
+    def flip(self) -> None:
+        """Show the frame's pose as it was before the last step that changed it, or again as it is: a look, no edit."""
+        state = self.state
+        state.follow = state.playing = False
+        self.send(LookBefore(not state.looks_before))
 
     def travel(self, back: bool) -> None:
         """Undo or redo the latest step."""
@@ -176,9 +184,17 @@ def number(value: object, low: float, high: float) -> float | None:
     return min(max(float(value), low), high)
 
 
-_MODIFIERS = {"cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift"}
+_MODIFIERS = {
+    "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
+}  # fmt: skip
 
-_KEY_WORDS = {"pageup": "Page ↑", "pagedown": "Page ↓", "home": "Home", "end": "End"}
+_KEY_WORDS = {
+    "pageup": "Page ↑",
+    "pagedown": "Page ↓",
+    "home": "Home",
+    "end": "End",
+    "space": "Space",
+}
 
 
 @dataclass

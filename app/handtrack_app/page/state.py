@@ -17,7 +17,6 @@ class Display:
     images: bool = True
     truth: bool = True
     handle: bool = True
-    tips: bool = False
     opacity: float = 1.0
     paint: str = "outline"
     """over the cameras' small pictures: `plain`, `outline`, `residual` or `field`"""
@@ -88,6 +87,8 @@ class UserState:
     values_at: int | None = None
     """the frame that they are of"""
     version: int = 0
+    looks_before: bool = False
+    """the pose shown is as it was before the last step; `values` are as it is"""
     playing: bool = False
     tracking: bool = False
     """a job runs: what is only shown gives way"""

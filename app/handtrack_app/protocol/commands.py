@@ -169,7 +169,7 @@ class WantPictures:
 
 @dataclass(frozen=True)
 class Export:
-    """Send a file to one client: `csv`, `npz` or `init`."""
+    """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown."""
 
     kind: str
     client_id: int

@@ -39,6 +39,10 @@ PIN = (213, 94, 0)
 """what somebody pinned"""
 PINNED = ("pinned", "#d55e00")
 """of a pose to which pins led"""
+REFITTED = ("refitted", "#0072b2")
+"""of a pose to which tuned settings led"""
+ASIDE = ("before", "#e69f00")
+"""of a pose that is only looked at"""
 FOUND = ("found", "#ebebeb")
 """of a pose that a search found, like its ghost's"""
 BRAND = (0, 114, 178)

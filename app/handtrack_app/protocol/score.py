@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from handtrack.arrays import Floats, S
+
 
 @dataclass(frozen=True)
 class ScoreSnapshot:
@@ -19,3 +21,7 @@ class ScoreSnapshot:
     fitted_overlap: dict[str, float] | None = None
     """None: nothing was fitted there"""
     fitted_energy: float | None = None
+
+    def is_of(self, frame: int, values: Floats[S]) -> bool:
+        """Return whether it is of a pose, joint parameters [m, rad], and no other."""
+        return (self.frame, self.values) == (frame, tuple(values.tolist()))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, K, P
+from handtrack.arrays import D2, Array, F, Floats, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.solver.bordered import Bordered
@@ -15,14 +16,13 @@ from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.whole.cameras import CameraChanges, velocities
 from handtrack.tracking.whole.evidence import NEW_POSE_S, Evidence
 from handtrack.tracking.whole.frame_systems import FrameSystems
-from handtrack.tracking.whole.motion import PLACE, Motion, moved
+from handtrack.tracking.whole.motion import Motion, moved
 from handtrack.tracking.whole.shared import Shared
 
 _SWEEPS = 10
-_ENOUGH_M, _ENOUGH_RAD = 1e-4, 1e-3
-"""a step that moves no pose by more is the last: 0.1 mm, also at the end of a finger; the next would be a tenth of it"""
-_ENOUGH_SIZE = 5e-3
-"""[standard deviations of people] the same of a person: 0.1 mm of a hand"""
+_ENOUGH = 0.02
+"""a frame that a step gains less of, on average, is the last: poses moved by a fifth of a standard deviation, ½ (1/5)². In angles of
+joints that nothing shows a step may be large for as little"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
@@ -61,11 +61,17 @@ class WholeEstimate:
 class _Swept:
     """What all frames say at their poses, and of what they share."""
 
+    model: ArticulatedModel
     poses: Floats[F, P]
     shared: Shared
     alike: Floats[K]
     """of how many frames all together tell as much as one, of what is shared"""
     systems: FrameSystems
+
+    @cached_property
+    def bounds(self) -> Floats[F, P, D2]:
+        """Between which the poses may be."""
+        return np.array([self.model.bounds(pose) for pose in self.poses])
 
     @property
     def costs(self) -> Floats[F]:
@@ -84,9 +90,11 @@ def estimate_whole(
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
     sweeps: int = _SWEEPS,
+    promise: float = np.inf,
 ) -> WholeEstimate | None:
     """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
-    the evidence's cameras and person; None when stopped.
+    the evidence's cameras and person; None when stopped, or where its first step does not foretell that a frame costs less than
+    `promise` on average.
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
@@ -114,18 +122,20 @@ def estimate_whole(
                 raise _StoppedError
             systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
             tell((sweep + count / len(frames)) / (_SWEEPS + 1))
-        return _Swept(poses, shared, alike, systems)
+        return _Swept(model, poses, shared, alike, systems)
 
     try:
         best = swept(_within(model, poses))
         for sweep in range(1, sweeps + 1):
             for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
-                system, right = _system(model, best, motion)
+                system, right = _system(best, motion)
                 ahead = moved(best.poses, system.solve(*right)[0])
                 motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
-            system, right = _system(model, best, motion, damping, shared_damping=stiff)
+            system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
             foretold = best.systems.foretold(step, change)
+            if sweep == 1 and foretold.mean() >= promise:
+                return None
             del system  # of a long recording as large as what all frames say
             evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
@@ -145,16 +155,12 @@ def estimate_whole(
             if nearer.ahead != best.shared.cameras.ahead:
                 evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(best.poses)
-            elif (
-                (np.abs(step[:, PLACE]) < _ENOUGH_M).all()
-                and (np.abs(step[:, 3:]) < _ENOUGH_RAD).all()
-                and (np.abs(change[best.shared.cameras.count :]) < _ENOUGH_SIZE).all()
-            ):
+            elif 0 < gain < _ENOUGH * len(frames):
                 why = "converged"
                 break
     except _StoppedError:
         return None
-    covariance, shared = _stated_covariance(model, best, motion)
+    covariance, shared = _stated_covariance(best, motion)
     return WholeEstimate(
         best.poses, covariance, motion, best.costs, sweep, why, best.shared, shared
     )
@@ -164,16 +170,14 @@ class _StoppedError(Exception):
     """Asked to."""
 
 
-def _stated_covariance(
-    model: ArticulatedModel, swept: _Swept, motion: Motion
-) -> tuple[Floats[F, P, P], Floats[K, K]]:
+def _stated_covariance(swept: _Swept, motion: Motion) -> tuple[Floats[F, P, P], Floats[K, K]]:
     """Return each pose's covariance, and that of what they share, where what was seen errs alike from frame to frame: a model's own
     flesh, and where a detector sees its joints, are wrong in the next frame too.
 
     Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
     says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
-    system, _ = _system(model, swept, motion, new=_NEW)
+    system, _ = _system(swept, motion, new=_NEW)
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
     for first, blocks in system.frames.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
@@ -195,7 +199,6 @@ def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
 
 
 def _system(
-    model: ArticulatedModel,
     swept: _Swept,
     motion: Motion,
     damping: Floats[F] | None = None,
@@ -216,7 +219,7 @@ def _system(
     motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
     extra = _LEAST * own if damping is None else damping[:, None] * own
-    stopped = _stopped(model, swept.poses, gradient)
+    stopped = _stopped(swept, gradient)
     free = ~stopped
     for k in range(matrix.blocks.shape[1]):
         rows = free[k:] if k else free
@@ -234,9 +237,9 @@ def _system(
     return Bordered(matrix.factor(overwrite=True), border, corner), right
 
 
-def _stopped(model: ArticulatedModel, poses: Floats[F, P], gradient: Floats[F, P]) -> Array[F, P]:
+def _stopped(swept: _Swept, gradient: Floats[F, P]) -> Array[F, P]:
     """Return what lies at a limit that it would leave."""
-    low, high = np.moveaxis(np.array([model.bounds(pose) for pose in poses]), 2, 0)
+    poses, (low, high) = swept.poses, np.moveaxis(swept.bounds, 2, 0)
     return ((poses <= low + _AT_LIMIT) & (gradient > 0)) | (
         (poses >= high - _AT_LIMIT) & (gradient < 0)
     )

@@ -27,7 +27,7 @@ from handtrack.tracking.search.poor_cloud import poor_cloud_settings
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
-from handtrack.tracking.whole.motion import by_change
+from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.shared import Shared
 
 _HELD = 400
@@ -140,9 +140,12 @@ class FrameEvidence:
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
-    change = np.eye(len(system.gradient))
-    change[: len(pose), : len(pose)] = by_change(pose)
-    return system.pull_back(change)
+    turn = by_turn(pose)
+    gradient, hessian = system.gradient.copy(), system.hessian.copy()
+    gradient[TURN] = turn.T @ gradient[TURN]
+    hessian[TURN] = turn.T @ hessian[TURN]
+    hessian[:, TURN] = hessian[:, TURN] @ turn
+    return replace(system, gradient=gradient, hessian=hessian)
 
 
 def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:

@@ -43,8 +43,8 @@ class FrameSystems:
     def put(self, frame: int, system: FrameSystem) -> None:
         """Keep a frame's system, in place."""
         self.costs[frame], self.gradient[frame] = system.whole.cost, system.whole.gradient
-        self._halves[frame] = system.whole.hessian[np.tril_indices(self.gradient.shape[1])]
-        self._seen[frame] = system.seen[np.tril_indices(self.size)]
+        self._halves[frame] = system.whole.hessian[_half(self.gradient.shape[1])]
+        self._seen[frame] = system.seen[_half(self.size)]
 
     def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield the poses' part, some frames at once."""
@@ -69,7 +69,7 @@ class FrameSystems:
 
     def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
         """Return what each frame should cost after a step, to second order."""
-        rows, columns = np.tril_indices(self.gradient.shape[1])
+        rows, columns = _half(self.gradient.shape[1])
         twice = np.where(rows == columns, 0.5, 1.0)
         found = self.costs.copy()
         for at in self._parts():
@@ -85,9 +85,16 @@ class FrameSystems:
 
 
 @lru_cache(maxsize=8)
+def _half(size: int) -> tuple[Ints[M], Ints[M]]:
+    """Return rows and columns of a matrix's lower half, row after row."""
+    rows, columns = np.tril_indices(size)
+    return rows, columns
+
+
+@lru_cache(maxsize=8)
 def _places(size: int) -> Ints[N, N]:
     """Return where each entry of a symmetric matrix is in its lower half."""
     found = np.empty((size, size), int)
-    rows, columns = np.tril_indices(size)
+    rows, columns = _half(size)
     found[rows, columns] = found[columns, rows] = np.arange(len(rows))
     return found

@@ -144,9 +144,9 @@ def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
     return found
 
 
-def by_change(pose: Floats[P]) -> Floats[K, P]:
-    """Return how solver parameters (P,) change with a small step of `moved`, (P, P): the identity, but for the root's turn."""
-    return _moves(len(pose), 1.0, np.linalg.inv(left_jacobian(pose[TURN]))[None])[0]
+def by_turn(pose: Floats[P]) -> Floats[D3, D3]:
+    """Return how the root's rotation vector changes with a small turn in world axes, as a step of `moved` is."""
+    return np.linalg.inv(left_jacobian(pose[TURN]))
 
 
 def _by_ends(steps: Floats[M, P]) -> tuple[Floats[M, P, P], Floats[M, P, P]]:

@@ -39,7 +39,7 @@ def edit(worker: Worker, listener: Listener, frame: int, version: int) -> None:
     ("first", "second"),
     [
         (commands.SetPose(1, (), 1), commands.SetPose(2, (), 2)),
-        (commands.PullTip(1, "index_tip", (0, 0, 0), 1), commands.PullTip(2, "index_tip", (0, 0, 0), 2)),
+        (commands.PullPlace(1, (0, 0, 0), 1, "index_tip"), commands.PullPlace(2, (0, 0, 0), 2, "index_tip")),
     ],
 )  # fmt: skip
 def test_a4_a_waiting_edit_is_not_replaced_by_another_frames(first: Any, second: Any) -> None:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
+from handtrack_app.engine import jobs
 from handtrack_app.engine.worker import Worker, _kind
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
@@ -71,7 +73,7 @@ def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
 def test_commands_are_picklable() -> None:
     sent = [
         commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
-        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullTip(1, "index_tip", (0.0, 0.1, 0.2), 3), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
+        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullPlace(1, (0.0, 0.1, 0.2), 3, "index_tip"), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
         commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.WantPictures(True, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
     ]  # fmt: skip
     assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
@@ -171,6 +173,34 @@ def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
             waits.append(time.perf_counter() - asked)
         worker.send(commands.Cancel())
         assert max(waits) < 0.3, "a pose waited for a whole frame"
+
+
+def test_a_job_waits_while_somebody_moves_the_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "_GIVES_WAY_S", 1e6)
+    job, asked = jobs.BackgroundJob(1, range(3), lambda _report: None), list[bool]()
+    assert not job.should_stop()
+    job.give_way()
+    stepping = threading.Thread(target=lambda: asked.append(job.should_stop()), daemon=True)
+    stepping.start()
+    assert not asked
+    job.cancel()
+    stepping.join(60.0)
+    assert asked == [True], "it waits, and can be ended"
+
+
+def test_a_drag_holds_the_job_and_stays_in_sight(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.05):
+        held: list[int] = []
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
+        session = worker._session
+        assert session is not None
+        session.jobs.give_way = partial(held.append, 1)  # type: ignore[method-assign]
+        worker.send(commands.SetPin(3, "front", (40.0, 40.0), 1, "index_tip"))
+        assert held and not session.jobs.follow, "what is tracked is not shown over it"
+        worker.send(commands.Cancel())
 
 
 def test_an_error_of_the_user_comes_in_words(desk: tuple[Worker, Listener]) -> None:
@@ -305,17 +335,18 @@ def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
         assert len(fitted) == 1
 
 
-def test_a_fingertip_can_be_pulled(desk: tuple[Worker, Listener]) -> None:
+@pytest.mark.parametrize("joint", ["index_tip", "index_pip"])
+def test_a_joint_can_be_pulled(desk: tuple[Worker, Listener], joint: str) -> None:
     worker, listener = desk
     session, before = (
         listener.wait(snapshots.SessionSnapshot),
         listener.wait(snapshots.PoseSnapshot),
     )
-    tip = session.tip_names.index("index_tip")
-    target = before.tips[tip] + np.array([0.0, -0.02, -0.02])
-    worker.send(commands.PullTip(3, "index_tip", tuple(target.tolist()), 5))
+    held = session.joint_names.index(joint)
+    target = before.joints[held] + np.array([0.0, -0.01, -0.02])
+    worker.send(commands.PullPlace(3, tuple(target.tolist()), 5, joint))
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
-    assert np.linalg.norm(pose.tips[tip] - target) < 0.004
+    assert np.linalg.norm(pose.joints[held] - target) < 0.008
     others = [i for i, name in enumerate(session.parameter_names) if not name.startswith("index")]
     np.testing.assert_allclose(pose.values[others], before.values[others], atol=1e-9)
 

@@ -296,11 +296,13 @@ def test_sliders_stay_quick_with_cloud_and_surface(page: Workbench) -> None:
 
 
 def test_another_model_takes_the_hands_place(page: Workbench) -> None:
-    for place, (name, tips) in enumerate((("glove9", 2), ("ball6", 0), ("hand26", 5))):
+    for place, (name, bones) in enumerate((("glove9", 3), ("ball6", 1), ("hand26", 25))):
         page.send(commands.SetSetting("model.name", name))
         eventually(
-            lambda tips=tips: page.stage.tips is not None and len(page.stage.tips.controls) == tips,
-            f"{name} has its fingertips",
+            lambda bones=bones: (
+                page.stage.hand is not None and len(page.stage.hand.bone_length) == bones
+            ),
+            f"{name} has its bones",
         )
         eventually(
             lambda: set(page.layout.pose.sliders) == set(page.state.names), "and its sliders"

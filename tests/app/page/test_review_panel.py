@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack_app.page.panels.pose import pose_card
+from handtrack_app.page.panels.pose_card import pose_card
 from handtrack_app.page.time.review import here_words, row_words, undoubted
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.timeline import StretchCard, TimelineSnapshot

@@ -47,7 +47,9 @@ def run(args: argparse.Namespace) -> int:
     out.mkdir(parents=True, exist_ok=True)
     if len(todo) < len(plan):
         same = len(plan) - len(todo)
-        say(f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version.")
+        say(
+            f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
+        )
     work = Work(words, out, threads_each(args.jobs))
     with stoppable() as stop:
         came = (

@@ -20,9 +20,7 @@ Request = (
 )  # fmt: skip
 Edit = Callable[[int, Values, str, bool], None]
 """changes a frame's pose, and shows it; at last the control's tag, and whether that is of one drag"""
-_NOTHING_BEFORE = (
-    "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
-)
+_NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
 
 
 @dataclass

@@ -11,8 +11,8 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_table
 from handtrack.model.pose_library import named_pose
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.observation.pins import Pin
+from handtrack.session.clouds_settings import CloudSettings
 from handtrack.simulation.body_motion import body_pose
 from handtrack.store.history import Value
 from handtrack.store.spans import Span, beside_accepted, resolved

@@ -13,7 +13,8 @@ import viser
 from handtrack.setting import Setting
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.controls import CONTROLS, OPEN
-from handtrack_app.page.panels.pose import GROUPS, group_of, label_of, unit_of
+from handtrack_app.page.panels.pose_words import GROUPS, group_of, label_of, unit_of
+from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
 from handtrack_app.protocol.snapshots import SessionSnapshot
 
@@ -24,6 +25,7 @@ class SettingsPanel:
 
     page: Page
     tab: viser.GuiTabHandle
+    refits: RefitSwitch
     controls: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
     session: SessionSnapshot | None = None
 
@@ -45,6 +47,7 @@ class SettingsPanel:
 
     def _build(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
+        self.refits.build()
         self.words = gui.add_html("", visible=False)
         self.save = gui.add_button(
             "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
@@ -155,6 +158,7 @@ class LimitsPanel:
 
     page: Page
     tab: viser.GuiTabHandle
+    refits: RefitSwitch
     ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
@@ -167,6 +171,7 @@ class LimitsPanel:
                 "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
                 "degrees. The solver stays inside, and so do the pose sliders.</div>"
             )
+            self.refits.build()
             self.back = gui.add_button(
                 "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE, visible=False,
                 hint="Of the joints marked •. Undo brings the changes back.",

@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
 from handtrack.arrays import D3, D6, Floats
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.pins.whole_hand import moved_root
 
 if TYPE_CHECKING:
     from viser._messages import KeyModifier
-
-ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
 
 
 class Nudge(NamedTuple):
@@ -56,11 +53,8 @@ def nudged(
     root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
     pivot: world [m], the point that stays when the hand turns.
     """
-    rotation = rotation_matrix(view @ np.array(nudge.turn, dtype=float) * step_rad)
-    moved = view @ np.array(nudge.move, dtype=float) * step_m
-    place = pivot + rotation @ (root[:3] - pivot) + moved
-    turned = rotation_vector(rotation @ rotation_matrix(root[3:6]))
-    return dict(zip(ROOT, [*place.tolist(), *turned.tolist()], strict=True))
+    turn = view @ np.array(nudge.turn, dtype=float) * step_rad
+    return moved_root(root, pivot, turn, view @ np.array(nudge.move, dtype=float) * step_m)
 
 
 _STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0),
@@ -92,8 +86,8 @@ class NudgePanel:
     page: Page
     pivot: Callable[[], Floats[D3] | None]
     """the hand's middle world [m]"""
-    axes: Callable[[int | None], Floats[D3, D3] | None]
-    """the axes of the camera that a client looks through, camera → world, if any"""
+    axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
+    """the axes of a page's view, view (x right, y down, z ahead) → world"""
     keys: Keys
 
     def build(self) -> None:
@@ -114,10 +108,7 @@ class NudgePanel:
     def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
         state, pivot = self.page.state, self.pivot()
-        nudge = NUDGES.get(name or "")
-        view = self.axes(None if client is None else client.client_id)
-        if view is None and client is not None:
-            view = vtf.SO3(np.asarray(client.camera.wxyz)).as_matrix()
+        nudge, view = NUDGES.get(name or ""), self.axes(client)
         if nudge is None or view is None or pivot is None or len(state.values) < 6:
             return
         step_m, step_deg = _STEPS.get(str(self.step.value), (2e-3, 2.0))

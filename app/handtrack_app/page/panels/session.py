@@ -11,6 +11,7 @@ import viser
 
 from handtrack_app.page.page import Keys, Page, number, put
 from handtrack_app.page.panels.tracking import progress_words
+from handtrack_app.page.scene.camera_names import CameraNames
 from handtrack_app.page.views.room import Room
 from handtrack_app.page.views.wall import ALL
 from handtrack_app.page.views.zoom_keys import ZoomKeys
@@ -39,6 +40,10 @@ _SAVED = {
     "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
     "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
 }
+_OVERLAPS = (
+    "<div style='padding:.1em .9em .2em;font-size:.8em' title='of hand and mask: their common area by that of both'>"
+    "<span style='opacity:.65'>overlap</span> {}</div>"
+)
 _PAINT_WORDS = {
     "nothing": "plain",
     "model's outline": "outline",
@@ -64,6 +69,7 @@ class SessionPanel:
     others: viser.GuiButtonHandle = field(init=False)
     """leads to the start page"""
     built: bool = False
+    cameras: tuple[str, ...] = ()
     toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -79,10 +85,11 @@ class SessionPanel:
             return
         self.built = True
         page, gui, display = self.page, self.page.gui, self.page.state.display
-        cameras = tuple(card.name for card in session.cameras)
+        cameras = self.cameras = tuple(card.name for card in session.cameras)
         with self.tab:
             blank = np.full((8, 8, 3), 36, np.uint8)
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
+            self.overlaps = gui.add_html("", visible=False)
             self.mode = gui.add_dropdown(
                 "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
                 hint="Surface: the merged one that the solver fits to clouds; in motion, flesh stands for it.",
@@ -111,12 +118,6 @@ class SessionPanel:
                 self._toggle(
                     "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it."
                 )
-                if session.kind == "body":
-                    self._toggle(
-                        "Limbs' ends", "tips", "Drag a wrist or an ankle; its limb follows."
-                    )
-                else:
-                    self._toggle("Fingertips", "tips", "Drag a fingertip; its finger follows.")
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
                 self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
@@ -155,6 +156,17 @@ class SessionPanel:
         if wanted and pictures.sheet is not None:
             self.sheet.image = pictures.sheet
         put(self.sheet, visible=wanted)
+
+    def show_names(self, names: CameraNames) -> None:
+        """Show below the cameras' pictures how far the hand shown overlaps each mask, where that is known."""
+        if not self.built or self.page.state.playing:
+            return
+        told = [names.of(camera) for camera in self.cameras]
+        words = " · ".join(html.escape(one) for one in told)
+        known = told != list(self.cameras) and self.page.state.display.images
+        put(self.overlaps, visible=known)
+        if known:
+            put(self.overlaps, content=_OVERLAPS.format(words))
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page

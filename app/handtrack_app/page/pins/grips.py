@@ -1,38 +1,56 @@
-"""Grips: in a camera's picture the hand can be taken hold of. Who looks through a camera drags a joint or a segment to its place."""
+"""The hand taken hold of. In a camera's picture a joint or a segment is dragged to its place, and the palm takes the whole hand
+along; in a free view Shift and a drag pull a joint or a segment parallel to the screen.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
+from viser._messages import DragBinding, SetSceneNodeDragBindingsMessage
 
+from handtrack.arrays import D3, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
-from handtrack_app.page.page import Page, put
-from handtrack_app.page.pins.taking_hold import Hold, hold_at
+from handtrack_app.page.page import Page
+from handtrack_app.page.pins.pin_marks import PinMarks
+from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, view_card
+from handtrack_app.page.pins.whole_hand import WholeDrag
 from handtrack_app.page.scene.solids import ball
 from handtrack_app.page.views.zoom import ray_pixel
-from handtrack_app.protocol.commands import SetPin
-from handtrack_app.protocol.palette import PIN
-from handtrack_app.protocol.snapshots import HAND_REACH_M, CameraCard, PoseSnapshot, SessionSnapshot
+from handtrack_app.protocol.posing import PullPlace, SetPin
+from handtrack_app.protocol.snapshots import BEFORE, CameraCard, PoseSnapshot, SessionSnapshot
 
-_GRIP, _HEADS, _THREADS = "/grips/flesh", "/pins/heads", "/pins/threads"
+if TYPE_CHECKING:
+    from viser._messages import DragButton, KeyModifier
+
+_GRIP = "/grips/flesh"
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
-_HEAD_M = 0.0028
-_BEFORE_M = 0.03
-"""that a pin's head stands nearer to its camera than what it holds: flesh does not hide it"""
+Node = viser.BatchedMeshHandle | viser.MeshHandle
+Event = (
+    viser.SceneNodeDragEvent[viser.BatchedMeshHandle] | viser.SceneNodeDragEvent[viser.MeshHandle]
+)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Drag:
-    hold: Hold
+    """What a page drags, and where it took hold of it."""
+
     tag: str
+    held: Hold | WholeDrag
+    card: CameraCard | None
+    """that it looks through; None: freely"""
+    start: Floats[D3]
+    """world [m]"""
+    place: Floats[D3]
+    """of the joint or point that is held, world [m]"""
 
 
 class Grips:
-    """Each page that looks through a camera has grips of its own; pins are drawn for all."""
+    """Each page that looks through a camera has grips of its own, which follow the hand that is drawn for all."""
 
     def __init__(self, page: Page, card_of: Callable[[int | None], CameraCard | None]) -> None:
         """card_of: the camera that a client looks through."""
@@ -46,15 +64,11 @@ class Grips:
         """what was seen holds the rest of the hand while a joint is dragged; else it changes least"""
         self.clicked: Callable[[str], None] = lambda bone: None
         """told of a bone that was clicked"""
-        mesh = ball(8, 12)
-        self._heads = page.server.scene.add_batched_meshes_simple(
-            _HEADS, mesh.vertices, mesh.faces, np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)),
-            batched_scales=np.array([_HEAD_M], np.float32), batched_colors=PIN, lod="off", cast_shadow=False, visible=False,
-        )  # fmt: skip
-        self._threads = page.server.scene.add_line_segments(
-            _THREADS, np.zeros((1, 2, 3), np.float32), PIN, thickness=2.0, thickness_units="screen",
-            visible=False,
-        )  # fmt: skip
+        self._marks = PinMarks(page)
+        self._offered: list[str] = []
+        """what is drawn of the hand, by its nodes' names"""
+        self._aside = set[int]()
+        """clients for which it does not stand before the grips"""
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the model of a session."""
@@ -70,13 +84,16 @@ class Grips:
             not self._page.state.playing
         ):  # nobody takes hold of a hand that runs; at the end all is drawn anew
             self.place()
-        self._show_pins(pose)
+        if self._session is not None:
+            self._marks.show(self._session, pose)
 
     def place(self) -> None:
         """Stand grips where the hand is, for those who look through a camera; for nobody else."""
         here, pose = self._page.server.get_clients(), self._pose
         looking = {number for number in here if self._card_of(number) is not None}
         self._let_go([number for number in self._grips if number not in looking])
+        for number in looking ^ self._aside:
+            self._stand_aside(number, aside=number in looking)
         if pose is None or self._session is None or len(pose.centre) != len(self._session.radii):
             return
         for number in looking:
@@ -86,6 +103,23 @@ class Grips:
             grip.batched_positions = pose.centre.astype(np.float32)
             grip.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
 
+    def offer(self, nodes: Iterable[Node]) -> None:
+        """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view."""
+        self._offered, self._aside = [], set()
+        for node in nodes:
+            node.remove_drag_callback()
+            self._listen(node, "left", "shift")
+            self._offered.append(node.name)
+
+    def _stand_aside(self, number: int, aside: bool) -> None:
+        """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
+        (self._aside.add if aside else self._aside.discard)(number)
+        client = self._page.server.get_clients().get(number)
+        takes = () if aside else (DragBinding("left", "shift"),)
+        if client is not None:
+            for name in self._offered:
+                self._page.tell(client, SetSceneNodeDragBindingsMessage(name, takes))
+
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:
             grip = self._grips.pop(number, None)
@@ -94,27 +128,6 @@ class Grips:
                 with suppress(RuntimeError):  # its page has gone
                     grip.remove()
 
-    def _show_pins(self, pose: PoseSnapshot) -> None:
-        pins, session = pose.pins, self._session
-        if session is None:
-            return
-        larger = session.reach_m / HAND_REACH_M
-        centres = {card.name: card.centre for card in session.cameras}
-        with self._page.server.atomic():
-            if pins:
-                meant = np.array([pin.meant for pin in pins])
-                back = np.array([centres[pin.camera] for pin in pins]) - meant
-                away = np.linalg.norm(back, axis=1, keepdims=True)
-                heads = meant + back * np.minimum(larger * _BEFORE_M / np.maximum(away, 1e-9), 0.5)
-                places = np.array([pin.place for pin in pins])
-                turn = np.array([1.0, 0.0, 0.0, 0.0], np.float32)
-                self._heads.batched_positions = heads.astype(np.float32)
-                self._heads.batched_wxyzs = np.tile(turn, (len(pins), 1))
-                self._heads.batched_scales = np.full(len(pins), larger**0.75 * _HEAD_M, np.float32)
-                self._threads.points = np.stack([heads, places], axis=1).astype(np.float32)
-            put(self._heads, visible=bool(pins))
-            put(self._threads, visible=bool(pins))
-
     def _add(self, client: viser.ClientHandle, session: SessionSnapshot) -> viser.BatchedMeshHandle:
         mesh, count = ball(10, 14), len(session.radii)
         grip = client.scene.add_batched_meshes_simple(
@@ -122,11 +135,9 @@ class Grips:
             batched_scales=session.radii.astype(np.float32), opacity=_UNSEEN, lod="off", cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
-
-        # in order, on viser's loop: a little arithmetic, and sent on
-        @grip.on_drag("left")
-        async def _(event: viser.SceneNodeDragEvent[viser.BatchedMeshHandle]) -> None:
-            self._dragged(client.client_id, event)
+        self._listen(grip, "left")
+        self._listen(grip, "left", "shift")
+        self._listen(grip, "right")
 
         @grip.on_click
         def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
@@ -137,35 +148,75 @@ class Grips:
 
         return grip
 
-    def _dragged(
-        self, number: int, event: viser.SceneNodeDragEvent[viser.BatchedMeshHandle]
-    ) -> None:
-        card, session, pose = self._card_of(number), self._session, self._pose
-        if card is None or session is None or pose is None or event.instance_index is None:
-            return
+    def _listen(self, node: Node, button: DragButton, modifier: KeyModifier | None = None) -> None:
+        turns = button == "right" or modifier == "shift"
+
+        # in order, on viser's loop: a little arithmetic, and sent on
+        async def dragged(event: Event) -> None:
+            self._dragged(event, turns)
+
+        node.on_drag(button, modifier=modifier)(dragged)
+
+    # ---- drags
+
+    def _dragged(self, event: Event, turns: bool) -> None:
+        number = event.client.client_id
+        end = np.asarray(event.end_position, dtype=float)
         if event.phase == "start":
-            at = np.asarray(event.start_position, dtype=float)
-            hold = hold_at(session, pose, card, event.instance_index, at)
-            if hold is None:
-                return
-            self._count += 1
-            self._drags[number] = _Drag(hold, f"pin {number}.{self._count}")
+            drag = self._begun(event, turns)
+            if drag is not None:
+                self._drags[number] = drag
         drag = self._drags.get(number)
-        if drag is None:
-            return
-        end = np.asarray(event.end_position, dtype=float) - card.centre
-        pixel = ray_pixel(card, end) if np.isfinite(end).all() else None
         if event.phase == "end":
-            del self._drags[number]
-        if pixel is None or (
-            event.phase == "start" and event.start_screen_pos == event.end_screen_pos
-        ):
-            return
-        state, hold = self._page.state, drag.hold
-        version = state.begin_edit()
-        self._page.send(
-            SetPin(
-                state.frame, card.name, pixel, version, hold.joint, hold.bone, hold.point,
-                self.by_images, drag.tag,
+            self._drags.pop(number, None)
+        rests = event.phase == "start" and event.start_screen_pos == event.end_screen_pos
+        if drag is not None and np.isfinite(end).all() and not rests:
+            self._drawn(drag, end)
+
+    def _begun(self, event: Event, turns: bool) -> _Drag | None:
+        """Return what is taken hold of; None where nothing can be: nobody drags what is only looked at."""
+        session, pose, number = self._session, self._pose, event.client.client_id
+        start = np.asarray(event.start_position, dtype=float)
+        if session is None or pose is None or pose.origin == BEFORE or not np.isfinite(start).all():
+            return None
+        self._count += 1
+        tag, card = f"drag {number}.{self._count}", self._card_of(number)
+        root = np.array(pose.values[:6])
+        if card is not None and turns:
+            return _Drag(tag, WholeDrag(card, root, pose.middle, start, True), card, start, start)
+        eye = card or view_card(event.client.camera)
+        index = ellipsoid_at(session, pose, start)
+        hold = None if index is None else hold_at(session, pose, eye, index, start)
+        if hold is None:
+            return None
+        if hold.bone in session.stem_bones:
+            # parallel to the image, or, seen freely, to the screen
+            return _Drag(tag, WholeDrag(eye, root, pose.middle, start, False), card, start, start)
+        return _Drag(tag, hold, card, start, hold.place(session, pose))
+
+    def _drawn(self, drag: _Drag, end: Floats[D3]) -> None:
+        """Do what a drag to a point, world [m], means."""
+        page, hold = self._page, drag.held
+        state = page.state
+        if isinstance(hold, WholeDrag):
+            edit = hold.to(end)
+            if edit is not None:
+                page.edit_pose(edit, drag.tag, is_stroke=True)
+        elif drag.card is None:
+            x, y, z = (float(v) for v in drag.place + end - drag.start)
+            version = state.begin_edit()
+            page.send(
+                PullPlace(
+                    state.frame, (x, y, z), version, hold.joint, hold.bone, hold.point, drag.tag
+                )
             )
-        )  # fmt: skip
+        else:
+            pixel = ray_pixel(drag.card, end - drag.card.centre)
+            if pixel is not None:
+                version = state.begin_edit()
+                page.send(
+                    SetPin(
+                        state.frame, drag.card.name, pixel, version, hold.joint, hold.bone, hold.point,
+                        self.by_images, drag.tag,
+                    )
+                )  # fmt: skip

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import viser
+import viser.transforms as vtf
 
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.views.zoom import Pixel, ray_pixel
@@ -21,6 +23,31 @@ class Hold:
     joint: str = ""
     bone: str = ""
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def place(self, session: SessionSnapshot, pose: PoseSnapshot) -> Floats[D3]:
+        """Return where a pose has it, world [m]."""
+        if self.joint:
+            return pose.joints[session.joint_names.index(self.joint)]
+        bone = session.bone_names.index(self.bone)
+        return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(self.point)
+
+
+def view_card(camera: viser.CameraHandle) -> CameraCard:
+    """Return a free view as a camera whose image is the window."""
+    width, height = max(camera.image_width, 1), max(camera.image_height, 1)
+    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    turn = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()
+    centre = np.asarray(camera.position, dtype=float)
+    return CameraCard("", (width, height), matrix, turn, centre)
+
+
+def ellipsoid_at(session: SessionSnapshot, pose: PoseSnapshot, at: Floats[D3]) -> int | None:
+    """Return the ellipsoid of the flesh that a point, world [m], is in or next to; None where the pose is not of this model."""
+    if len(pose.centre) != len(session.radii) or not len(session.radii):
+        return None
+    inside = np.einsum("nji,nj->ni", pose.rotation, at - pose.centre) / session.radii
+    return int(np.argmin((inside**2).sum(axis=1)))
 
 
 def hold_at(

@@ -72,9 +72,7 @@ def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -
 
 def bare(display: Display) -> Display:
     """Return the display options without all that stands before the image."""
-    return replace(
-        display, mode="", cloud=False, ghosts=False, handle=False, tips=False, truth=False
-    )
+    return replace(display, mode="", cloud=False, ghosts=False, handle=False, truth=False)
 
 
 def pixel_box(

@@ -43,6 +43,11 @@ class HandView:
     """of a body, drawn instead of ellipsoids"""
     part_bone: tuple[int, ...] = ()
 
+    @property
+    def nodes(self) -> tuple[viser.BatchedMeshHandle | viser.MeshHandle, ...]:
+        """What is drawn of the hand itself."""
+        return self.flesh, self.bones, self.joints, *self.parts
+
 
 def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> HandView:
     """Add a hand's nodes below `name`, hidden until the first pose comes."""
@@ -154,8 +159,7 @@ def flesh_opacity(display: Display, inside: bool, over_image: bool) -> float | N
 
 def remove_hand(view: HandView) -> None:
     """Take the hand out of the scene."""
-    own = (view.flesh, view.bones, view.joints, view.truth_lines, view.truth_points)
-    for node in (*own, *view.parts):
+    for node in (*view.nodes, view.truth_lines, view.truth_points):
         node.remove()
 
 

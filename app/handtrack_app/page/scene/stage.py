@@ -10,6 +10,8 @@ import viser
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.pins.grips import Grips
+from handtrack_app.page.pins.taking_hold import view_card
+from handtrack_app.page.scene.camera_names import CameraNames
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
@@ -24,9 +26,7 @@ from handtrack_app.page.scene.ghosts import GhostView, add_ghosts, show_ghosts, 
 from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.scene.handles import (
     RootHandle,
-    TipHandles,
     add_root_handle,
-    add_tip_handles,
 )
 from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
@@ -50,8 +50,10 @@ from handtrack_app.page.scene.viewpoint import (
     upward,
 )
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.commands import PullTip, WantCloud, WantMasks, WantPictures, WantSurface
+from handtrack_app.protocol.commands import WantCloud, WantMasks, WantPictures, WantSurface
+from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
+    BEFORE,
     HAND_REACH_M,
     CameraCard,
     CloudSnapshot,
@@ -73,7 +75,6 @@ class Stage:
         self.hand: HandView | None = None
         self.cameras: CameraRigView | None = None
         self.root: RootHandle | None = None
-        self.tips: TipHandles | None = None
         self.view: Viewpoint | None = None
         self.surroundings: Surroundings | None = None
         self.pose: PoseSnapshot | None = None
@@ -88,6 +89,7 @@ class Stage:
         self.stopped_painting: Callable[[], None] = lambda: None
         self.looking = Looking(page)
         self.grips = Grips(page, self._grasped)
+        self.names = CameraNames()
         self.ghosts: GhostView = add_ghosts(
             page.server,
             "/ghosts",
@@ -106,44 +108,31 @@ class Stage:
             self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
             self.looking.fit(self.cameras.cards)
             self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
-        if before is None or before.tip_names != session.tip_names:
-            if self.tips is not None:
-                self.tips.remove()
-            self.tips = add_tip_handles(
-                self.page.server, "/tips", session.tip_names, self._tip_moved,
-                self._larger,
-            )  # fmt: skip
         known = before is not None and before.bone_names == session.bone_names
         if before is None or not known or before.model != session.model:
             if self.hand is not None:
                 remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
+            self.grips.offer((*self.hand.nodes, self.surface))
         self.grips.fit(session)
 
     def _root_moved(self, edit: dict[str, float]) -> None:
         self.page.edit_pose(edit, "root handle")
-
-    def _tip_moved(self, tip: str, place: tuple[float, float, float]) -> None:
-        state = self.page.state
-        version = state.begin_edit()
-        self.page.send(PullTip(state.frame, tip, place, version, f"fingertip {tip}"))
 
     # ---- options
 
     def apply(self) -> None:
         """Show and hide as the display options say."""
         display = self.display
-        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
+        if self.hand is None or self.cameras is None or self.root is None:
             return
         with self.page.server.atomic():
-            self.tips.show(display.tips and self.pose is not None)
-            self._move_tips()
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.pose.frame, recolour=True)
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             self._show_flesh()
             show_cameras(self.cameras, display)
-            self.root.control.visible = display.handle and self.pose is not None
+            self._show_handle()
             if self.pose is not None:
                 update_truth(self.hand, self.pose, display)
                 self.looking.place(self.field_camera(), self.pose.middle, self._larger)
@@ -208,10 +197,12 @@ class Stage:
         """Return the middle of the hand shown [m]."""
         return None if self.pose is None else self.pose.middle
 
-    def view_axes(self, client: int | None) -> Floats[D3, D3] | None:
-        """Return the axes, camera → world, of the camera that a page looks through."""
-        card = self.looking.card(client)
-        return None if card is None else card.rotation
+    def view_axes(self, client: viser.ClientHandle | None) -> Floats[D3, D3] | None:
+        """Return the axes, view → world, of the camera that a page looks through, or of its free view."""
+        if client is None:
+            return None
+        card = self.looking.card(client.client_id)
+        return view_card(client.camera).rotation if card is None else card.rotation
 
     # ---- snapshots
 
@@ -219,7 +210,7 @@ class Stage:
         """Move the hand."""
         display = self.display
         session = self.session
-        if self.hand is None or self.cameras is None or self.root is None or self.tips is None:
+        if self.hand is None or self.cameras is None or self.root is None:
             return
         if not self._fits(pose) or session is None:
             return
@@ -231,7 +222,7 @@ class Stage:
             self._show_flesh()
             if move_handle:
                 self.root.show_at(pose.values[:6])
-                self._move_tips()
+                self._show_handle()
         self.looking.views.show_hand(*hand_balls(session, pose))
         if first:
             self._set_first_view(session, pose)
@@ -239,22 +230,34 @@ class Stage:
         else:
             self.looking.place(self.field_camera(), pose.middle, self._larger)
         self.grips.show(pose)
+        self.names.pose = pose
+        self._name_cameras()
+
+    def show_score(self, score: ScoreSnapshot) -> None:
+        """Show a pose's overlap beside the cameras' pictures."""
+        self.names.score = score
+        self._name_cameras()
+
+    def _name_cameras(self) -> None:
+        if self.cameras is not None:
+            self.names.write(self.cameras.labels)
+            self.looking.walls.name(self.names)
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
-        session, tips = self.session, self.tips
+        session = self.session
         return (
             session is not None
-            and tips is not None
             and len(pose.centre) == len(session.radii)
-            and len(pose.tips) == len(tips.controls)
             and len(pose.bone_position) == len(session.bone_names)
         )
 
-    def _move_tips(self) -> None:
+    def _show_handle(self) -> None:
+        """Show the handle of the whole hand, but at a pose that is only looked at."""
         pose = self.pose
-        if self.tips is not None and self.display.tips and pose is not None and self._fits(pose):
-            self.tips.show_at(pose.tips)
+        if self.root is not None:
+            here = pose is not None and pose.origin != BEFORE
+            put(self.root.control, visible=self.display.handle and here)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""

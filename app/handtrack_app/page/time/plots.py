@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.page.page import Page, UserEvent, put
-from handtrack_app.page.panels.pose import GROUPS, group_of
+from handtrack_app.page.panels.pose_words import GROUPS, group_of
 from handtrack_app.page.time.plot import plots
 from handtrack_app.page.time.window import Window
 from handtrack_app.protocol.commands import WantCurves

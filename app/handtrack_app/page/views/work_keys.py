@@ -35,6 +35,7 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
     entries: list[_Entry] = [
         ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
         ("Redo", "Z", "cmd/ctrl+shift", lambda _: page.travel(back=False)),
+        ("Flip: the pose before the last step, and as it is", "space", None, lambda _: page.flip()),
         ("Play or pause", "P", None, lambda _: page.play(not state.playing)),
         ("Next frame", "N", None, lambda _: page.go_to(state.frame + 1)),
         ("Previous frame", "B", None, lambda _: page.go_to(state.frame - 1)),

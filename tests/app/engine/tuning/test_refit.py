@@ -1,0 +1,168 @@
+"""Refit while tuning: a change of settings or limits moves the hand, one step of undo; the newest wins; what is old is passed over."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.arrays import Floats
+from handtrack_app.engine.tuning import refit
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import commands, snapshots
+from tests.app.engine.test_worker import Listener, _desk
+from tests.app.waiting import eventually
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
+    yield from _desk(tmp_path, step_s=0.0)
+
+
+@pytest.fixture
+def bends(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A fit that bends the index finger to a tenth of the silhouettes' weight; return the weights that it was asked for."""
+    asked: list[float] = []
+
+    def fitted(model, settings, seen, params, should_stop) -> Floats:
+        asked.append(settings.silhouettes.weight)
+        joint = model.joint_params(params)
+        joint[model.parameter_names.index("index_pip_flex")] = settings.silhouettes.weight / 10
+        return model.clipped(model.transform.solver_params(joint))
+
+    monkeypatch.setattr(refit, "fitted_again", fitted)
+    return asked
+
+
+def _bend(worker: Worker) -> float:
+    return worker.document.shown[worker.document.model.parameter_names.index("index_pip_flex")]
+
+
+def test_without_the_switch_nothing_is_fitted(
+    desk: tuple[Worker, Listener], bends: list[float]
+) -> None:
+    worker, listener = desk
+    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    listener.wait(snapshots.SessionSnapshot, lambda s: s.settings["silhouettes.weight"] == 3.0)
+    worker.send(commands.Undo(1))
+    listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
+    assert bends == []
+
+
+def test_a_change_and_its_fit_are_one_step(
+    desk: tuple[Worker, Listener], bends: list[float]
+) -> None:
+    worker, listener = desk
+    before = listener.wait(snapshots.PoseSnapshot).values
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
+    assert _bend(worker) == pytest.approx(0.3)
+    assert not worker.document.keyframes(range(12)), "tracking solves it anew"
+    assert worker.document.led(range(12)).keys() == {3}
+    worker.send(commands.LookBefore(True))
+    looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
+    np.testing.assert_allclose(looked.values, before, atol=1e-9)
+    worker.send(commands.Undo(pose.version + 1))
+    back = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == pose.version + 1)
+    np.testing.assert_allclose(back.values, before, atol=1e-9)
+    assert worker.document.run.settings.silhouettes.weight == 1.0
+
+
+def test_limits_are_tuned_too(desk: tuple[Worker, Listener], bends: list[float]) -> None:
+    worker, listener = desk
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetLimits("index_pip_flex", (0.5, 1.0)))
+    listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
+    assert _bend(worker) == pytest.approx(0.5)
+
+
+def test_the_newest_change_wins(
+    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker, listener = desk
+    entered = threading.Event()
+
+    def slow(model, settings, seen, params, should_stop) -> Floats | None:
+        weight = settings.silhouettes.weight
+        if weight == 2.0:
+            entered.set()
+            eventually(should_stop, "a newer change stops it")
+            return None
+        return params + np.where(np.arange(len(params)) < 1, weight / 100, 0.0)
+
+    monkeypatch.setattr(refit, "fitted_again", slow)
+    start = listener.wait(snapshots.PoseSnapshot).values
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    assert entered.wait(60.0)
+    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
+    assert pose.values[0] - start[0] == pytest.approx(0.03)
+
+
+def test_who_poses_meanwhile_keeps_the_pose(
+    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker, listener = desk
+    entered, goes_on = threading.Event(), threading.Event()
+
+    def slow(model, settings, seen, params, should_stop) -> Floats:
+        entered.set()
+        assert goes_on.wait(60.0)
+        return params + 0.01
+
+    monkeypatch.setattr(refit, "fitted_again", slow)
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    assert entered.wait(60.0)
+    worker.send(commands.TakePose(3, "fist", 5))
+    fist = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
+    goes_on.set()
+    worker.send(commands.ShowFrame(4))
+    worker.send(commands.ShowFrame(3))
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
+    np.testing.assert_array_equal(pose.values, fist.values)
+    assert pose.origin == "set"
+
+
+def test_an_accepted_frame_is_not_fitted_and_that_is_said(
+    desk: tuple[Worker, Listener], bends: list[float]
+) -> None:
+    worker, listener = desk
+    worker.send(commands.TakePose(3, "fist", 1))
+    worker.send(commands.Accept(((3, 3),), True))
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert "is accepted" in told.text
+    assert worker.document.run.settings.silhouettes.weight == 2.0, "the setting holds all the same"
+    assert bends == []
+
+
+def test_what_fails_is_told(desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch) -> None:
+    worker, listener = desk
+
+    def broken(*_: object) -> None:
+        raise ValueError("a mistake of ours")
+
+    monkeypatch.setattr(refit, "fitted_again", broken)
+    worker.send(commands.RefitWhileTuning(True))
+    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    assert "Refitting failed" in told.text
+
+
+def test_the_report_of_another_run_is_passed_over(desk: tuple[Worker, Listener]) -> None:
+    worker, _ = desk
+    refits = refit.Refits(worker.document, lambda _: None, on=True)
+    order = refit._Order(worker.document.run, 3, worker.document.shown.copy(), "K")
+    refits._newest = order
+    done = refit.Refitted(order, worker.document.start_params(3))
+    worker.document.run = replace(worker.document.run)
+    assert refits.take(done) is None
+    assert refits.take(done) is None, "it was the newest only once"
