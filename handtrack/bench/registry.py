@@ -62,6 +62,7 @@ _LONG = {
     "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
+    "pin_latency": "workbench.pin_latency",
 }
 """function → the module below `handtrack.bench`"""
 

@@ -95,6 +95,11 @@ Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
 
+_GIVES_WAY_S = 0.3
+"""that a job waits after each place to which somebody moves the hand; a page sends one every 0.05 s, and each is to be answered
+before the next"""
+
+
 class BackgroundJob:
     """Works until done, cancelled, or failed; posts reports and at last Ended."""
 
@@ -113,6 +118,7 @@ class BackgroundJob:
         self._first_done, self._first_share = self.began, 0.0
         self.post = post
         self._stop, self._hold = threading.Event(), threading.Event()
+        self._way_until = 0.0
         self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
 
     @property
@@ -129,6 +135,10 @@ class BackgroundJob:
         elif self.paused and not on:
             self.waited += time.monotonic() - self._held
         (self._hold.set if on else self._hold.clear)()
+
+    def give_way(self) -> None:
+        """Wait a moment before the next solver step."""
+        self._way_until = time.monotonic() + _GIVES_WAY_S
 
     def cancel(self) -> None:
         """Ask the solver to stop at its next step."""
@@ -153,9 +163,12 @@ class BackgroundJob:
         raise NotImplementedError
 
     def should_stop(self) -> bool:
-        while self._hold.is_set() and not self._stop.wait(0.02):
+        while self._waits() and not self._stop.wait(0.02):
             pass
         return self._stop.is_set()
+
+    def _waits(self) -> bool:
+        return self._hold.is_set() or time.monotonic() < self._way_until
 
     def tell(self, share: float, words: str) -> None:
         """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
@@ -197,6 +210,11 @@ class TrackingJob(BackgroundJob):
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
+
+    def give_way(self) -> None:
+        """Wait a moment; not before running cameras, which do not wait either."""
+        if self._run.session.live is None:
+            super().give_way()
 
     def work(self) -> None:
         run = self._run
