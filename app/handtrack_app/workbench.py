@@ -265,6 +265,8 @@ class Workbench:
                 self.layout.export.deliver(snapshot)
 
     def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
+        if len(pose.values) != len(self.state.names):
+            return  # of a model that is about to be told, with this pose again
         with self.state.lock:
             newest = pose.version >= self.state.version
             if newest:

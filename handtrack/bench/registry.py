@@ -48,6 +48,7 @@ _LONG = {
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",
+    "off_pose": "starts.off_pose",
     "detector": "starts.detector",
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",
@@ -61,6 +62,7 @@ _LONG = {
     "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
+    "pin_latency": "workbench.pin_latency",
 }
 """function → the module below `handtrack.bench`"""
 

@@ -30,10 +30,10 @@ def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
     none = np.zeros((0, 3), np.float32)
     points, dropped = (
         server.scene.add_point_cloud(
-            f"{name}/{part}", none, none.astype(np.uint8), point_size=0.0016, point_shape="circle",
+            f"{name}/{part}", none, colour, point_size=0.0016, point_shape="circle",
             precision="float32", point_shading="flat", visible=False,
         )
-        for part in ("points", "dropped")
+        for part, colour in (("points", _PLAIN), ("dropped", _DROPPED))
     )  # fmt: skip
     return CloudView(points, dropped)
 
@@ -46,7 +46,6 @@ def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> Non
     view.points.colors = cloud_colours(cloud, display.cloud_colour)
     if before is None or not np.array_equal(before.dropped, cloud.dropped):
         view.dropped.points = cloud.dropped
-        view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
 
 
 def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:
@@ -63,7 +62,9 @@ def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = F
 
 
 def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
-    """Return the points' colours."""
+    """Return the points' colours; of none, one that stands for any: a page refuses an empty list."""
+    if not len(cloud.points):
+        return np.array([_PLAIN], np.uint8)
     if how == "own" and cloud.colors is not None:
         return cloud.colors
     if how == "residual" and np.isfinite(cloud.residual_mm).any():
