@@ -29,6 +29,10 @@ silhouettes.bands_mm = [6, 3, 1]
 
 The command line wins. When to touch them: [tutorial](tutorial.md#6-settings-that-matter); formulas: [derivations](index.md#derivations). `poses.npz` keeps the settings it was made with.
 """
+_METHOD = """## Method
+
+Sets many of the others at once: `--set method=paper2004`, `method = "paper2004"` in [tracking] ([methods](methods.md)).
+"""
 _TITLES = {
     "mixture": "How other poses are looked for, where `tracker.hypotheses` is above 1 ([mixture](mixture.md))",
 }
@@ -44,7 +48,7 @@ Read, with a note: """
 
 def settings_page() -> str:
     """Return the page: one table a group, every setting with default, unit, range and meaning."""
-    blocks = [_HEAD]
+    blocks = [_HEAD, f"{_METHOD}\n{_table([SETTINGS['method']])}"]
     for group, table in GROUPS.items():
         own = [known for name, known in SETTINGS.items() if name.startswith(f"{group}.")]
         title = _TITLES.get(group, str(table.__doc__).splitlines()[0].removesuffix("."))

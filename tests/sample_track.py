@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 
 PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
 BONES = ("root", "index_proximal")
@@ -52,3 +53,27 @@ def stacked(frames: Iterable[FrameResult]) -> TrackResult:
 
 def sample_track(rng: np.random.Generator, frames: Iterable[int] = range(5)) -> TrackResult:
     return stacked(sample_frame(rng, frame) for frame in frames)
+
+
+def hand_track(count: int = 5) -> TrackResult:
+    """Return a right hand that closes and moves along x, every joint known to 2 mm and every parameter to 0.01."""
+    model = load_model("hand26")
+    frames = []
+    for frame in range(count):
+        joint = (0.5 + frame / count) * model.rest
+        joint[0] = 0.01 * frame
+        bones = model.bones(model.clipped(model.transform.solver_params(joint)))
+        joints = model.joint_positions(bones)
+        poses = np.tile(np.eye(4), (len(bones.position), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = bones.rotation, bones.position
+        frames.append(
+            FrameResult(
+                frame, frame / 25, joint, Status.TRACKED, 1.0, 4, np.full(len(joint), 0.01),
+                np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)), poses, joints, model.keypoints21(bones),
+            )
+        )  # fmt: skip
+    labels = TrackLabels(
+        model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), "hand26", "right",
+        '{"overall": 1.0}', "invented", "{}", "0.0",
+    )  # fmt: skip
+    return labels.track(frames)

@@ -190,6 +190,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--masks", choices=("seeded", "skin_ycrcb", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
                 "else skin_ycrcb, by skin colour)"),
+        _JSON,
     )),
     "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
         _SESSION, _INIT, _YES, _FRAMES,
@@ -206,6 +207,18 @@ COMMANDS: dict[str, _Command] = {
         _TAKE_OVER, _JSON,
         _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
     )),
+    "batch": _Command("batch.batch", "Track many recordings, one process each, and report the worst first.", (
+        _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
+        _option("--jobs", type=int, default=1, metavar="N", help="recordings at a time on this machine (1)"),
+        _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
+        _option("--resume", action="store_true", help="go on with a batch: leave out what the same inputs gave already"),
+        _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="of ledger, reports, logs (./batch); results stay "
+                "with their recordings"),
+        _option("--most-lost", type=float, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
+        _INIT, _YES, _FRAMES,
+        _option("--use", metavar="NAMES", help="as for `track`"), _SET,
+        _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
+    )),
     "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
         _SESSION,
         _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
@@ -220,17 +233,24 @@ COMMANDS: dict[str, _Command] = {
         _INIT, _YES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
         _SET,
-        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"),
+        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"), _JSON,
     )),
-    "export": _Command("export", "Convert a tracked sequence.", (
+    "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
-        _option("--to", required=True, metavar="FORMAT", help="csv, csv-long, npz or keypoints"),
+        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
+        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"),
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
     )),
-    "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES,)),
+    "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "skin": _Command("skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
+        _SESSION,
+        _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
+                help="an image file and its mask; several times (default: what was painted in the session's masks)"),
+        _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"),
+    )),
     "simulate": _Command("simulate", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
@@ -247,8 +267,9 @@ COMMANDS: dict[str, _Command] = {
         _option("--distortion", action="store_true", help="lenses with distortion"),
         _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _option("--seed", type=int, default=0, help="of motion and noise"),
+        _JSON,
     )),
-    "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", ()),
+    "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),
     "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (
         _SESSION, _FRAMES,
         _option("--weights", type=Path, metavar="FILE",
@@ -272,11 +293,11 @@ COMMANDS: dict[str, _Command] = {
     "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
-                help="hand_landmarker.task (default: one that an installed Python package carries)"),
+                help="hand_landmarker.task (default: one that an installed Python package carries)"), _JSON,
     )),
     "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
-        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
+        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"), _JSON,
     )),
     "calibrate": _Command("calibration.calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
@@ -292,16 +313,16 @@ COMMANDS: dict[str, _Command] = {
         _option("--most-views", type=int, default=40, metavar="N", help="views used per camera, sharp and spread"),
         _option("--most-images", type=int, default=400, metavar="N", help="images searched per camera, evenly"),
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
-        _option("--json", action="store_true", help="print the report as JSON"),
+        _JSON,
     )),
     "board": _Command("calibration.board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
-        _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"),
+        _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
     )),
     "doctor": _Command("doctor", "Check a session folder and say what is odd.", (
         _SESSION,
-        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand where joints tell; odd ones orange"),
+        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand where joints tell; odd ones orange"), _JSON,
     )),
     "bench": _Command("bench", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,

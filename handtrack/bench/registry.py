@@ -58,9 +58,11 @@ _LONG = {
     "balancing": "silhouettes.balancing",
     "honesty": "honesty.honesty",
     "honesty_bodies": "honesty.bodies",
+    "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
     "pin_latency": "workbench.pin_latency",
+    "long_page": "workbench.long_page",
 }
 """function → the module below `handtrack.bench`"""
 

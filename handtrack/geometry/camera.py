@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, Axes, Floats, K
+from handtrack.arrays import D2, D3, D4, Array, Axes, Floats, K
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
+from handtrack.geometry.rotation import rotation_matrix
 
 _LEAST_DEPTH_M = 0.05
 
@@ -46,6 +48,29 @@ class Camera:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
         _check(self)
+
+    @classmethod
+    def from_opencv(
+        cls,
+        name: str,
+        size: tuple[int, int],
+        matrix: Array[*Axes],
+        distortions: Array[*Axes] | None = None,
+        rotation: Array[*Axes] | None = None,
+        translation: Array[*Axes] | None = None,
+        unit_m: float = 1.0,
+    ) -> Camera:
+        """Return the camera of OpenCV's numbers, of any of its shapes: `calibrateCamera`'s matrix and coefficients, and rvec or
+        R, and tvec, of `solvePnP` or `stereoCalibrate` (world → camera). Left out: no distortion, the world is the camera's.
+
+        size: width, height [px]. unit_m: metres in one unit of the translation, such as 0.001 where the board was in mm.
+        Raises HandtrackError.
+        """
+        turn: Any = np.eye(3) if rotation is None else np.asarray(rotation, float)
+        turn = rotation_matrix(turn.ravel()) if turn.size == 3 else turn
+        flat: Any = np.zeros(5) if distortions is None else np.asarray(distortions, float).ravel()
+        shift: Any = np.zeros(3) if translation is None else np.asarray(translation, float).ravel()
+        return cls(name, size, np.array(matrix, float), flat, turn, unit_m * shift)
 
     @cached_property
     def centre(self) -> Floats[D3]:

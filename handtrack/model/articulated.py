@@ -82,6 +82,8 @@ class ArticulatedModel:
     """where a detector sees each named joint, from it, in its bone's frame [m]; None: at the joint"""
     superquadrics: Superquadrics | None = None
     """the parts of a body; hands have none"""
+    definition: str = ""
+    """JSON of the definition that it was built from; with side, scale and forearm it can be built again"""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -56,16 +56,40 @@ def load_model(
         raise unknown_name("coupling", coupling, COUPLINGS)
     table = _read_definition(str(name))
     size = scale if isinstance(scale, HandScale) else HandScale(float(scale))
+    if not narrowing:
+        table = {key: value for key, value in table.items() if key != "narrowing"}
+    return _sized(table, side, size, coupling, forearm, spread or {})
+
+
+def model_from_definition(
+    text: str, side: str, scale: HandScale, forearm: bool, source: str
+) -> ArticulatedModel:
+    """Return the model of a definition as `ArticulatedModel.definition` has it, without couplings.
+
+    source: where the text is from, for errors. Raises HandtrackError.
+    """
+    try:
+        table = json.loads(text)
+    except ValueError as error:
+        raise HandtrackError(f"{source}: the model's definition is no JSON ({error}).") from None
+    return _sized(_checked(table, source), side, scale, "26", forearm, {})
+
+
+def _sized(
+    table: dict[str, Any],
+    side: str,
+    size: HandScale,
+    coupling: str,
+    forearm: bool,
+    spread: Mapping[str, float],
+) -> ArticulatedModel:
     kind = table.get("kind", "hand")
     if not 0.2 <= size.overall <= 5.0:
         raise HandtrackError(
             f"{kind} scale {size.overall:g}: expected a factor on a {kind} of {table['length_mm']:g} mm, between 0.2 "
             "and 5. If this is a length, divide it by that one."
         )
-    side = "right" if kind == "body" else side
-    if not narrowing:
-        table = {key: value for key, value in table.items() if key != "narrowing"}
-    return _build(table, side, size, coupling, forearm, spread or {})
+    return _build(table, "right" if kind == "body" else side, size, coupling, forearm, spread)
 
 
 def read_scale(path: Path) -> HandScale:
@@ -73,7 +97,7 @@ def read_scale(path: Path) -> HandScale:
     return scale_from(read_json(path, "a saved hand"), path)
 
 
-def scale_from(data: Any, path: Path) -> HandScale:
+def scale_from(data: Any, path: Path | str) -> HandScale:
     """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
         odd = sorted(set(data) - {"overall", "parts", "proportions", "offsets_mm", "std"})
@@ -130,6 +154,10 @@ def _read_definition(name: str) -> dict[str, Any]:
                 f"no model '{name}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml)."
             )
         table = read_toml(path, "a model's definition")
+    return _checked(table, name)
+
+
+def _checked(table: Any, name: str) -> dict[str, Any]:
     try:
         definition = msgspec.convert(table, Definition)
     except msgspec.ValidationError as error:
@@ -264,6 +292,7 @@ def _build(
         superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
         if (parts := table.get("superquadric"))
         else None,
+        definition=json.dumps(table),
     )
 
 

@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
+from handtrack.observation.lens_maps import lens_maps
+from handtrack.observation.mask_values import UNKNOWN, coverage_of
 from handtrack.observation.pins import ImagePins
-
-UNKNOWN = np.float32(-1.0)
-"""in a silhouette's mask: hand or background, nobody knows; the lowest of its values, and the only one below 0"""
 
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """Where one camera saw the hand, in the pixels of its undistorted image."""
+    """Where one camera saw the hand, in the pixels of its undistorted image.
+
+    `Silhouette(camera, mask)` is enough: a mask of the camera's real image, of booleans, 0 to 1, or 0 to 255. Where the lens
+    distorts, mask and camera are undistorted. Raises HandtrackError for another size, or numbers that are no mask.
+    """
 
     camera: Camera
     """without distortion; its size is the mask's."""
     mask: Array[H, W]
     """float32 in [0, 1]: how much of each undistorted pixel the hand covers; UNKNOWN where nobody can tell, which counts as
     little as what was not observed."""
-    valid: Ints[H, D2]
-    """int32: per row the half-open column span that was really observed; equal ends where none."""
+    valid: Ints[H, D2] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
+    """int32: per row the half-open column span that was really observed; equal ends where none. Left out: all that the
+    camera saw."""
     off_px: float = 0.0
     """how far the outline is off, beyond what outlines usually are, as the other cameras tell: it weighs less by that"""
+
+    def __post_init__(self) -> None:
+        """Read the mask's numbers, and undistort it where the lens distorts."""
+        mask = coverage_of(self.mask, self.camera.size, f"mask of camera '{self.camera.name}'")
+        object.__setattr__(self, "mask", mask)
+        if len(self.valid) and not self.camera.is_distorted:
+            return
+        maps = lens_maps(self.camera)
+        unsure = maps.straightened((mask == UNKNOWN).astype(np.float32)) > 0
+        mask = maps.straightened(np.maximum(mask, np.float32(0.0)))
+        object.__setattr__(self, "mask", np.where(unsure, UNKNOWN, mask))
+        object.__setattr__(self, "camera", maps.camera)
+        if not len(self.valid):
+            object.__setattr__(self, "valid", maps.valid)
 
     @property
     def known(self) -> Array[H, W]:
@@ -85,3 +104,13 @@ class Observation:
     """only where edges or intensity are looked at"""
     pins: tuple[ImagePins, ...] = ()
     """where a person said that joints and segments lie"""
+    terms: tuple[Any, ...] = ()
+    """the caller's own costs of bone poses (`terms.term.ObservationTerm`), which count as they are"""
+    priors: tuple[Any, ...] = ()
+    """the caller's own costs of joint parameters (`terms.term.ParameterTerm`)"""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was seen of the frame; the caller's own terms do not count as seen."""
+        seen = (self.silhouettes, self.keypoints, self.images, self.pins)
+        return self.cloud is None and not any(seen)

@@ -50,6 +50,20 @@ def core_radius(covariance: Floats[P, P]) -> float:
     return float(np.exp(0.5 * np.linalg.slogdet(covariance)[1] / len(covariance)))
 
 
+def long_tailed(
+    mean: Floats[P], covariance: Floats[P, P], samples: Floats[N, P]
+) -> tuple[Floats[N], Floats[N]]:
+    """Return the log-density (N,) of a bell with Cauchy's tails along each principal axis, and squared distances (N,).
+
+    The density is what `covariance_scaled` draws from with `tails = "cauchy"` and scale 1, but for what is the same for all
+    bells; the distance is Mahalanobis'. What has no uncertainty at all is given a millionth of what is most uncertain.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    values = np.maximum(values, 1e-12 * max(float(values.max()), 1e-300))
+    off = ((samples - mean) @ vectors) ** 2 / values
+    return -np.log1p(off).sum(axis=1) - 0.5 * np.log(values).sum(), off.sum(axis=1)
+
+
 def projected(model: ArticulatedModel, samples: Floats[N, P]) -> Floats[N, P]:
     """Return samples moved into their limits, also into those that narrow with another parameter."""
     # twice: a parameter that narrows another one may itself have been moved

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.arrays import Floats, P
+from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
@@ -37,10 +38,10 @@ from handtrack.session.sizing import (
 )
 from handtrack.session.takes.versions import version_of
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.state import Step
@@ -281,7 +282,8 @@ class TrackingRun:
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return the frames as one result, sorted, the latest of each, with where they came from."""
         latest = {result.frame: result for result in frames}
-        return self.labels.track([latest[frame] for frame in sorted(latest)])
+        track = self.labels.track([latest[frame] for frame in sorted(latest)])
+        return replace(track, pins=self.session.pins.text)
 
     @property
     def labels(self) -> TrackLabels:
@@ -293,6 +295,7 @@ class TrackingRun:
             json.dumps(self.settings.flat(), sort_keys=True), version_of("handtrack"),
             None if self.first is None else self.first.confidence,
             None if std_mm is None else hand_length_mm(model), std_mm,
+            model.definition, self.session.fps, rig_json(self.session.rig),
         )  # fmt: skip
 
 

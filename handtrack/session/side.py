@@ -12,8 +12,8 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.other_side import evidence_of_other_side
 
 _LOOKS = 4  # frames, evenly spread

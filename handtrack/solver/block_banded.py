@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from handtrack.solver import block_banded_kernels as kernels
 
 REACH = 2
 """neighbours on either side that a block touches: an acceleration is of three frames"""
+_AT_ONCE = 256
+"""frames of an inverse that are made at once: all of them would be as large as the factor"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +36,9 @@ class BlockBanded:
             for row in range(column, len(frames)):
                 self.blocks[t, row - column] += parts[row, :, column]
 
-    def factor(self) -> BandedFactor:
-        """Return the factor by which systems are solved. Raises HandtrackError where the matrix has none."""
-        lower = np.ascontiguousarray(self.blocks).copy()
+    def factor(self, overwrite: bool = False) -> BandedFactor:
+        """Return the factor by which systems are solved; overwrite: in the matrix's place. Raises HandtrackError where it has none."""
+        lower = self.blocks if overwrite else self.blocks.copy()
         if not kernels.factor(lower, 0.0):
             raise HandtrackError("solver: the frames' system has a direction that nothing holds.")
         return BandedFactor(lower)
@@ -55,13 +57,19 @@ class BandedFactor:
         kernels.solve(self.lower, found)
         return found.reshape(right.shape)
 
-    @cached_property
-    def inverse(self) -> Floats[F, L, P, P]:
-        """The inverse's blocks where the matrix has any, as in `BlockBanded`.
+    def inverse_parts(self) -> Iterator[tuple[int, Floats[F, L, P, P]]]:
+        """Yield the inverse's blocks where the matrix has any, as in `BlockBanded`: some frames at once and which is the first of them,
+        from the last frames back.
 
         From the last block back (Takahashi, Fagan, Chen 1973): with G = L_below L_tt⁻¹, Σ_below,t = −Σ_below G and
         Σ_tt = (L_tt L_ttᵀ)⁻¹ + Gᵀ Σ_below G. As many operations as the factor took.
         """
-        found = np.empty_like(self.lower)
-        kernels.inverse(self.lower, found)
-        return found
+        frames, reach = self.lower.shape[:2]
+        after = np.empty((0, *self.lower.shape[1:]))
+        for stop in range(frames, 0, -_AT_ONCE):
+            first = max(stop - _AT_ONCE, 0)
+            found = np.empty((stop - first + len(after), *self.lower.shape[1:]))
+            found[stop - first :] = after
+            kernels.inverse(self.lower[first : stop + len(after)], found, len(after))
+            yield first, found[: stop - first]
+            after = found[: reach - 1]

@@ -96,12 +96,12 @@ def solve(lower, x):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def inverse(lower, found):  # pragma: no cover - compiled
-    """Write the inverse's blocks (F, REACH + 1, P, P) where the matrix has any."""
+def inverse(lower, found, known):  # pragma: no cover - compiled
+    """Write the inverse's blocks (F, REACH + 1, P, P) where the matrix has any; those of the last `known` frames stand already."""
     frames, reach, size, _ = lower.shape
     own, gain = np.empty((size, size)), np.empty((reach, size, size))
     work = np.empty((size, size))
-    for t in range(frames - 1, -1, -1):
+    for t in range(frames - known - 1, -1, -1):
         after = min(reach, frames - t)
         for c in range(size):  # L_tt⁻¹, lower
             for i in range(size):
@@ -147,6 +147,6 @@ def inverse(lower, found):  # pragma: no cover - compiled
         for i in range(size):  # rounding that is not symmetric would grow
             for j in range(size):
                 work[i, j] = 0.5 * (found[t, 0, i, j] + found[t, 0, j, i])
-        found[t, 0] = work
+        found[t, 0, :, :] = work
         for k in range(after, reach):
             found[t, k] = 0.0

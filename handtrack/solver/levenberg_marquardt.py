@@ -67,13 +67,14 @@ def solve(
     """Return the minimum that descent reaches from params, within the problem's limits.
 
     A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
-    way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4).
+    way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4); a problem
+    that has none (`Problem.unlimited`) is solved without.
     `on_iteration(k, params, cost)` sees each accepted state. A problem with a compiled form descends there: it is asked
     whether to stop once, before, and tells of its states afterwards.
     """
     settings = settings or SolverSettings()
     compiled: CompiledProblem | None = getattr(problem, "compiled", None)
-    if compiled is not None and settings.limits == "bounds":
+    if compiled is not None and settings.limits != "projection":
         return _solve_compiled(compiled, params, settings, should_stop, on_iteration)
     limits, box = problem.limits, new_box(len(params))
     params = np.array(params, dtype=float)
@@ -91,7 +92,7 @@ def solve(
         moved, small, tighten = None, False, settings.tighten
         for _ in range(REJECTIONS):
             step = bounded_step(
-                system, params, limits if settings.limits == "bounds" else None, damping
+                system, params, None if settings.limits == "projection" else limits, damping
             )
             if step is not None:
                 trial = params + _shortened(step, settings)

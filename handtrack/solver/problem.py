@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from handtrack.arrays import D2, Array, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
@@ -22,6 +24,8 @@ class Problem:
     model: ArticulatedModel
     observation_terms: Sequence[ObservationTerm]
     parameter_terms: Sequence[ParameterTerm] = ()
+    unlimited: bool = False
+    """whether joints may bend anywhere"""
 
     def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
@@ -51,14 +55,19 @@ class Problem:
     @cached_property
     def compiled(self) -> CompiledProblem | None:
         """The same for compiled descent; None where a term has no tables."""
-        return CompiledProblem.of(self.model, self.observation_terms, self.parameter_terms)
+        compiled = CompiledProblem.of(self.model, self.observation_terms, self.parameter_terms)
+        return compiled and replace(compiled, limits=self.limits)
 
     @property
     def limits(self) -> MovingLimits:
+        if self.unlimited:
+            return MovingLimits.fixed(self.bounds(self.model.rest_params()))
         return self.model.moving_limits
 
     def bounds(self, params: Floats[P]) -> Floats[P, D2]:
         """Return the limits that hold at params."""
+        if self.unlimited:
+            return np.tile([-np.inf, np.inf], (len(params), 1))
         return self.model.bounds(params)
 
 

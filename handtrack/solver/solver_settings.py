@@ -19,10 +19,10 @@ class SolverSettings:
         30, "Linearisations a frame at most, all bands together.", label="Iterations", level="user", low=1,
         slider=(1, 100, 1),
     )  # fmt: skip
-    limits: Literal["bounds", "projection"] = setting(
+    limits: Literal["bounds", "projection", "none"] = setting(
         "bounds", "`bounds`: no step leaves the limits, found together with it, and those that move with another parameter "
         "are followed; `projection`: a step that knows no limits is moved back to them afterwards (the 2004 paper's), which "
-        "can stick where joints work together.",
+        "can stick where joints work together; `none`: a joint may bend anywhere (the 2007 paper's).",
     )  # fmt: skip
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three

@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import takewhile
 
 from handtrack.arrays import Floats, P
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.pursuit import Observe, Pursuit
@@ -57,6 +59,12 @@ def refine_recording(
     returned. None: everything, and what may be found of the person, `who`.
     """
     model, settings = tracker.model, tracker.settings
+    seen = observe
+
+    def observe_own(frame: int, bones: BonePoses | None = None) -> Observation:
+        return tracker.with_own(seen(frame, bones))
+
+    observe = observe_own if tracker.terms or tracker.priors else seen
     if changed is None:
         return refined(model, settings, observe, tracked, control, held, pinned=pinned, who=who)
     return refined_near(model, settings, observe, tracked, held or {}, changed, control, pinned)

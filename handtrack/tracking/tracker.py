@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import chains_of, prepare
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
@@ -32,6 +35,10 @@ class Tracker:
 
     model: ArticulatedModel
     settings: TrackerSettings = TrackerSettings()
+    terms: tuple[ObservationTerm, ...] = ()
+    """costs of the caller's own, of bone poses: they count in every frame in which anything was seen"""
+    priors: tuple[ParameterTerm, ...] = ()
+    """the same, of joint parameters"""
 
     def step(
         self, state: TrackerState, observation: Observation, control: Control = Control()
@@ -55,7 +62,7 @@ class Tracker:
     def _stepped(
         self, state: TrackerState, observation: Observation, control: Control
     ) -> tuple[TrackerState, Solved]:
-        task = self._task(state, observation, control)
+        task = self._task(state, self._looked_at(state, observation), control)
         hypotheses: tuple[MovingHypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
             solved, hypotheses = solve_mixture(self._mixture_step, task, state.hypotheses)
@@ -74,13 +81,37 @@ class Tracker:
             return None
         return self.model.bones(self.model.transform.solver_params(expected))
 
+    def with_own(self, observation: Observation) -> Observation:
+        """Return what was seen of a frame, together with the caller's own terms."""
+        if observation.is_empty or not (self.terms or self.priors):
+            return observation
+        return replace(
+            observation,
+            terms=_joined(observation.terms, self.terms),
+            priors=_joined(observation.priors, self.priors),
+        )
+
+    def _looked_at(self, state: TrackerState, observation: Observation) -> Observation:
+        """Return what the method looks at in a frame: where joints only begin, joints alone or anything else."""
+        if not (self.settings.traits.joints_begin and observation.keypoints):
+            return observation
+        if state.start is None:
+            return replace(observation, keypoints=())
+        return replace(observation, silhouettes=(), images=(), cloud=None)
+
     def _task(self, state: TrackerState, observation: Observation, control: Control) -> FrameTask:
         """Return the frame to be solved, from where the hand is expected."""
+        observation = self.with_own(observation)
         expected, start = self._expected(state, observation.frame), state.start
         if start is None:
-            assert expected is not None, "a first frame needs a start"
+            if expected is None:
+                raise HandtrackError(
+                    f"frame {observation.frame}: the tracker has no pose to start from. Begin with "
+                    "`TrackerState.beginning_at(params)`; `find_pose(model, observation)` finds params."
+                )
             start = self.model.transform.solver_params(expected)
-        start = self.model.clipped(start)
+        if self.settings.solver.limits != "none":
+            start = self.model.clipped(start)
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
         texture = state.texture if self.settings.looks_at_images else None
@@ -111,3 +142,8 @@ class Tracker:
     def _mixture_step(self) -> MixtureStep:
         chains = [prepare(self.model, chain) for chain in chains_of(self.model)]
         return MixtureStep(self.model, self.settings, chains)
+
+
+def _joined(seen: tuple[Any, ...], own: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return terms of both, each once: what was seen may have them already."""
+    return (*seen, *(term for term in own if not any(term is other for other in seen)))

@@ -52,6 +52,9 @@ ARROWS: dict[str, set[str]] = {
         "files", "geometry", "capture", "observation", "model", "detector", "tracking", "tracking.frame",
         "tracking.size", "tracking.search", "store",
     },
+    "export": {
+        "files", "geometry", "capture", "model", "diagnostics", "session", "tracking.frame",
+    },
     "simulation": {
         "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
         "session", "tracking", "tracking.frame", "tracking.search", "tracking.size",

@@ -8,14 +8,18 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.capture.images.bayer import (
     METHODS,
     PATTERNS,
     demosaic,
+    level_line_at,
     level_line_green,
     mosaic_doubts,
 )
 from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
 from tests.capture.demosaicing_quality import mosaic_of, psnr_db, psnr_table
 from tests.capture.level_line_reference import level_line_value
 
@@ -159,3 +163,50 @@ def test_the_table_has_a_row_a_method(rng):
     rows = psnr_table({"noise": truth}).splitlines()
     assert rows[0] == "| method | noise: green | all |"
     assert [row.split("`")[1] for row in rows[2:]] == list(METHODS)
+
+
+def test_at_any_place_it_is_the_paper_s_rule(rng):
+    image = rng.integers(0, 255, (12, 15)).astype(np.uint8)
+    image[:4, :4] = 90  # flat: no line is the level line
+    x, y = rng.uniform(0, 14, (5, 40)), rng.uniform(0, 11, (5, 40))
+    column, row = np.floor(x).astype(int), np.floor(y).astype(int)
+    corners = [
+        image[row + b, column + a].astype(float) for b, a in ((0, 0), (0, 1), (1, 0), (1, 1))
+    ]
+    expected = level_line_value(*corners, 2 * (x - column) - 1, 2 * (y - row) - 1)
+    np.testing.assert_allclose(level_line_at(image, x, y), expected, atol=1e-9)
+    colour = np.stack([image, 255 - image, image // 2], axis=-1)
+    each = np.stack([level_line_at(colour[..., c], x, y) for c in range(3)], axis=-1)
+    np.testing.assert_array_equal(level_line_at(colour, x, y), each)
+
+
+def test_pixels_stay_and_the_border_is_repeated(rng):
+    image = rng.integers(0, 255, (6, 7)).astype(np.uint8)
+    v, u = np.mgrid[:6, :7].astype(float)
+    np.testing.assert_allclose(level_line_at(image, u, v), image)
+    outside = level_line_at(image, np.array([[-5.0, 99.0]]), np.array([[-5.0, 99.0]]))
+    np.testing.assert_allclose(outside, [[image[0, 0], image[-1, -1]]])
+
+
+def test_rectification_reads_green_at_real_coordinates():
+    """A slanting edge, read at real coordinates, keeps its level lines; cameras whose mosaics are read so are rectified so."""
+    v, u = np.mgrid[:40, :40].astype(float)
+    edge = np.clip(128 + 60 * (u - 0.6 * v - 8), 0, 255).astype(np.uint8)
+    x, y = u[4:-4, 4:-4] + 0.37, v[4:-4, 4:-4] + 0.61
+    true = np.clip(128 + 60 * (x - 0.6 * y - 8), 0, 255)
+    plain = cv2.remap(edge, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+    found = level_line_at(edge, x, y)
+    assert np.abs(found - true).mean() < 0.9 * np.abs(plain - true).mean()
+    left, right = (_eye(name, centre) for name, centre in (("a", 0.0), ("b", 0.06)))
+    matcher = StereoMatcher(left, right, along_level_lines=True)
+    image = np.repeat(edge[..., None], 3, axis=2)
+    view = matcher.match(image, image)
+    x, y = matcher.pair.left_maps
+    np.testing.assert_array_equal(view.left, np.round(level_line_at(image, x, y)).astype(np.uint8))
+
+
+def _eye(name, centre):
+    """Return a camera that is turned a little, so that rectified pixels fall between real ones."""
+    turn = rotation_matrix(np.array([0.0, 0.02, 0.05]))
+    matrix = np.array([[60.0, 0, 19.5], [0, 60.0, 19.5], [0, 0, 1]])
+    return Camera(name, (40, 40), matrix, np.zeros(5), turn, -turn @ np.array([centre, 0.0, 0.0]))

@@ -110,6 +110,19 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
         fit_skin_ellipse(tone[:3].astype(np.uint8))
 
 
+def test_several_images_make_one_ellipse_and_the_smaller_patch_is_no_outlier(rng):
+    """Skin in daylight, and a fifth as much of it by a lamp, each with some background caught in it."""
+    day = np.clip(rng.normal((190, 140, 115), 4, (500, 3)), 0, 255).astype(np.uint8)
+    lamp = np.clip(rng.normal((190, 95, 50), 4, (100, 3)), 0, 255).astype(np.uint8)
+    caught = np.tile(np.uint8([60, 90, 200]), (10, 1))
+    both = fit_skin_ellipse(np.vstack([day, caught]), np.vstack([lamp, caught]), size=3.0)
+    assert filters.skin_coloured(day, 500, both).mean() > 0.95
+    assert filters.skin_coloured(lamp, 100, both).mean() > 0.95
+    assert not filters.skin_coloured(caught, 10, both).any()
+    alone = fit_skin_ellipse(day, size=3.0)
+    assert not filters.skin_coloured(lamp, 100, alone).any()
+
+
 def test_the_chain_reports_every_step(rng):
     cloud = PointCloud(np.vstack([patch(rng, (0, 0, 0.5), 30_000), patch(rng, (0, 0, 3.0))]))
     chain = CloudFilters(component="nearest", max_points=500)

@@ -8,8 +8,9 @@ import pytest
 from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
+from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN
-from handtrack.observation.undistortion import longest_runs, undistort_image, undistort_silhouette
+from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 
 BARREL = np.array([-0.25, 0.05, 0.001, -0.001, 0.0])
 PINCUSHION = np.array([0.3, 0.0, 0.0, 0.0, 0.0])

@@ -1,8 +1,7 @@
-"""Results written and read; tables for other programs; versions of what is written over."""
+"""Results written and read; versions of what is written over."""
 
 from __future__ import annotations
 
-import csv
 import os
 import time
 import zipfile
@@ -14,8 +13,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version, versions
-from handtrack.session.formats.tables import EXPORTS, read_npz, write_npz, write_result
-from handtrack.session.formats.truth import read_truth
+from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status, TrackResult
 from handtrack.tracking.whole.refinement import CameraError, Refinement
@@ -171,7 +169,7 @@ def test_written_files_have_the_usual_mode(rng, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": np.array(2)}, "format 2; this version of handtrack reads format 1"),
+        ({"format": np.array(3)}, "format 3; this version of handtrack reads formats 1 and 2"),
         ({"format": None}, "no array `format`, so this is no tracked sequence"),
         ({"energy": None, "status": None}, "arrays are missing: status, energy. Found: "),
         ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),
@@ -230,54 +228,6 @@ def test_only_the_latest_twenty_versions_stay(rng, tmp_path):
         assert_same(read_npz(file), track)
 
 
-def test_csv_is_the_contracts(rng, tmp_path):
-    track = sample_track(rng, range(3, 6))
-    write, suffix = EXPORTS["csv"]
-    write(tmp_path / "poses.csv", track)
-    assert suffix == ".csv"
-    with (tmp_path / "poses.csv").open(newline="") as file:
-        header, *rows = list(csv.reader(file))
-    assert header[:11] == [
-        *("frame", "time_s", "status", "energy", "root_tx_m", "root_ty_m", "root_tz_m"),
-        *("root_rx_deg", "root_ry_deg", "root_rz_deg", "index_mcp_flex_deg"),
-    ]
-    assert header[11:14] == ["wrist_x_m", "wrist_y_m", "wrist_z_m"]
-    assert header[-1] == "little_tip_z_m"
-    assert [row[0] for row in rows] == ["3", "4", "5"]
-    values = np.array(rows, dtype=float)
-    np.testing.assert_allclose(values[:, 4:7], track.parameters[:, :3], rtol=1e-8)
-    np.testing.assert_allclose(np.deg2rad(values[:, 7:11]), track.parameters[:, 3:], rtol=1e-8)
-    np.testing.assert_allclose(values[:, 11:], track.joint_positions.reshape(3, -1), rtol=1e-8)
-
-
-def test_long_csv_has_a_row_a_joint(rng, tmp_path):
-    track = sample_track(rng, range(2))
-    EXPORTS["csv-long"][0](tmp_path / "long.csv", track)
-    with (tmp_path / "long.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * 21
-    assert list(rows[0])[:5] == ["frame", "time_s", "status", "joint", "x_m"]
-    last = rows[-1]
-    assert (last["frame"], last["joint"]) == ("1", "little_tip")
-    assert float(last["z_m"]) == pytest.approx(track.joint_positions[1, 20, 2])
-    assert float(last["std_y_m"]) == pytest.approx(0.002)
-
-
-def test_exported_keypoints_can_serve_as_truth(rng, tmp_path):
-    track = sample_track(rng, [4, 7])
-    EXPORTS["keypoints"][0](tmp_path / "keypoints.npz", track)
-    truth = read_truth(tmp_path / "keypoints.npz")
-    assert truth.frame.tolist() == [4, 7]
-    np.testing.assert_array_equal(truth.keypoints21, track.keypoints21)
-
-
-def test_exported_npz_is_a_result(rng, tmp_path):
-    track = sample_track(rng)
-    EXPORTS["npz"][0](tmp_path / "copy.npz", track)
-    assert_same(read_npz(tmp_path / "copy.npz"), track)
-    assert len(PARAMETERS) == read_npz(tmp_path / "copy.npz").parameters.shape[1]
-
-
 @pytest.mark.skipif(not hasattr(time, "tzset"), reason="this system's time zone cannot be changed")
 def test_c59_versions_stay_in_order_when_clocks_are_put_back(tmp_path, monkeypatch):
     monkeypatch.setenv("TZ", "Europe/Berlin")
@@ -293,19 +243,3 @@ def test_c59_versions_stay_in_order_when_clocks_are_put_back(tmp_path, monkeypat
         monkeypatch.undo()
         time.tzset()
     assert [version.read_text() for version in versions(path)] == ["0", "1"]
-
-
-@pytest.mark.parametrize("kind", ["csv", "csv-long"])
-def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tmp_path):
-    track = sample_track(rng)
-    name = '=HYPERLINK("http://x")'
-    track = replace(track, joint_names=(name, "@sum", *track.joint_names[2:]))
-    write, _ = EXPORTS[kind]
-    write(tmp_path / "x.csv", track)
-    with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as file:
-        cells = [cell for row in csv.reader(file) for cell in row]
-    assert any(cell.startswith("'" + name) for cell in cells)
-    assert any(cell.startswith("'@sum") for cell in cells)
-    risky = [cell for cell in cells if cell.startswith(("=", "+", "-", "@"))]
-    assert risky  # negative coordinates
-    assert all(np.isfinite(float(cell)) for cell in risky)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.solver import block_banded
 from handtrack.solver.block_banded import REACH, BlockBanded
 
 
@@ -34,11 +35,19 @@ def test_it_solves_as_the_dense_system_does(frames):
     )  # fmt: skip
 
 
+def _inverse(banded):
+    """Return the blocks of all parts."""
+    parts = dict(banded.factor().inverse_parts())
+    return np.concatenate([parts[first] for first in sorted(parts)])
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 256])
 @pytest.mark.parametrize("frames", [1, 2, 3, 12])
-def test_the_inverse_has_the_dense_one_s_blocks(frames):
+def test_the_inverse_has_the_dense_one_s_blocks(frames, at_once, monkeypatch):
+    monkeypatch.setattr(block_banded, "_AT_ONCE", at_once)
     banded, dense = _system(frames, 4)
     inverse = np.linalg.inv(dense).reshape(frames, 4, frames, 4)
-    found = banded.factor().inverse
+    found = _inverse(banded)
     for t in range(frames):
         for k in range(min(REACH + 1, frames - t)):
             np.testing.assert_allclose(found[t, k], inverse[t + k, :, t], rtol=1e-7, atol=1e-10)
@@ -57,7 +66,7 @@ def test_rounding_does_not_grow_along_a_long_recording():
     for t in range(frames):
         seen = rng.normal(size=(3, size))
         banded.blocks[t, 0] += seen.T @ seen + 1e-3 * np.eye(size)
-    found = banded.factor().inverse
+    found = _inverse(banded)
     for t in range(0, frames, 10):
         unit = np.zeros((frames, size, size))
         unit[t] = np.eye(size)

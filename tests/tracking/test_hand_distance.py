@@ -9,8 +9,8 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
-from handtrack.tracking.frame.hand_distance import hand_distance
 from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

@@ -157,7 +157,7 @@ def test_flipped_fingers_look_the_same():
     seen = mask_views(MODEL, params, RIG.cameras[:1], 0)
     camera = seen.silhouettes[0].camera
     here = MODEL.keypoints21(MODEL.bones(params))
-    flips = depth_flips(MODEL, seen, params)
+    flips = depth_flips(MODEL, [silhouette.camera for silhouette in seen.silhouettes], params)
     assert flips
     for flipped in flips:
         bounds = MODEL.bounds(flipped)

@@ -31,8 +31,11 @@ CHANGE = np.diag(np.full(7, 0.1**2))
 
 
 def _minimum(place, cost, sure=1e4):
-    pose = np.full(7, place)
-    return Minimum(pose, JointSystem(cost, np.zeros(7), sure * np.eye(7)), "tried")
+    return _at(np.full(7, place), cost, sure * np.eye(7))
+
+
+def _at(pose, cost, sure):
+    return Minimum(pose, lambda there: JointSystem(cost, np.zeros(len(there)), sure), "tried")
 
 
 def test_a_way_that_fits_less_well_but_goes_together_is_the_most_probable():
@@ -134,7 +137,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     sure = 1e4 * np.eye(len(pose))
 
     def minimum(x, cost):
-        return Minimum(x, JointSystem(cost, np.zeros(len(x)), sure), "tried")
+        return _at(x, cost, sure)
 
     rows = [
         [minimum(pose, 5.0)],
@@ -173,7 +176,7 @@ def test_poses_that_were_asked_for_differ_in_shape():
     turned[3] += 1.5
     sure = 1e4 * np.eye(len(pose))
     minima = [
-        Minimum(x, JointSystem(5.0 + cost, np.zeros(len(x)), sure), "followed")
+        _at(x, 5.0 + cost, sure)
         for x, cost in ((pose, 0.0), *((x, 1.0) for x in alike), (turned, 9.0))
     ]
     lattice = Lattice([minima], 100.0 * np.eye(len(pose)))

@@ -82,8 +82,7 @@ def test_the_pushes_are_found_from_poses_that_are_known(rng):
         speed = kept * speed + root @ rng.normal(size=size)
         poses.append(moved(poses[-1][None], speed[None])[0])
     usual = Motion(kept, 1e-3 * np.eye(size))
-    known = np.zeros((len(poses), 3, size, size))
-    found = usual.estimated(np.array(poses), known, usual).pushes
+    found = usual.estimated(np.array(poses), (), usual).pushes
     np.testing.assert_allclose(np.sqrt(np.diag(found)), spread, rtol=0.1)
     assert found[7, 8] / np.sqrt(found[7, 7] * found[8, 8]) == pytest.approx(0.9, abs=0.03)
     assert abs(found[6, 7]) < 0.1 * np.sqrt(found[6, 6] * found[7, 7])

@@ -15,6 +15,7 @@ from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES, Finding
 from handtrack.session.seen.video_audits import keep_audits
 from handtrack.session.session import Session
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import output_file
 
 
@@ -26,13 +27,16 @@ def run(args: argparse.Namespace) -> int:
     session.check_init()
     findings = examine(session)
     keep_audits(session.folder, session.videos)
-    for finding in sorted(findings, key=lambda found: -SEVERITIES.index(found.severity)):
-        print(f"{finding.severity}: {finding.text}")
+    findings = sorted(findings, key=lambda found: -SEVERITIES.index(found.severity))
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
     odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
-    print(f"{session.name}: {' and '.join(odd) or 'nothing odd was found'}.")
+    lines = [f"{finding.severity}: {finding.text}" for finding in findings]
+    lines.append(f"{session.name}: {' and '.join(odd) or 'nothing odd was found'}.")
     if args.picture is not None:
         _draw(session, findings, args.picture)
+        lines.append(f"the rig is drawn in {args.picture}.")
+    told = [{"severity": finding.severity, "text": finding.text} for finding in findings]
+    answer(args, {"session": session.name, "findings": told, "picture": args.picture}, *lines)
     return 0
 
 
@@ -43,4 +47,3 @@ def _draw(session: Session, findings: Sequence[Finding], out: Path) -> None:
     picture = draw_rig(session.rig, joint_lines(session), odd)
     with replacing(out) as path:
         path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
-    print(f"the rig is drawn in {out}.")

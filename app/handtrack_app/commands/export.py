@@ -6,33 +6,48 @@ import argparse
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
+from handtrack.export.registry import FORMATS, export_format
+from handtrack.export.table import ResultsTable
 from handtrack.files.versions import keep_version
-from handtrack.session.formats.tables import EXPORTS, read_npz
+from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack_app.commands.terminal.output import output_file
+from handtrack_app.commands.terminal.progress import say
 
-_LATER = ("bvh", "glb", "trc", "mot", "urdf", "anipose", "html")
+_NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the converted file and name it."""
-    if args.to not in EXPORTS:
-        why = "this version does not write it yet" if args.to in _LATER else "no such format"
-        raise HandtrackError(f"--to {args.to}: {why}; known: {', '.join(EXPORTS)}.")
-    write, suffix = EXPORTS[args.to]
-    track = read_npz(args.poses)
-    out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{suffix}")
-    output_file(out, (Path(f"poses{suffix}").suffix,), f"{args.to} exports are")
+    """Write the converted file, and those that belong to it, and name them."""
+    if args.to is None:
+        print("\n".join(f"{known.name:10} {known.purpose}" for known in FORMATS))
+        return 0
+    chosen = export_format(args.to)
+    table = ResultsTable.read(args.poses, args.session or session_of(args.poses))
+    out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{chosen.ending}")
+    output_file(out, (chosen.suffix,), f"{args.to} exports are")
     if out.resolve() == args.poses.resolve():
         raise HandtrackError(
             f"--out {out}: that is the file that is read; nothing was written. Name another one."
         )
     try:
         previous = keep_version(out)
-        write(out, track)
+        written = chosen.write(out, table)
     except OSError as error:
         raise HandtrackError(
             f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."
         ) from None
     kept = f"; the file before is kept as {previous}" if previous else ""
-    print(f"{len(track)} frames written to {out}{kept}")
+    beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
+    print(f"{len(table.track)} frames written to {out}{beside}{kept}")
+    if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
+        say(
+            f"note: {args.poses} holds frames of hands of different sizes; {args.to} has one skeleton for all, which is up to "
+            f"{1e3 * table.misfit_m:.1f} mm off in some of them."
+        )
     return 0
+
+
+def session_of(poses: Path) -> Path | None:
+    """Return the session folder that a result lies in, None where it lies elsewhere."""
+    folder = poses.resolve().parents[len(Path(POSES_FILE).parts) - 1]
+    return folder if (folder / SESSION_FILE).is_file() else None

@@ -9,6 +9,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.simulation.body_motion import BODY_MOTIONS
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import check_new, new_folder
 from handtrack_app.commands.terminal.progress import progress_bar
 
@@ -50,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
             bar.update()
 
         simulate(folder, what, show)
-    print(f"simulated session in {args.out}; open it with: handtrack open {args.out}")
+    words = f"simulated session in {args.out}; open it with: handtrack open {args.out}"
+    answer(args, {"session": args.out, "frames": args.frames, "cameras": args.cameras}, words)
     return 0
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import write_scale
+from handtrack.model.model_file import scale_table, write_scale
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.assessment import hand_words
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.first_pose import found_first_pose
 from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import (
@@ -69,13 +70,11 @@ def run(args: argparse.Namespace) -> int:
         say(f"note: {note}")
     write_scale(out, after.scale)
     hand = hand_words(after.model)
-    print(f"{_words(after.scale)}{hand and f' {hand.capitalize()}.'} Saved to {out}")
+    use = f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
     if out.resolve().parent == session.folder.resolve():
-        print(f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".')
-    else:
-        print(
-            f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
-        )
+        use = f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".'
+    saved = f"{_words(after.scale)}{hand and f' {hand.capitalize()}.'} Saved to {out}"
+    answer(args, {"scale": scale_table(after.scale), "hand": hand, "output": out}, saved, use)
     return 0
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.size.spread import spread_of_track
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.progress import say
 
 
@@ -19,8 +20,14 @@ def run(args: argparse.Namespace) -> int:
         found = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{args.poses}: {error}") from None
-    for name, value in found.settings().items():
-        print(f"{name} = {value:g}")
+    settings = found.settings()
+    told = {
+        "settings": settings,
+        "frames": found.frames,
+        "residual_rad": found.residual_rad,
+        "explained": found.explained,
+    }
+    answer(args, told, *(f"{name} = {value:g}" for name, value in settings.items()))
     frames = "1 frame" if found.frames == 1 else f"{found.frames} frames"
     say(
         f"from {frames}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "

@@ -16,6 +16,7 @@ from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.seen.clouds import StereoClouds
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
 
@@ -55,28 +56,35 @@ def run(args: argparse.Namespace) -> int:
                     write_cloud(part, cloud, session.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
-    _summarise(session, out, frames, counts)
+    _summarise(args, session, out, frames, counts)
     for text in dict.fromkeys([*session.warnings, *source.warnings]):
         say(f"note: {text}")
     return _INTERRUPTED if stop.asked else 0
 
 
-def _summarise(session: Session, out: Path, frames: range, counts: list[int]) -> None:
+def _summarise(
+    args: argparse.Namespace, session: Session, out: Path, frames: range, counts: list[int]
+) -> None:
+    told = {"clouds": len(counts), "frames": len(frames), "points": counts, "output": out}
     if not counts:
-        print(
+        none = (
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."
         )
+        answer(args, told, none)
         return
-    print(
+    lines = [
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
-    )
+    ]
     if not max(counts):
         say(
             "note: not a single point: do the cameras have empty masks? `handtrack doctor` looks at them."
         )
     if out.resolve().is_relative_to(session.folder.resolve()):
         place = out.resolve().relative_to(session.folder.resolve()).as_posix()
-        print(f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".')
+        lines.append(
+            f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".'
+        )
+    answer(args, told, *lines)
 
 
 def _pairs(session: Session) -> tuple[tuple[str, str], ...]:

@@ -29,14 +29,13 @@ from handtrack_app.engine.review.live_score import LiveScore
 from handtrack_app.engine.review.review_service import Request as ReviewRequest
 from handtrack_app.engine.review.review_service import ReviewService
 from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store.exporting import export_beside
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.store.tracks import export
 from handtrack_app.engine.tuning.refit import Refitted
 from handtrack_app.engine.tuning.tuning_service import Request as TuningRequest
 from handtrack_app.engine.tuning.tuning_service import TuningService
 from handtrack_app.protocol import commands, posing
 from handtrack_app.protocol.snapshots import (
-    Download,
     Notice,
     PoseSnapshot,
     Snapshot,
@@ -216,8 +215,7 @@ class OpenSession:
             case commands.SaveTrack():
                 self._say("done", "Track saved", saving.save_track(self.store))
             case commands.Export():
-                name, data = export(document, request.kind)
-                self._publish(Download(name, data, request.client_id))
+                export_beside(document, request, self._publish)
             case commands.FindHand():
                 self.store.write_what_rests(at_once=True)
                 jobs.find(request.frame)

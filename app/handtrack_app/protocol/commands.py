@@ -169,7 +169,7 @@ class WantPictures:
 
 @dataclass(frozen=True)
 class Export:
-    """Send a file to one client: `csv`, `npz` or `init`."""
+    """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown."""
 
     kind: str
     client_id: int
@@ -229,11 +229,11 @@ class SetClouds:
 
 @dataclass(frozen=True)
 class SampleSkin:
-    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame."""
+    """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
 
     frame: int
     camera: str
-    box: tuple[int, int, int, int]
+    box: tuple[int, int, int, int] | None
     size: float
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, Sensor, dept
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.initialize import carried_over
 
-WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+Ways = Mapping[str, tuple[str, dict[str, Any]]]
+WAYS: Ways = {
     "hand26": ("hand26", {"model.fallback": "none"}),
     "glove9": ("glove9", {}),
     "ball6": ("ball6", {}),
@@ -69,17 +70,21 @@ def scene(
     return truth, list(depth_views(model, truth, sensor, rng))
 
 
-def track(way: str, truth: Floats[F, S], seen: Sequence[Observation]) -> list[FrameResult]:
+def track(
+    way: str, truth: Floats[F, S], seen: Sequence[Observation], ways: Ways = WAYS
+) -> list[FrameResult]:
     """Return the frames, tracked from the first true pose."""
-    name, values = WAYS[way]
+    name, values = ways[way]
     whole, model = load_model(), load_model(name)
     start = carried_over(whole, whole.transform.solver_params(truth[0]), model)
     return tracked(model, values, seen, start)
 
 
-def palm_mm(way: str, results: Sequence[FrameResult], truth: Floats[F, S]) -> Floats[F]:
+def palm_mm(
+    way: str, results: Sequence[FrameResult], truth: Floats[F, S], ways: Ways = WAYS
+) -> Floats[F]:
     """Return the mean error of wrist and middle knuckle of each frame [mm]."""
-    whole, model = load_model(), load_model(WAYS[way][0])
+    whole, model = load_model(), load_model(ways[way][0])
     theirs = [whole.joint_names.index(name) for name in PALM]
     ours = [model.joint_names.index(name) for name in PALM]
     true = [

@@ -28,7 +28,7 @@ _LENGTHS = "HANDTRACK_LENGTHS"
 """the environment's name for frames, such as `1000 10000`; 10,000 take most of an hour"""
 _USUAL = "250 500 1000"
 _MADE = 50
-"""frames that are made; they come again, to and fro"""
+"""frames that are made; they come again, to and fro, each with masks of its own"""
 _MB = 1024.0
 
 
@@ -59,7 +59,8 @@ def _measure(folder: Path, length: int) -> dict[str, float]:
 
     def observe(frame: int, bones: BonePoses | None) -> Observation:
         seen = run.observation(int(way[frame % len(way)]), bones)
-        return replace(seen, frame=frame, time_s=frame / run.session.fps)
+        own = tuple(replace(one, mask=one.mask.copy()) for one in seen.silhouettes)
+        return replace(seen, frame=frame, time_s=frame / run.session.fps, silhouettes=own)
 
     tracked = [
         replace(live[int(way[n % len(way)])], frame=n, time_s=n / run.session.fps)

@@ -6,6 +6,7 @@ world → camera) and `translation`. Other tables and other keys are ignored.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +48,38 @@ def write_rig(path: Path, rig: CameraRig, world_unit_m: float = 1.0) -> None:
     """Write a rig in the same form; translations are divided by world_unit_m [m]."""
     import tomlkit  # slow to import, and most commands only read
 
-    tables: dict[str, Any] = {
-        f"cam_{index}": {
-            "name": camera.name,
-            "size": list(camera.size),
-            "matrix": camera.matrix.tolist(),
-            "distortions": camera.distortions.tolist(),
-            "rotation": rotation_vector(camera.rotation).tolist(),
-            "translation": (camera.translation / world_unit_m).tolist(),
-        }
-        for index, camera in enumerate(rig)
-    }
+    tables = {f"cam_{index}": _table(camera, world_unit_m) for index, camera in enumerate(rig)}
     text = tomlkit.dumps({**tables, "metadata": {"adjusted": False}})
     Path(path).write_text(text, encoding="utf-8")
+
+
+def rig_json(rig: CameraRig) -> str:
+    """Return the cameras as JSON: a list of the tables that a calibration file has, translations in metres."""
+    return json.dumps([_table(camera, 1.0) for camera in rig])
+
+
+def rig_from_json(text: str, where: str) -> CameraRig:
+    """Return the cameras that `rig_json` wrote. where: the text's place, for errors. Raises HandtrackError."""
+    try:
+        tables = json.loads(text)
+    except ValueError as error:
+        raise HandtrackError(f"{where}: no JSON ({error}).") from None
+    if not isinstance(tables, list) or not all(_is_camera(table) for table in tables):
+        raise HandtrackError(
+            f"{where}: expected a list of cameras with the keys {', '.join(_KEYS)}."
+        )
+    return CameraRig(tuple(_camera(t, f"{where}, camera {i}", 1.0) for i, t in enumerate(tables)))
+
+
+def _table(camera: Camera, world_unit_m: float) -> dict[str, Any]:
+    return {
+        "name": camera.name,
+        "size": list(camera.size),
+        "matrix": camera.matrix.tolist(),
+        "distortions": camera.distortions.tolist(),
+        "rotation": rotation_vector(camera.rotation).tolist(),
+        "translation": (camera.translation / world_unit_m).tolist(),
+    }
 
 
 def _is_camera(table: Any) -> bool:

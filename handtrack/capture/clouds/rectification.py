@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W
+from handtrack.capture.images.bayer import level_line_at
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 
@@ -72,14 +73,20 @@ class RectifiedPair:
         return (across * depth[:, None]) @ self.left.rotation + self.left.centre
 
     def rectify(
-        self, image: Array[H, W, *Axes], right: bool, linear: bool = True
+        self,
+        image: Array[H, W, *Axes],
+        right: bool,
+        linear: bool = True,
+        along_level_lines: bool = False,
     ) -> Array[K, L, *Axes]:
         """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it.
 
         linear: interpolate, and repeat the border outside, which makes no edges; false for masks,
-        0 outside.
+        0 outside. along_level_lines: interpolate by the 2004 paper's rule (§2.2) instead of bilinearly.
         """
         x, y = self.right_maps if right else self.left_maps
+        if linear and along_level_lines:
+            return np.round(level_line_at(image, x, y)).astype(image.dtype)
         how = cv2.INTER_LINEAR if linear else cv2.INTER_NEAREST
         border = cv2.BORDER_REPLICATE if linear else cv2.BORDER_CONSTANT
         return np.asarray(cv2.remap(image, x, y, how, borderMode=border))

@@ -65,19 +65,39 @@ def chromaticity(colors: Array[N, D3]) -> tuple[Floats[N, D2], Array[N]]:
     return values[:, :2] / np.maximum(total, 1.0)[:, None], total >= _DARK
 
 
-def fit_skin_ellipse(samples: Array[N, D3], size: float = 2.5) -> SkinEllipse:
-    """Return the ellipse of skin samples uint8 RGB: painted, boxed, or inside masks.
+def fit_skin_ellipse(*images: Array[N, D3], size: float = 2.5) -> SkinEllipse:
+    """Return the one ellipse of skin samples uint8 RGB of one or more images: painted, boxed, or inside masks.
 
-    Samples far off (a nail's rim, background caught in the box) are trimmed. Raises
-    HandtrackError with fewer than 20 samples that are bright enough.
+    Samples far off (a nail's rim, background caught in the box) are trimmed, in each image by itself: another one's light is no
+    outlier. Each image counts as much as another, however large its patch. Raises HandtrackError with fewer than 20 samples in
+    all that are bright enough.
     """
-    rg, bright = chromaticity(np.asarray(samples).reshape(-1, 3))
-    rg = rg[bright]
-    if len(rg) < _LEAST_SAMPLES:
+    known = []
+    for samples in images:
+        rg, bright = chromaticity(np.asarray(samples).reshape(-1, 3))
+        known.append(rg[bright])
+    count = sum(map(len, known))
+    if count < _LEAST_SAMPLES:
         raise HandtrackError(
             f"the skin's colour needs at least {_LEAST_SAMPLES} sampled pixels that are not black; "
-            f"found {len(rg)}. Mark a larger patch of skin."
+            f"found {count}. Mark a larger patch of skin."
         )
+    parts = [_trimmed(rg) for rg in known if len(rg)]
+    kept = np.concatenate(parts)
+    share = np.concatenate([np.full(len(rg), 1.0 / len(rg)) for rg in parts])
+    mean = np.average(kept, axis=0, weights=share)
+    covariance = np.cov(kept.T, aweights=share) + _ROUNDING
+    return SkinEllipse(
+        (float(mean[0]), float(mean[1])),
+        (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
+        size,
+    )
+
+
+def _trimmed(rg: Floats[N, D2]) -> Floats[N, D2]:
+    """Return the samples of one image without those far off; a few, which have no spread to speak of, as they are."""
+    if len(rg) < _LEAST_SAMPLES:
+        return rg
     mean = np.median(rg, axis=0)
     spread = _MAD_TO_SIGMA * np.median(np.abs(rg - mean), axis=0)
     covariance = np.diag(spread**2) + _ROUNDING
@@ -86,8 +106,4 @@ def fit_skin_ellipse(samples: Array[N, D3], size: float = 2.5) -> SkinEllipse:
         near = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off) <= _TRIM_SIZE**2
         mean = rg[near].mean(axis=0)
         covariance = np.cov(rg[near].T) + _ROUNDING
-    return SkinEllipse(
-        (float(mean[0]), float(mean[1])),
-        (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
-        size,
-    )
+    return rg[near]

@@ -54,9 +54,17 @@ class StereoMatcher:
     """One calibrated pair. What depends on the cameras alone is made once."""
 
     def __init__(
-        self, first: Camera, second: Camera, settings: StereoSettings = StereoSettings()
+        self,
+        first: Camera,
+        second: Camera,
+        settings: StereoSettings = StereoSettings(),
+        along_level_lines: bool = False,
     ) -> None:
-        """Raises HandtrackError for cameras that cannot make a pair."""
+        """Raises HandtrackError for cameras that cannot make a pair.
+
+        along_level_lines: images are rectified by the 2004 paper's interpolation, not bilinearly.
+        """
+        self.along_level_lines = along_level_lines
         self.pair: RectifiedPair = rectified(first, second)
         self.settings = settings
 
@@ -135,8 +143,12 @@ class StereoMatcher:
         """Return what the left and the right virtual camera see of the first and second picture."""
         left, right = pictures[::-1] if self.pair.swapped else pictures
         return (
-            None if left is None else self.pair.rectify(left, False, linear),
-            None if right is None else self.pair.rectify(right, True, linear),
+            None
+            if left is None
+            else self.pair.rectify(left, False, linear, self.along_level_lines),
+            None
+            if right is None
+            else self.pair.rectify(right, True, linear, self.along_level_lines),
         )
 
     def _narrowed(

@@ -13,7 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, H, W
+from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, W
 from handtrack.errors import HandtrackError, unknown_name
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
@@ -59,7 +59,7 @@ def level_line_green(mosaic: Floats[H, W], pattern: str) -> Floats[H, W]:
 
 
 def _level_line_middle(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> Floats:
-    """Return the value in the middle of squares, in closed form; for any place: tests/capture/level_line_reference.py.
+    """Return the value in the middle of squares, in closed form; for any place see `level_line_at`.
 
     In the middle P' and P'' lie opposite each other, and both cases give mean + s C / 4 with the saddle
     C = P1 + P4 − P2 − P3 and the line's slope s = −Δx Δy / max(Δx², Δy²).
@@ -68,6 +68,56 @@ def _level_line_middle(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> Floats
     larger = np.maximum(dx * dx, dy * dy)
     slope = -dx * dy / np.where(larger > 0, larger, 1.0)
     return (p1 + p2 + p3 + p4) / 4 + slope * (p1 + p4 - p2 - p3) / 4
+
+
+def level_line_at(
+    image: Array[H, W, *Axes], x: Floats[K, L], y: Floats[K, L]
+) -> Floats[K, L, *Axes]:
+    """Return the values of an image, of any number of channels, at real coordinates [px]: along the level line of the square of
+    four pixels around each, by the paper's rule for any place.
+
+    The line through the place leaves the square in P' and P''; both are interpolated along their sides, and the place between
+    them by distance. Outside the image its border is repeated.
+    """
+    height, width = image.shape[:2]
+    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    column = np.minimum(x.astype(np.intp), width - 2)
+    row = np.minimum(y.astype(np.intp), height - 2)
+    u, v = x - column, y - row
+    channels = image.reshape(height, width, -1)
+    found = [
+        _level_line_value(channels[..., c], row, column, u, v) for c in range(channels.shape[2])
+    ]
+    return np.stack(found, axis=-1).reshape(*x.shape, *image.shape[2:])
+
+
+def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Floats) -> Floats:
+    """Return the values at (u, v) from 0 to 1 of the squares whose first corner is at row and column."""
+    p1, p2, p3, p4 = (
+        plane[row + down, column + right].astype(float)
+        for down, right in ((0, 0), (0, 1), (1, 0), (1, 1))
+    )
+    along_x, along_y = -((p3 - p1) + (p4 - p2)), (p2 - p1) + (p4 - p3)  # (−Δy, Δx), twice
+    along_x = np.where((along_x == 0) & (along_y == 0), 1.0, along_x)  # flat: any line will do
+
+    def way_out(sign: float) -> Floats:
+        """Return how far along the line the square ends, in units of its direction."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = ((sign * along_x > 0) - u) / (sign * along_x)
+            down = ((sign * along_y > 0) - v) / (sign * along_y)
+        return np.minimum(
+            np.where(along_x != 0, across, np.inf), np.where(along_y != 0, down, np.inf)
+        )
+
+    def on_side(way: Floats) -> Floats:
+        """Return the value where the line ends: linear between two corners, for it lies on a side."""
+        a, b = np.clip(u + way * along_x, 0.0, 1.0), np.clip(v + way * along_y, 0.0, 1.0)
+        above, below = p1 + (p2 - p1) * a, p3 + (p4 - p3) * a
+        return above + (below - above) * b
+
+    ahead, behind = way_out(1.0), way_out(-1.0)
+    share = ahead / np.maximum(ahead + behind, 1e-300)
+    return on_side(ahead) * (1.0 - share) + on_side(-behind) * share
 
 
 def check_mosaic(mosaic: Array[*Axes], pattern: str) -> None:

@@ -11,7 +11,7 @@ from handtrack.arrays import D3, F, Floats, Ints, N, V
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
 
 MOST_NODES = 16_000_000
 """of the grid; finer ones are refused"""
@@ -45,16 +45,26 @@ class SurfaceMesh:
         return replace(self, vertices=self.carried(bones), normals=normals)
 
 
-def carried_mesh(model: ArticulatedModel, bones: BonePoses) -> SurfaceMesh:
-    """Return the mesh of the relaxed hand or body, meshed once, as bone poses carry it: parts rigid, creases neglected."""
-    template, relaxed = _template(model)
+def carried_mesh(
+    model: ArticulatedModel,
+    bones: BonePoses,
+    sharpness: float = SHARPNESS_PER_M,
+    form: str = "d3",
+) -> SurfaceMesh:
+    """Return the mesh of the relaxed hand or body, meshed once, as bone poses carry it: parts rigid, creases neglected.
+
+    sharpness, form: of the metaball surface, see there.
+    """
+    template, relaxed = _template(model, sharpness, form)
     return template.posed(bones, relaxed)
 
 
 @lru_cache(maxsize=8)
-def _template(model: ArticulatedModel) -> tuple[SurfaceMesh, BonePoses]:
+def _template(
+    model: ArticulatedModel, sharpness: float, form: str
+) -> tuple[SurfaceMesh, BonePoses]:
     relaxed = model.bones(model.rest_params())
-    return surface_mesh(MetaballSurface.of(model), relaxed), relaxed
+    return surface_mesh(MetaballSurface.of(model, sharpness, form), relaxed), relaxed
 
 
 def surface_mesh(

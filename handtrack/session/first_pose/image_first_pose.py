@@ -18,10 +18,12 @@ from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.initialize import fit_keypoints
-from handtrack.tracking.search.keypoint_start import hands_from_images, triangulated
+from handtrack.tracking.search.keypoint_start import (
+    ENOUGH_IN_SPACE,
+    hands_from_images,
+    triangulated,
+)
 from handtrack.tracking.search.policy import GIVEN_JOINTS
-
-_ENOUGH_IN_SPACE = 12  # of 21 points; fewer leave fingers open, and lines of sight say more
 
 
 def poses_from_images(
@@ -75,7 +77,7 @@ def pose_in_space(
     """
     points = triangulated(images)
     count = int(np.isfinite(points).all(axis=1).sum())
-    if count < _ENOUGH_IN_SPACE:
+    if count < ENOUGH_IN_SPACE:
         return None
     known = Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
     given = FirstPose(frame, {}, points, CONVENTIONS[0])

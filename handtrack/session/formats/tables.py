@@ -1,33 +1,33 @@
-"""TrackResult ↔ poses.npz, and tables of it for other programs (contracts §5)."""
+"""TrackResult ↔ poses.npz (contracts §5); other formats: handtrack/export/."""
 
 from __future__ import annotations
 
-import csv
 import io
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Axes, Floats
+from handtrack.arrays import Array, Axes
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replace_text, replacing
+from handtrack.files.atomic import replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
-from handtrack.model.articulated import keypoint_names
+from handtrack.session.formats.anatomy import anatomy_arrays, model_of
 from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import Status, TrackResult
 
-FORMAT = 1
+FORMAT = 2
+"""with the model's hierarchy; files of format 1 are without it, and open"""
 
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
-_WHOLE = ("frame", "status", "iterations", "hypothesis_parent")
+_WHOLE = ("frame", "status", "iterations", "hypothesis_parent", "take")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
-_REFINEMENT = "refinement"
-_HAND = ("start_confidence", "hand_length_mm", "hand_length_std_mm")
+_JSON = ("refinement", "definition", "cameras", "pins")
+_SCALARS = ("start_confidence", "hand_length_mm", "hand_length_std_mm", "fps")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "frame": ("F",),
     "time_s": ("F",),
@@ -57,20 +57,16 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "hypothesis_weight": ("F", "H"),
     "hypothesis_parent": ("F", "H"),
     "hypothesis_origin": ("F", "H"),
-    **dict.fromkeys(_HAND, ()),
-    **dict.fromkeys((*_TEXTS, _REFINEMENT), ()),
+    **dict.fromkeys((*_SCALARS, "take", *_TEXTS, *_JSON), ()),
 }
 _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
-_OFF = ("p_off_25mm", "p_off_10mm", "part_names")
+_OFF = ("p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = (
-    "keypoints21", "energy_names", "energies", _REFINEMENT, *_HAND, *_REASON, *_OFF, *_HYPOTHESES
+    "keypoints21", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
 )  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
-_BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-
-# ---- poses.npz -------------------------------------------------------------------------------------
 
 
 def write_result(path: Path | str, track: TrackResult) -> Path | None:
@@ -82,11 +78,13 @@ def write_result(path: Path | str, track: TrackResult) -> Path | None:
 
 def write_npz(path: Path | str, track: TrackResult) -> None:
     """Write a result whole or not at all. The same result gives the same bytes."""
-    arrays: dict[str, Array] = {"format": np.array(FORMAT)}
+    arrays: dict[str, Array] = {"format": np.array(1 if track.definition is None else FORMAT)}
     for field in fields(track):
         value = getattr(track, field.name)
         if value is not None:
             arrays[field.name] = np.asarray(value)
+    if track.definition is not None:
+        arrays |= anatomy_arrays(model_of(track, str(path)))
     write_arrays(path, arrays)
 
 
@@ -118,7 +116,7 @@ def read_npz(path: Path | str) -> TrackResult:
     found = arrays["format"]
     if found.shape != () or found.dtype.kind not in "iu" or not 1 <= int(found) <= FORMAT:
         raise HandtrackError(
-            f"{path}: format {found.tolist()}; this version of handtrack reads format {FORMAT}. "
+            f"{path}: format {found.tolist()}; this version of handtrack reads formats 1 and {FORMAT}. "
             "Update handtrack, or track the session again."
         )
     _check_shapes(path, arrays)
@@ -160,22 +158,19 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 def _value(path: Path, name: str, array: Array) -> object:
     kinds = (
-        "U"
-        if name in (*_NAMES, *_TEXTS, *_WORDS, _REFINEMENT)
-        else "iu"
-        if name in _WHOLE
-        else "fiu"
+        "U" if name in (*_NAMES, *_TEXTS, *_WORDS, *_JSON) else "iu" if name in _WHOLE else "fiu"
     )
     if array.dtype.kind not in kinds:
         what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
     if name in _NAMES:
         return tuple(str(text) for text in array)
-    if name in (*_TEXTS, _REFINEMENT):
+    if name in (*_TEXTS, *_JSON):
         return str(array)
     if name in _WORDS:
         return array
-    return float(array) if not array.ndim else array.astype(np.int64 if name in _WHOLE else float)
+    kind = int if name in _WHOLE else float
+    return kind(array) if not array.ndim else array.astype(np.int64 if kind is int else float)
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:
@@ -206,90 +201,6 @@ def _check_rows(path: Path, track: TrackResult) -> None:
         raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")
 
 
-# ---- tables for other programs ---------------------------------------------------------------------
-
-
-def write_csv(path: Path | str, track: TrackResult) -> None:
-    """Write one row a frame: angles in degrees, lengths in metres, joints in the world (contracts §5)."""
-    header = ["frame", "time_s", "status", "energy"]
-    header += [f"{n}_m" if is_length(n) else f"{n}_deg" for n in track.parameter_names]
-    header += [f"{joint}_{axis}_m" for joint in track.joint_names for axis in "xyz"]
-    angle = np.array([not is_length(name) for name in track.parameter_names])
-    values = np.where(angle, np.rad2deg(track.parameters), track.parameters)
-    rows = []
-    for i, frame in enumerate(track.frame):
-        numbers = [track.time_s[i], track.energy[i], *values[i], *track.joint_positions[i].ravel()]
-        time_s, *rest = (_number(x) for x in numbers)
-        rows.append([int(frame), time_s, int(track.status[i]), *rest])
-    _write_rows(path, header, rows)
-
-
-def write_csv_long(path: Path | str, track: TrackResult) -> None:
-    """Write one row a frame and joint, with the standard deviation along each axis [m]."""
-    header = ["frame", "time_s", "status", "joint"]
-    header += ["x_m", "y_m", "z_m", "std_x_m", "std_y_m", "std_z_m"]
-    spread = np.sqrt(np.maximum(np.diagonal(track.joint_covariance, axis1=2, axis2=3), 0.0))
-    rows = [
-        [
-            int(track.frame[i]),
-            _number(track.time_s[i]),
-            int(track.status[i]),
-            joint,
-            *(_number(x) for x in track.joint_positions[i, j]),
-            *(_number(x) for x in spread[i, j]),
-        ]
-        for i in range(len(track))
-        for j, joint in enumerate(track.joint_names)
-    ]
-    _write_rows(path, header, rows)
-
-
-def write_keypoints(path: Path | str, track: TrackResult) -> None:
-    """Write joint positions alone, in the form of a session's truth.npz; the 21 keypoints of hands too."""
-    arrays: dict[str, Array] = {
-        "frame": track.frame,
-        "time_s": track.time_s,
-        "joint_names": np.asarray(track.joint_names),
-        "joint_positions": track.joint_positions,
-    }
-    if track.keypoints21 is not None:
-        arrays["keypoint_names"] = np.asarray(keypoint_names())
-        arrays["keypoints21"] = track.keypoints21
-    write_arrays(path, arrays)
-
-
 def is_length(parameter: str) -> bool:
     """Return whether a joint parameter is a translation [m]; the others are angles [rad]."""
     return parameter.endswith(("_tx", "_ty", "_tz"))
-
-
-def _number(value: float | Floats) -> str:
-    return f"{float(value):.9g}"
-
-
-def _write_rows(path: Path | str, header: list[str], rows: list[list[object]]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    for row in (header, *rows):
-        writer.writerow([_harmless(cell) for cell in row])
-    replace_text(Path(path), text.getvalue())
-
-
-def _harmless(cell: object) -> object:
-    """Return a cell that no spreadsheet takes for a formula: names come from files that others made; numbers stay."""
-    if not isinstance(cell, str) or not cell.startswith(_BEGINS_A_FORMULA):
-        return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
-
-
-EXPORTS: dict[str, tuple[Callable[[Path, TrackResult], None], str]] = {
-    "csv": (write_csv, ".csv"),
-    "csv-long": (write_csv_long, "_long.csv"),
-    "npz": (write_npz, "_export.npz"),
-    "keypoints": (write_keypoints, "_keypoints.npz"),
-}
-"""by the name of `handtrack export --to`: what writes it, and the ending of its default file name"""

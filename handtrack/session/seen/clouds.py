@@ -65,7 +65,10 @@ class StereoClouds(CloudSource):
     def __init__(self, pairs: tuple[tuple[View, View], ...], settings: StereoSettings) -> None:
         """Raises HandtrackError for cameras that cannot make a pair."""
         super().__init__(tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs))
-        self._pairs = tuple((a, b, StereoMatcher(a.camera, b.camera, settings)) for a, b in pairs)
+        self._pairs = tuple(
+            (a, b, StereoMatcher(a.camera, b.camera, settings, _by_level_lines(a, b)))
+            for a, b in pairs
+        )
         self._warnings: dict[tuple[int, int], str] = {}
         self._checked: set[int] = set()
         self._lock = threading.Lock()
@@ -111,6 +114,11 @@ class StereoClouds(CloudSource):
         if problem is not None:
             with self._lock:
                 self._warnings[index, frame] = f"[clouds] stereo, frame {frame}, {problem}"
+
+
+def _by_level_lines(*views: View) -> bool:
+    """Return whether mosaics are interpolated along level lines, and so at the real coordinates that rectification asks for."""
+    return all(str(view.settings.demosaic or "").startswith("level_line") for view in views)
 
 
 class FileClouds(CloudSource):

@@ -71,9 +71,7 @@ class SessionPins:
 
         kept: what was written here last: a file that is otherwise is kept in versions/. Raises HandtrackError.
         """
-        with self._lock:
-            pins = {frame: self._pins[frame] for frame in sorted(self._pins)}
-        text = self._text(pins) if pins else None
+        text = self.text
         try:
             stands = self._path.read_text(encoding="utf-8") if self._path.is_file() else None
             if stands == text:
@@ -89,6 +87,13 @@ class SessionPins:
                 f"{self._path}: cannot be written ({error.strerror}). Is the folder read-only?"
             ) from None
         return text
+
+    @property
+    def text(self) -> str | None:
+        """The file's text as it is to be now; None without pins."""
+        with self._lock:
+            pins = {frame: self._pins[frame] for frame in sorted(self._pins)}
+        return self._text(pins) if pins else None
 
     def _text(self, pins: Mapping[int, tuple[Pin, ...]]) -> str:
         rows = ",\n".join(

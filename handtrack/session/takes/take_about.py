@@ -33,7 +33,9 @@ def about_take(
         "frames": f"{frames.start}:{frames.stop}",
         "first pose": _digest(json.dumps(start), json.dumps(given)),
         "settings": _digest(labels.settings),
-        "hand": _digest(labels.model, labels.side, labels.scale, *labels.parameter_names),
+        "hand": _digest(
+            labels.definition or labels.model, labels.side, labels.scale, *labels.parameter_names
+        ),
         "versions": " ".join(versions.values()),
     }
     return TakeAbout(
@@ -41,7 +43,7 @@ def about_take(
         begun=_now(),
         frames=(frames.start, frames.stop),
         labels=labels,
-        inputs=asked | _files(run.session),
+        inputs=asked | files_read(run.session),
         start=start,
         keyframes=(start_frame,),
         versions=versions,
@@ -59,7 +61,7 @@ def about_refined(about: TakeAbout, labels: TrackLabels | None = None) -> TakeAb
     return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)
 
 
-def _files(session: Session) -> dict[str, str]:
+def files_read(session: Session) -> dict[str, str]:
     """Return a digest of everything that is read of a session, by what it is.
 
     Settings count by their contents; of recordings name, size and time of writing do: they may be large.

@@ -12,7 +12,7 @@ from handtrack.session.layout import POSES_FILE, WORK_FILE
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
-from handtrack.tracking.frame.result import TrackLabels, TrackResult
+from handtrack.tracking.frame.result import TrackResult
 
 
 def import_tracks(store: WritableStore, folder: Path) -> list[str]:
@@ -50,13 +50,8 @@ def file_digest(path: Path) -> str:
 
 def _imported(store: WritableStore, track: TrackResult, name: str) -> int:
     first, stop = int(track.frame[0]), int(track.frame[-1]) + 1
-    labels = TrackLabels(
-        track.parameter_names, track.bone_names, track.joint_names,
-        track.model, track.side, track.scale, track.session, track.settings, track.version,
-        track.start_confidence, track.hand_length_mm, track.hand_length_std_mm,
-    )  # fmt: skip
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    writer = store.begin(TakeAbout(name, now, (first, stop), labels))
+    writer = store.begin(TakeAbout(name, now, (first, stop), track.labels))
     for result in track.frames():
         writer.replace(result)
     writer.finish()

@@ -35,7 +35,8 @@ def stage_problem(
     model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
 ) -> Problem:
     """Return the problem of one stage of the schedule; bands are frozen at params."""
-    return Problem(model, terms.stage(stage, model.bones(params)), terms.priors)
+    seen, free = terms.stage(stage, model.bones(params)), terms.settings.solver.limits == "none"
+    return Problem(model, seen, terms.priors, unlimited=free)
 
 
 def descend(
@@ -68,7 +69,8 @@ def descend(
 def by_keypoints_alone(terms: FrameTerms) -> bool:
     """Return whether keypoints are all that a frame is solved by, so that many starts can be polished at once."""
     plain = all(term.weight == 1.0 for term in terms.keypoints)
-    return plain and bool(terms.keypoints) and not (terms.views or terms.pins)
+    others = terms.views or terms.pins or terms.own or terms.own_priors
+    return plain and bool(terms.keypoints) and not others
 
 
 def minima(

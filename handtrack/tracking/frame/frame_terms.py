@@ -61,6 +61,10 @@ class FrameTerms:
     """where a person said that joints and segments lie"""
     outlines_off_px: tuple[float, ...] = ()
     """of each silhouette, as the other cameras tell, beyond the usual"""
+    own: tuple[ObservationTerm, ...] = ()
+    """the caller's, as they are given"""
+    own_priors: tuple[ParameterTerm, ...] = ()
+    """the caller's; they are among the priors"""
 
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
@@ -101,7 +105,7 @@ class FrameTerms:
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         band_mm = at_stage(settings.bands_mm, index)
-        terms: list[ObservationTerm] = [*self.parts, *self.pins, *self.keypoints]
+        terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *self.keypoints]
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
         if self.appearance is not None:
@@ -110,7 +114,11 @@ class FrameTerms:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
         if settings.term == "conic_field":
-            weight = self._weight(_FIELD_BAND_MM * scale)
+            weight = (
+                [settings.weight] * len(self.prepared)
+                if self.settings.traits.plain_sums
+                else self._weight(_FIELD_BAND_MM * scale)
+            )
             terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
             return terms
         band = np.maximum(band_mm * scale, _LEAST_BAND_PX)
@@ -176,10 +184,12 @@ def frame_terms(
         cloud,
         see_appearance(observation, model, settings, before),
         tuple(keypoints),
-        tuple(_priors(model, settings, expected, frames_ahead, fingers_seen)),
+        (*_priors(model, settings, expected, frames_ahead, fingers_seen), *observation.priors),
         (contact(model),) if settings.prior.collision else (),
         pin_terms(model, observation),
         tuple(silhouette.off_px for silhouette in weighted),
+        observation.terms,
+        observation.priors,
     )
 
 

@@ -17,35 +17,18 @@ from handtrack.tracking.frame.stacked import (
     stacked_probabilities,
     stacked_reasons,
 )
+from handtrack.tracking.frame.tables.named_track import NamedTrack
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
 
 _STACKED = (
-    "frame",
-    "time_s",
-    "parameters",
-    "T_world_bone",
-    "joint_positions",
-    "keypoints21",
-    "status",
-    "energy",
-    "iterations",
-    "parameter_std",
-    "joint_covariance",
-    "energies",
-    "reason",
-    "reason_kind",
-    "reason_where",
-    "reason_numbers",
-    "p_off_25mm",
-    "p_off_10mm",
-    "hypothesis_parameters",
-    "hypothesis_energy",
-    "hypothesis_weight",
-    "hypothesis_parent",
+    "frame", "time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21", "status",
+    "energy", "iterations", "parameter_std", "joint_covariance", "energies", "reason",
+    "reason_kind", "reason_where", "reason_numbers", "p_off_25mm", "p_off_10mm",
+    "hypothesis_parameters", "hypothesis_energy", "hypothesis_weight", "hypothesis_parent",
     "hypothesis_origin",
-)
+)  # fmt: skip
 """arrays of TrackResult with a row for each frame"""
 
 
@@ -162,6 +145,9 @@ class TrackLabels:
     start_confidence: float | None = None
     hand_length_mm: float | None = None
     hand_length_std_mm: float | None = None
+    definition: str | None = None
+    fps: float | None = None
+    cameras: str | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
@@ -170,7 +156,7 @@ class TrackLabels:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackResult:
+class TrackResult(NamedTrack):
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
     frame: Ints[F]
@@ -239,6 +225,16 @@ class TrackResult:
     """its standard deviation"""
     refinement: str | None = None
     """JSON of `tracking.whole.refinement.Refinement`: what was found that all frames share"""
+    definition: str | None = None
+    """JSON of the model's definition: with side and scale the model can be built again"""
+    fps: float | None = None
+    """[1/s] of the recording; the median where frames have times of their own"""
+    cameras: str | None = None
+    """JSON: name, size, matrix, distortions, rotation, translation [m] of each, as calibration.toml has them"""
+    take: int | None = None
+    """number of the take in the session's store that it is"""
+    pins: str | None = None
+    """JSON, as the session's pins.json: where a person pointed at joints"""
 
     @classmethod
     def from_frames(
@@ -257,6 +253,9 @@ class TrackResult:
         start_confidence: float | None = None,
         hand_length_mm: float | None = None,
         hand_length_std_mm: float | None = None,
+        definition: str | None = None,
+        fps: float | None = None,
+        cameras: str | None = None,
     ) -> TrackResult:
         """Return the frames stacked. They are in ascending order, each once, and at least one."""
         numbers = np.array([f.frame for f in frames], dtype=np.int64)
@@ -294,7 +293,9 @@ class TrackResult:
             start_confidence=start_confidence,
             hand_length_mm=hand_length_mm,
             hand_length_std_mm=hand_length_std_mm,
-            refinement=None,
+            definition=definition,
+            fps=fps,
+            cameras=cameras,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **stacked_reasons(frames),
@@ -304,6 +305,13 @@ class TrackResult:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def labels(self) -> TrackLabels:
+        """What its numbers mean, without the numbers."""
+        return TrackLabels(
+            **{entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
+        )
 
     def between(self, frames: range) -> TrackResult:
         """Return the part whose frame numbers lie in `frames`. HandtrackError when there is none."""

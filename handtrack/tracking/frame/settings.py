@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any, Literal
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import NotAcceptedError, Setting, declared, setting
 from handtrack.solver.solver_settings import SolverSettings
+from handtrack.tracking.frame.methods import METHODS, Traits
 from handtrack.tracking.frame.old_settings import current_name
 
 # beyond that a term drowns all others in rounding: half of a double's 16 digits are left to them
@@ -269,6 +271,10 @@ class MixtureSettings:
 class TrackerSettings:
     """All settings; immutable. `with_values` gives a changed copy."""
 
+    method: Literal["default", "paper2007", "paper2004", "paper2003"] = setting(
+        "default", "Whose method: ours, or one of the three papers' own with its settings (`docs/methods.md`); settings given "
+        "beside it win.",
+    )  # fmt: skip
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     cloud: CloudTermSettings = field(default_factory=CloudTermSettings)
@@ -279,6 +285,8 @@ class TrackerSettings:
     solver: SolverSettings = field(default_factory=SolverSettings)
     tracker: FollowSettings = field(default_factory=FollowSettings)
     mixture: MixtureSettings = field(default_factory=MixtureSettings)
+    traits: Traits = Traits()
+    """the method's, where no setting says it"""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """what became of settings given by old names, in plain sentences"""
 
@@ -294,19 +302,18 @@ class TrackerSettings:
 
     def flat(self) -> dict[str, Any]:
         """Return every setting by its dotted name."""
-        return {
-            name: getattr(getattr(self, name.partition(".")[0]), name.partition(".")[2])
-            for name in SETTINGS
-        }
+        return {name: reduce(getattr, name.split("."), self) for name in SETTINGS}
 
     def with_values(self, values: Mapping[str, Any]) -> TrackerSettings:
         """Return a copy with dotted settings replaced; strings are read as their kind, old names as what they are now.
 
-        Raises HandtrackError for an unknown name (listing the known ones) or a value that a setting cannot have.
+        A method is taken first, so that it comes over what was set before, and what is given beside it over the method. Raises HandtrackError for an unknown name (listing the known ones) or a value that a setting cannot have.
         """
         changed = self
+        if "method" in values:
+            changed = changed._with_method(_accepted("method", values["method"]))
         for given in sorted(
-            values, key=SETTINGS.__contains__
+            (name for name in values if name != "method"), key=SETTINGS.__contains__
         ):  # old names first: a new one beside it wins
             name, note = current_name(given)
             if note:
@@ -322,12 +329,18 @@ class TrackerSettings:
     def _with_value(self, name: str, value: Any) -> TrackerSettings:
         if name not in SETTINGS:
             raise unknown_name("setting", name, sorted(SETTINGS))
-        try:
-            accepted = SETTINGS[name].accept(value)
-        except NotAcceptedError as error:
-            raise HandtrackError(f"setting '{name}': expected {error}, found {value!r}.") from None
         group, _, own = name.partition(".")
-        return replace(self, **{group: replace(getattr(self, group), **{own: accepted})})
+        changed = replace(getattr(self, group), **{own: _accepted(name, value)})
+        return replace(self, **{group: changed})
+
+    def _with_method(self, name: str) -> TrackerSettings:
+        """Return the settings with a method's; what the one before had set, and this one does not, is as usual again."""
+        before, now, flat = METHODS[self.method], METHODS[name], self.flat()
+        left = {n: SETTINGS[n].default for n, value in before.values.items() if flat[n] == value}
+        changed = replace(self, method=now.name, traits=now.traits)
+        for known, value in (left | dict(now.values)).items():
+            changed = changed._with_value(known, value)
+        return changed
 
     def without_effect(self, kind: str) -> list[str]:
         """Return a sentence on each setting that was changed and means nothing to a model of this kind, hand or body."""
@@ -339,13 +352,20 @@ class TrackerSettings:
         ]
 
 
+def _accepted(name: str, value: Any) -> Any:
+    try:
+        return SETTINGS[name].accept(value)
+    except NotAcceptedError as error:
+        raise HandtrackError(f"setting '{name}': expected {error}, found {value!r}.") from None
+
+
 GROUPS: dict[str, type] = {
     name: kind.default_factory  # type: ignore[misc]
     for name, kind in TrackerSettings.__dataclass_fields__.items()
-    if name != "notes"
+    if name not in ("method", "traits", "notes")
 }
 """classes of the settings by the first part of their names"""
-SETTINGS: dict[str, Setting] = {
+SETTINGS: dict[str, Setting] = dict(declared(TrackerSettings)) | {
     name: known
     for group, table in GROUPS.items()
     for name, known in declared(table, f"{group}.").items()

@@ -29,13 +29,14 @@ def stacked_reasons(frames: Sequence[FrameResult]) -> dict[str, Any]:
 
 
 def stacked_probabilities(frames: Sequence[FrameResult], parts: tuple[str, ...]) -> dict[str, Any]:
-    """Return the arrays of probabilities of being off, by part; none where no frame has them."""
+    """Return the arrays of probabilities of being off, and those by part; none where no frame has them: a body has no parts."""
+    whole = np.array([frame.p_off_25mm for frame in frames], dtype=float)
     if all(frame.p_off_10mm is None for frame in frames):
-        return {}
+        return {"p_off_25mm": whole} if np.isfinite(whole).any() else {}
     unknown = np.full(len(parts), np.nan)
     by_part = [unknown if frame.p_off_10mm is None else frame.p_off_10mm for frame in frames]
     return {
-        "p_off_25mm": np.array([frame.p_off_25mm for frame in frames], dtype=float),
+        "p_off_25mm": whole,
         "p_off_10mm": np.stack(by_part).astype(float),
         "part_names": parts,
     }

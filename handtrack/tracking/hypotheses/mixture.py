@@ -109,7 +109,8 @@ class MixtureStep:
         """
         bones = [self.model.bones(c.params) for c in found]
         shapes = np.array([self.model.joint_positions(b) - b.reference for b in bones])
-        limit = 1e-3 * APART_MM
+        own = self.settings.traits.apart_mm
+        limit = 1e-3 * (APART_MM if own is None else own)
         differing = apart(
             range(len(found)),
             lambda a, rest: np.linalg.norm(shapes[rest] - shapes[a], axis=2).mean(axis=1) >= limit,

@@ -17,7 +17,7 @@ from handtrack.sampling.hypotheses import distinct
 from handtrack.sampling.interpretation_tree import TreeSettings
 from handtrack.tracking.frame.constants import MERGE_DEG
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import minima
+from handtrack.tracking.frame.descent import Minima, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -106,18 +106,23 @@ class MixtureLandscape:
             model, self.settings.solver, source.sought, np.array([c.params for c in group]),
             source.most, control.should_stop, is_far=is_first,
         )  # fmt: skip
+        return self.weighed(source, found)
+
+    def weighed(self, source: Source, found: Minima) -> list[Start]:
+        """Return the minima that a source's starts led to, with what they weigh."""
         known = np.isfinite(found.cost)
         log = np.where(known, source.log_prior - found.cost, -np.inf)
-        if not is_first:
+        if source.belief is not None:
             volume = 0.5 * found.params.shape[1] * np.log(2.0 * np.pi)
             log[known] += volume - 0.5 * np.linalg.slogdet(found.hessian[known])[1]
-        return [
-            Start(
-                model, found.params[n], -float(log[n]), source.origin,
-                normal=found.hessian[n], source=source, energy=float(found.cost[n]),
-            )
-            for n in range(len(log))
-        ]  # fmt: skip
+        return [self.minimum(source, found, n, float(log[n])) for n in range(len(log))]
+
+    def minimum(self, source: Source, found: Minima, n: int, log: float) -> Start:
+        """Return one of the minima, with the log of what it weighs."""
+        return Start(
+            self.model, found.params[n], -log, source.origin,
+            normal=found.hessian[n], source=source, energy=float(found.cost[n]),
+        )  # fmt: skip
 
     def distinct(self, candidates: Sequence[Start], most: int) -> list[Start]:
         params = np.array([c.params for c in candidates])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from handtrack.arrays import Floats, Ints
+from handtrack.geometry.rotation import closest_equivalent
 from handtrack.sampling.chain_vote import chain_votes
-from handtrack.sampling.diffusion import covariance_scaled, projected
+from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.tracking.frame.constants import JUMP_SHARE, MIXTURE_DESCENTS
-from handtrack.tracking.frame.descent import by_keypoints_alone
+from handtrack.tracking.frame.descent import Minima, by_keypoints_alone
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses.mixture_landscape import TREE, MixtureLandscape, Source, Start
 from handtrack.tracking.hypotheses.mixture_terms import log_normal, pulled
@@ -60,6 +61,10 @@ class NextHypotheses(MixtureLandscape):
     def _followed(self, i: int) -> list[Start]:
         component = self.components[i]
         belief = component.belief
+        if self.settings.traits.closest_prior:
+            most = max(MIXTURE_DESCENTS // len(self.components), 2)
+            source = Source("followed", component.terms, component.terms, most, belief, i)
+            return self.starts(source, belief.mean[None])
         log = np.log1p(-self._jump_share) + np.log(max(component.weight, _WEIGHTLESS))
         log += log_normal(belief.place_covariance)
         source = Source(
@@ -74,6 +79,8 @@ class NextHypotheses(MixtureLandscape):
         """Return the source of starts in which a component's chain is anywhere within its limits."""
         component, chain = self.components[i], self.chains[c].chain
         model, belief, names = self.model, component.belief, self.model.transform.names
+        if self.settings.traits.closest_prior:
+            return Source(f"{chain.name} jumped", component.terms, component.terms, 1, belief, i)
         columns = np.array([names.index(name) for name in chain.parameters])
         low, high = model.bounds(belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
@@ -88,6 +95,34 @@ class NextHypotheses(MixtureLandscape):
             f"{chain.name} jumped", component.terms, pulled(model, component.terms, belief, columns), 1,
             belief.released(columns, spread, unknown_speed(len(names))), i, float(log),
         )  # fmt: skip
+
+    def weighed(self, source: Source, found: Minima) -> list[Start]:
+        """Return minima with what they weigh: by where they come from, or by the bell that is closest to where they end.
+
+        The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed bell of the last
+        frame that is closest by Mahalanobis' distance, wherever a minimum was come by.
+        """
+        if not self.settings.traits.closest_prior:
+            return super().weighed(source, found)
+        heights, distances = zip(
+            *(self._bell(c, found.params) for c in self.components), strict=True
+        )
+        closest = np.argmin(distances, axis=0)
+        return [
+            self.minimum(
+                replace(source, parent=int(i), belief=None),
+                found, n, -float(found.cost[n]) + float(heights[i][n]),
+            )
+            for n, i in enumerate(closest)
+        ]  # fmt: skip
+
+    def _bell(self, component: Component, params: Floats) -> tuple[Floats, Floats]:
+        """Return the log of a component's weight and height at params (N, P), and squared distances to it (N,)."""
+        belief, params = component.belief, params.copy()
+        for row in params:
+            row[3:6] = closest_equivalent(row[3:6], belief.mean[3:6])
+        height, distance = long_tailed(belief.mean, belief.place_covariance, params)
+        return np.log(max(component.weight, _WEIGHTLESS)) + height, distance
 
     @cached_property
     def _votes(self) -> list[Floats]:

@@ -94,7 +94,8 @@ class EvidenceLandscape:
         return [replace(best, params=x, origin=proposer, cost=0.0) for x in moved]
 
     def _flipped(self, best: Candidate) -> list[Floats]:
-        return depth_flips(best.model, self.seen, best.params)
+        cameras = [silhouette.camera for silhouette in self.seen.silhouettes]
+        return depth_flips(best.model, cameras, best.params)
 
     def _swapped(self, best: Candidate) -> list[Floats]:
         return finger_swaps(best.model, best.params)

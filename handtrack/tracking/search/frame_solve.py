@@ -12,7 +12,7 @@ from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.search.lost_finger import with_fingers_found
-from handtrack.tracking.search.policy import POOR, why_fingers_may_be_lost
+from handtrack.tracking.search.policy import POOR, finger_search
 from handtrack.tracking.search.poor_cloud import may_doubt, poor_agreement, solve_doubted
 
 
@@ -53,17 +53,16 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
     summary, problem, count = descend(
         task.model, settings.solver, terms, params, control.should_stop, watch
     )
-    why = why_fingers_may_be_lost(number, summary.cost, terms.views, task.previous)
-    due = bool(why) and settings.tracker.escape
-    if due and control.searches:
-        found = with_fingers_found(terms, summary.params, control, number, why)
+    search, why = finger_search(settings, number, summary.cost, terms.views, task.previous)
+    if why and control.searches:
+        found = with_fingers_found(terms, summary.params, control, number, why, search)
         if found is not summary.params:
             terms = terms.without_motion().as_seen_at(task.model.bones(found))
             summary, problem, more = descend(
                 task.model, settings.solver, terms, found, control.should_stop, watch
             )
             count += more
-    return _Descended(summary.params, problem, count, due and not control.searches)
+    return _Descended(summary.params, problem, count, bool(why) and not control.searches)
 
 
 def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:

@@ -27,6 +27,8 @@ from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.policy import IMAGE_JOINTS
 from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
 
+ENOUGH_IN_SPACE = 12
+"""of 21 points, on which two cameras agree; fewer leave fingers open, and lines of sight say more"""
 _POSTURES = ("open", "rest", "curl", "fist")
 _ROBUST_SIGMAS = 4.0
 _ALIKE_RAD = 0.15

@@ -14,7 +14,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.search.engine import Candidate, Fit, improved
+from handtrack.tracking.search.engine import Candidate, Fit, Search, improved
 from handtrack.tracking.search.policy import LOST_FINGER
 from handtrack.tracking.search.proposers.finger_moves import finger_grid, finger_shifts
 
@@ -38,8 +38,9 @@ class FingerLandscape:
 
     def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
         (standing,) = found
-        if proposer == "finger shift":
+        if proposer.startswith("finger shift"):
             shifted = finger_shifts(standing.model, standing.params)
+            shifted = shifted[1::2] if proposer == "finger shift as bent" else shifted
             return [replace(standing, params=x, origin=proposer, cost=np.inf) for x in shifted]
         moved = finger_grid(self.far, standing.params, most)
         return [
@@ -73,9 +74,14 @@ class FingerLandscape:
 
 
 def with_fingers_found(
-    terms: FrameTerms, params: Floats[P], control: Control, frame: int, why: str
+    terms: FrameTerms,
+    params: Floats[P],
+    control: Control,
+    frame: int,
+    why: str,
+    search: Search = LOST_FINGER,
 ) -> Floats[P]:
     """Return solver parameters with lost fingers found; the very same where none was lost."""
     landscape = FingerLandscape.at(terms, params)
     standing = landscape.measured(Candidate(terms.model, params, origin="standing pose"))
-    return improved(LOST_FINGER, landscape, standing, control, frame, why).params
+    return improved(search, landscape, standing, control, frame, why).params

@@ -9,6 +9,7 @@ import numpy as np
 from handtrack.tracking.frame.assessment import FEWEST_FRAMES, energy_ratio
 from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Fit, Propose, Round, Search
 
 SUSPICIOUS_RATIO = 1.4
@@ -31,6 +32,13 @@ LOST_FINGER = Search(
     margin=2.0,  # [log-likelihood] e² times as probable
     repeats=3,
     again="in the next frame that asks for it",
+)
+SHIFTED_FINGERS = Search(
+    situation="all fingers may be one off",
+    when="each frame, by the 2004 paper's method",
+    rounds=(Round((Propose("finger shift as bent"),), keep=0, fits=(Fit("frame"),)),),
+    measure="as for a lost finger",
+    again="in the next frame",
 )
 LOST_HAND = Search(
     situation="the hand may be lost",
@@ -135,8 +143,8 @@ NEXT_HYPOTHESES = Search(
     taken="distinct minima, the heaviest",
 )
 SEARCHES = (
-    FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, POOR_CLOUD,
-    LOST_HAND, OTHER_SIDE,
+    FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, SHIFTED_FINGERS,
+    POOR_CLOUD, LOST_HAND, OTHER_SIDE,
 )  # fmt: skip
 """in the order in which a frame asks for them"""
 
@@ -178,6 +186,21 @@ def _taken(search: Search) -> str:
     share = "" if search.factor == 1.0 else f"{search.factor:g} × "
     less = f" − {search.margin:g}" if search.margin else ""
     return f"cost below {share}the standing pose's{less}"
+
+
+def finger_search(
+    settings: TrackerSettings,
+    frame: int,
+    energy: float,
+    views: int,
+    previous: Sequence[FrameResult],
+) -> tuple[Search, str]:
+    """Return which search for fingers a frame may need, and why it is made; no reason where it is not."""
+    if settings.traits.shifts_each_frame:
+        return SHIFTED_FINGERS, f"by the method {settings.method}"
+    if not settings.tracker.escape:
+        return LOST_FINGER, ""
+    return LOST_FINGER, why_fingers_may_be_lost(frame, energy, views, previous)
 
 
 def why_fingers_may_be_lost(

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, K, L, P
+from handtrack.arrays import D2, Array, F, Floats, K, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.solver.block_banded import REACH, BlockBanded
+from handtrack.solver.block_banded import BlockBanded
 from handtrack.solver.bordered import Bordered
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.whole.cameras import CameraChanges, velocities
 from handtrack.tracking.whole.evidence import NEW_POSE_S, Evidence
-from handtrack.tracking.whole.motion import PLACE, Motion, moved
+from handtrack.tracking.whole.frame_systems import FrameSystems
+from handtrack.tracking.whole.motion import Motion, moved
 from handtrack.tracking.whole.shared import Shared
 
 _SWEEPS = 10
-_ENOUGH_M, _ENOUGH_RAD = 1e-4, 1e-3
-"""a step that moves no pose by more is the last: 0.1 mm, also at the end of a finger; the next would be a tenth of it"""
-_ENOUGH_SIZE = 5e-3
-"""[standard deviations of people] the same of a person: 0.1 mm of a hand"""
+_ENOUGH = 0.02
+"""a frame that a step gains less of, on average, is the last: poses moved by a fifth of a standard deviation, ½ (1/5)². In angles of
+joints that nothing shows a step may be large for as little"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
@@ -58,28 +59,28 @@ class WholeEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Swept:
-    """What all frames say at their poses, and of what they share: of P + K numbers a frame."""
+    """What all frames say at their poses, and of what they share."""
 
+    model: ArticulatedModel
     poses: Floats[F, P]
     shared: Shared
     alike: Floats[K]
     """of how many frames all together tell as much as one, of what is shared"""
-    costs: Floats[F]
-    gradient: Floats[F, L]
-    hessian: Floats[F, L, L]
-    seen: Floats[F, P, P]
-    """of the poses' part of `hessian`, what is of what was seen"""
+    systems: FrameSystems
+
+    @cached_property
+    def bounds(self) -> Floats[F, P, D2]:
+        """Between which the poses may be."""
+        return np.array([self.model.bounds(pose) for pose in self.poses])
+
+    @property
+    def costs(self) -> Floats[F]:
+        return self.systems.costs
 
     def cost(self, motion: Motion) -> float:
         return (
             float(self.costs.sum()) + motion.cost(self.poses) + self.shared.known(self.alike).cost
         )
-
-    def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
-        """Return what each frame should cost after a step, to second order."""
-        whole = np.concatenate([step, np.tile(shared, (len(step), 1))], axis=1)
-        bent = np.einsum("fp,fpq,fq->f", whole, self.hessian, whole, optimize=True)
-        return self.costs + (self.gradient * whole).sum(axis=1) + 0.5 * bent
 
 
 def estimate_whole(
@@ -89,9 +90,11 @@ def estimate_whole(
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
     sweeps: int = _SWEEPS,
+    promise: float = np.inf,
 ) -> WholeEstimate | None:
     """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
-    the evidence's cameras and person; None when stopped.
+    the evidence's cameras and person; None when stopped, or where its first step does not foretell that a frame costs less than
+    `promise` on average.
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
@@ -100,7 +103,7 @@ def estimate_whole(
     """
     model = evidence.model
     usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
-    motion = usual.estimated(poses, np.zeros((len(poses), REACH + 1, *usual.pushes.shape)), usual)
+    motion = usual.estimated(poses, (), usual)
     alike = evidence.shared.alike(
         len(frames), min(max(NEW_POSE_S / evidence.seconds, 1.0), len(frames))
     )
@@ -111,35 +114,33 @@ def estimate_whole(
         shared, speed = evidence.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
-        size = poses.shape[1] + shared.count
-        costs, gradient = np.empty(len(frames)), np.empty((len(frames), size))
-        hessian = np.empty((len(frames), size, size))
-        told = np.empty((*poses.shape, poses.shape[1]))
+        systems = FrameSystems.empty(*poses.shape, shared.count)
         # to and fro: of a long recording the frames that were read last are still in memory
         order = range(len(frames)) if sweep % 2 == 0 else range(len(frames) - 1, -1, -1)
         for count, n in enumerate(order, start=1):
             if should_stop():
                 raise _StoppedError
-            system = evidence.of(frames[n]).linearize(poses[n], views, n, person)
-            costs[n], gradient[n] = system.whole.cost, system.whole.gradient
-            hessian[n], told[n] = system.whole.hessian, system.seen
+            systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
             tell((sweep + count / len(frames)) / (_SWEEPS + 1))
-        return _Swept(poses, shared, alike, costs, gradient, hessian, told)
+        return _Swept(model, poses, shared, alike, systems)
 
     try:
         best = swept(_within(model, poses))
         for sweep in range(1, sweeps + 1):
             for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
-                system, right = _system(model, best, motion)
+                system, right = _system(best, motion)
                 ahead = moved(best.poses, system.solve(*right)[0])
-                motion = motion.estimated(ahead, system.frames.inverse, usual)
-            system, right = _system(model, best, motion, damping, shared_damping=stiff)
+                motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
+            system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
+            foretold = best.systems.foretold(step, change)
+            if sweep == 1 and foretold.mean() >= promise:
+                return None
             del system  # of a long recording as large as what all frames say
             evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
-            worse = found.costs > np.maximum(best.foretold(step, change), best.costs)
+            worse = found.costs > np.maximum(foretold, best.costs)
             damping = np.clip(damping * np.where(worse, _TIGHTEN, _RELAX), _LEAST, _MOST)
             if gain > 0:
                 best = found
@@ -149,20 +150,17 @@ def estimate_whole(
             else:
                 why = "no descent"
                 break
+            del found
             nearer = best.shared.cameras.whole_frames()
             if nearer.ahead != best.shared.cameras.ahead:
                 evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(best.poses)
-            elif (
-                (np.abs(step[:, PLACE]) < _ENOUGH_M).all()
-                and (np.abs(step[:, 3:]) < _ENOUGH_RAD).all()
-                and (np.abs(change[best.shared.cameras.count :]) < _ENOUGH_SIZE).all()
-            ):
+            elif 0 < gain < _ENOUGH * len(frames):
                 why = "converged"
                 break
     except _StoppedError:
         return None
-    covariance, shared = _stated_covariance(model, best, motion)
+    covariance, shared = _stated_covariance(best, motion)
     return WholeEstimate(
         best.poses, covariance, motion, best.costs, sweep, why, best.shared, shared
     )
@@ -172,28 +170,21 @@ class _StoppedError(Exception):
     """Asked to."""
 
 
-def _stated_covariance(
-    model: ArticulatedModel, swept: _Swept, motion: Motion
-) -> tuple[Floats[F, P, P], Floats[K, K]]:
+def _stated_covariance(swept: _Swept, motion: Motion) -> tuple[Floats[F, P, P], Floats[K, K]]:
     """Return each pose's covariance, and that of what they share, where what was seen errs alike from frame to frame: a model's own
     flesh, and where a detector sees its joints, are wrong in the next frame too.
 
     Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
     says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
-    size = swept.poses.shape[1]
-    others = swept.hessian  # from here on nobody else needs it, and a copy is large
-    others[:, :size, :size] -= (1.0 - _NEW) * swept.seen
-    others[:, size:, size:] /= np.sqrt(np.outer(swept.alike, swept.alike))
-    others[:, :size, size:] *= np.sqrt(_NEW / swept.alike)
-    alone = replace(swept, hessian=others, alike=np.ones_like(swept.alike))
-    system, _ = _system(model, alone, motion)
-    spread = system.frames.inverse[:, 0]
-    found = [
-        _surer(own, np.linalg.inv(cov)) + system.spread(t)
-        for t, (own, cov) in enumerate(zip(swept.seen, spread, strict=True))
-    ]
-    return np.array(found), system.covariance
+    system, _ = _system(swept, motion, new=_NEW)
+    found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
+    for first, blocks in system.frames.inverse_parts():
+        found[first : first + len(blocks)] = blocks[:, 0]
+    for at, own in swept.systems.seen():
+        for t, seen in enumerate(own, at.start):
+            found[t] = _surer(seen, np.linalg.inv(found[t])) + system.spread(t)
+    return found, system.covariance
 
 
 def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
@@ -208,20 +199,27 @@ def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
 
 
 def _system(
-    model: ArticulatedModel,
     swept: _Swept,
     motion: Motion,
     damping: Floats[F] | None = None,
     shared_damping: float = 0.0,
+    new: float = 1.0,
 ) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
-    """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops."""
-    size = swept.poses.shape[1]
-    matrix, gradient = BlockBanded.zero(*swept.poses.shape), swept.gradient[:, :size].copy()
-    matrix.blocks[:, 0] += swept.hessian[:, :size, :size]
+    """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
+
+    new: share of what a frame saw that counts, the rest being as in the frame before; of what all share all frames then tell as
+    much as those that are alike.
+    """
+    systems, size = swept.systems, swept.poses.shape[1]
+    matrix, gradient = BlockBanded.zero(*swept.poses.shape), systems.gradient[:, :size].copy()
+    for at, own in systems.own():
+        matrix.blocks[at, 0] += own
+    for at, seen in systems.seen() if new < 1.0 else ():
+        matrix.blocks[at, 0] -= (1.0 - new) * seen
     motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
     extra = _LEAST * own if damping is None else damping[:, None] * own
-    stopped = _stopped(model, swept.poses, gradient)
+    stopped = _stopped(swept, gradient)
     free = ~stopped
     for k in range(matrix.blocks.shape[1]):
         rows = free[k:] if k else free
@@ -229,18 +227,19 @@ def _system(
         matrix.blocks[: len(rows), k] *= both
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
-    border = swept.hessian[:, :size, size:] * free[:, :, None]
-    known = swept.shared.known(swept.alike)
-    corner = swept.hessian[:, size:, size:].sum(axis=0) + known.hessian
+    alike = swept.alike if new < 1.0 else np.ones_like(swept.alike)
+    border = systems.border * free[:, :, None] * np.sqrt(new / alike)
+    known = swept.shared.known(swept.alike / alike)
+    corner = systems.corner / np.sqrt(np.outer(alike, alike)) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
-    pull = swept.gradient[:, size:].sum(axis=0) + known.gradient
+    pull = systems.gradient[:, size:].sum(axis=0) + known.gradient
     right = np.where(free, -gradient, 0.0), -pull
-    return Bordered(matrix.factor(), border, corner), right
+    return Bordered(matrix.factor(overwrite=True), border, corner), right
 
 
-def _stopped(model: ArticulatedModel, poses: Floats[F, P], gradient: Floats[F, P]) -> Array[F, P]:
+def _stopped(swept: _Swept, gradient: Floats[F, P]) -> Array[F, P]:
     """Return what lies at a limit that it would leave."""
-    low, high = np.moveaxis(np.array([model.bounds(pose) for pose in poses]), 2, 0)
+    poses, (low, high) = swept.poses, np.moveaxis(swept.bounds, 2, 0)
     return ((poses <= low + _AT_LIMIT) & (gradient > 0)) | (
         (poses >= high - _AT_LIMIT) & (gradient < 0)
     )

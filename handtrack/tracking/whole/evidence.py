@@ -27,7 +27,7 @@ from handtrack.tracking.search.poor_cloud import poor_cloud_settings
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
-from handtrack.tracking.whole.motion import by_change
+from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.shared import Shared
 
 _HELD = 400
@@ -52,9 +52,10 @@ class FrameSystem:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """A frame as it was seen, and what it costs."""
+    """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 
-    observation: Observation
+    frame: int
+    time_s: float
     terms: FrameTerms
     views: tuple[Problem, ...]
     """what each of the cameras saw that may change"""
@@ -139,9 +140,12 @@ class FrameEvidence:
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
-    change = np.eye(len(system.gradient))
-    change[: len(pose), : len(pose)] = by_change(pose)
-    return system.pull_back(change)
+    turn = by_turn(pose)
+    gradient, hessian = system.gradient.copy(), system.hessian.copy()
+    gradient[TURN] = turn.T @ gradient[TURN]
+    hessian[TURN] = turn.T @ hessian[TURN]
+    hessian[:, TURN] = hessian[:, TURN] @ turn
+    return replace(system, gradient=gradient, hessian=hessian)
 
 
 def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:
@@ -246,7 +250,7 @@ class Evidence:
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
-            observation, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
+            observation.frame, observation.time_s, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
             Problem(model, (), terms.priors), bones,
         )  # fmt: skip
 

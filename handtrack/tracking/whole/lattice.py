@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,10 +19,15 @@ class Minimum:
 
     pose: Floats[P]
     """solver parameters"""
-    system: JointSystem
-    """what the frame costs there, to second order, by changes of the pose as `motion.moved` makes them"""
+    costs: Callable[[Floats[P]], JointSystem]
+    """what the frame costs at a pose, to second order, by changes of the pose as `motion.moved` makes them"""
     origin: str
     """how it was found"""
+
+    @cached_property
+    def system(self) -> JointSystem:
+        """What the frame costs there; asked for only where a frame has other minima, or one beside it."""
+        return self.costs(self.pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,27 +72,37 @@ class Lattice:
         both = [a + b for a, b in zip(ahead, reversed(behind), strict=True)]
         return [np.exp(row - _log_sum(row[:, None], axis=0)) for row in both]
 
-    @cached_property
-    def _spreads(self) -> list[Floats[K, P, P]]:
-        known = np.linalg.inv(self.change)
-        return [
-            np.linalg.inv(np.array([one.system.hessian for one in row]) + known)
-            for row in self.minima
-        ]
-
-    @cached_property
+    @property
     def _masses(self) -> list[Floats[K]]:
-        """Logarithms."""
-        return [
-            np.array([-one.system.cost for one in row]) + 0.5 * np.linalg.slogdet(spread)[1]
-            for row, spread in zip(self.minima, self._spreads, strict=True)
-        ]
+        return self._weights[0]
+
+    @property
+    def _joined(self) -> list[Floats[K, L]]:
+        return self._weights[1]
 
     @cached_property
-    def _joined(self) -> list[Floats[K, L]]:
-        """Logarithms, of each frame's minima with each of the next's."""
-        rows = zip(self.minima, self.minima[1:], self._spreads, self._spreads[1:], strict=False)
-        return [self._join(*row) for row in rows]
+    def _weights(self) -> tuple[list[Floats[K]], list[Floats[K, L]]]:
+        """Logarithms of each frame's masses, and of each frame's minima joined with each of the next's.
+
+        What is the same of all ways is left out: the mass of a frame's only minimum, and the join of two such.
+        """
+        known = np.linalg.inv(self.change)
+        masses: list[Floats[K]] = []
+        joined: list[Floats[K, L]] = []
+        before: Floats[K, P, P] | None = None
+        for n, row in enumerate(self.minima):
+            spread, mass = None, np.zeros(1)
+            if any(len(beside) > 1 for beside in self.minima[max(n - 1, 0) : n + 2]):
+                spread = np.linalg.inv(np.array([one.system.hessian for one in row]) + known)
+                mass = np.array([-one.system.cost for one in row])
+                mass += 0.5 * np.linalg.slogdet(spread)[1]
+            if before is not None and spread is not None:
+                joined.append(self._join(self.minima[n - 1], row, before, spread))
+            elif n > 0:
+                joined.append(np.zeros((1, 1)))
+            masses.append(mass)
+            before = spread
+        return masses, joined
 
     def _join(
         self,

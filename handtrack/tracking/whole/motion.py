@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +21,11 @@ _USUAL_FRAMES = 0.01
 _LASTS_S = 0.2
 """[s] after which e⁻¹ of a velocity is left: a movement of half a second, as reaching and grasping take, begins and ends in twice
 that. It isn't estimated: beside the pushes, of hidden joints' angles neither can be told from the other"""
+_AT_ONCE = 256
+"""frames whose parts of the system are made at once: those of all would be twice as large as the system"""
+_PAIRS = ((0, 0, 2), (0, 1, 1), (0, 2, 0), (1, 0, 2), (1, 1, 1), (2, 0, 2))
+"""of x₋, x, x₊ each with itself, x with x₋, x₊ with x, x₊ with x₋: how many frames after the column the row is, from which frame on, and
+how many frames before the end"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,35 +60,40 @@ class Motion:
 
     def add_to(self, system: BlockBanded, gradient: Floats[F, P], poses: Floats[F, P]) -> None:
         """Add the Gauss-Newton system, by changes of the poses (`moved`), in place."""
-        if len(poses) < 2:
+        steps, kept = changes(poses), self.kept
+        if not len(steps):
             return
-        steps, kept, size = changes(poses), self.kept, poses.shape[1]
-        ahead = _moves(size, 1.0, np.linalg.inv(left_jacobian(steps[:, TURN])))
-        behind = _moves(size, -1.0, -np.linalg.inv(left_jacobian(-steps[:, TURN])))
         slow = np.sqrt(1.0 - kept**2)
-        self._add(system, gradient, slow * steps[:1], [slow * behind[:1], slow * ahead[:1]])
-        pushed = steps[1:] - kept * steps[:-1]
-        self._add(
-            system, gradient, pushed,
-            [-kept * behind[:-1], behind[1:] - kept * ahead[:-1], ahead[1:]],
-        )  # fmt: skip
+        both = [slow * move for move in _by_ends(steps[:1])]
+        self._add(system.blocks, gradient, slow * steps[:1], both)
+        for at in range(0, len(steps) - 1, _AT_ONCE):
+            own = steps[at : at + _AT_ONCE + 1]
+            behind, ahead = _by_ends(own)
+            self._add(
+                system.blocks[at:], gradient[at:], own[1:] - kept * own[:-1],
+                [-kept * behind[:-1], behind[1:] - kept * ahead[:-1], ahead[1:]],
+            )  # fmt: skip
 
-    def estimated(self, poses: Floats[F, P], inverse: Floats[F, L, P, P], usual: Motion) -> Motion:
+    def estimated(
+        self,
+        poses: Floats[F, P],
+        inverse: Iterable[tuple[int, Floats[N, L, P, P]]],
+        usual: Motion,
+    ) -> Motion:
         """Return the motion that makes the poses most probable, as far as they are known: one step of EM.
 
-        inverse: the poses' covariance (F, 3, P, P) as `BandedFactor.inverse` gives it; usual: what counts as some frames more.
+        inverse: the poses' covariance as `BandedFactor.inverse_parts` gives it; none where they are known; usual: what counts as some
+        frames more.
         """
         if len(poses) < 3:
             return self
         steps, size = changes(poses), poses.shape[1]
-        own, one, two = (inverse[:, k].sum(axis=0) for k in range(3))
         # sums over frames of covariances between x₋, x, x₊; [k] of `inverse` is the later with the earlier frame
-        earlier, middle, later = (
-            own - inverse[-2:, 0].sum(0),
-            own - inverse[0, 0] - inverse[-1, 0],
-            own - inverse[:2, 0].sum(0),
-        )
-        first, second = one - inverse[-2, 1], one - inverse[0, 1]
+        sums = np.zeros((len(_PAIRS), size, size))
+        for at, blocks in inverse:
+            for total, (k, first, last) in zip(sums, _PAIRS, strict=True):
+                total += blocks[max(first - at, 0) : max(len(poses) - last - at, 0), k].sum(axis=0)
+        earlier, middle, later, first, second, two = sums
         before = steps[:-1].T @ steps[:-1] + middle + earlier - first - first.T
         after = steps[1:].T @ steps[1:] + later + middle - second - second.T
         both = steps[1:].T @ steps[:-1] + second - two - middle + first
@@ -102,7 +113,7 @@ class Motion:
 
     def _add(
         self,
-        system: BlockBanded,
+        blocks: Floats[F, L, P, P],
         gradient: Floats[F, P],
         residual: Floats[M, P],
         moves: list[Floats[M, P, P]],
@@ -114,7 +125,7 @@ class Motion:
             gradient[a : a + count] += np.einsum("mqp,mq->mp", by_a, pull)
             known = np.swapaxes(by_a, 1, 2) @ self._known
             for b, by_b in enumerate(moves[: a + 1]):
-                system.blocks[b : b + count, a - b] += known @ by_b
+                blocks[b : b + count, a - b] += known @ by_b
 
 
 def changes(poses: Floats[F, P]) -> Floats[N, P]:
@@ -133,9 +144,16 @@ def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
     return found
 
 
-def by_change(pose: Floats[P]) -> Floats[K, P]:
-    """Return how solver parameters (P,) change with a small step of `moved`, (P, P): the identity, but for the root's turn."""
-    return _moves(len(pose), 1.0, np.linalg.inv(left_jacobian(pose[TURN]))[None])[0]
+def by_turn(pose: Floats[P]) -> Floats[D3, D3]:
+    """Return how the root's rotation vector changes with a small turn in world axes, as a step of `moved` is."""
+    return np.linalg.inv(left_jacobian(pose[TURN]))
+
+
+def _by_ends(steps: Floats[M, P]) -> tuple[Floats[M, P, P], Floats[M, P, P]]:
+    """Return how steps change with the pose where each begins, and with that where it ends."""
+    size, turn = steps.shape[1], steps[:, TURN]
+    behind = _moves(size, -1.0, -np.linalg.inv(left_jacobian(-turn)))
+    return behind, _moves(size, 1.0, np.linalg.inv(left_jacobian(turn)))
 
 
 def _moves(size: int, own: float, turn: Floats[M, D3, D3]) -> Floats[M, K, P]:

@@ -27,7 +27,7 @@ from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, Observe
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
-from handtrack.tracking.whole.motion import TURN, by_change
+from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.ways import Ways
@@ -52,6 +52,8 @@ _UNSEEN = 8
 _BY_CHANCE = 0.05
 """of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
 0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
+_PROMISED = 0.5
+"""share of that gain that a first step must foretell, which is true near the least cost; else the cameras are good, and no more is tried"""
 _LOOKS = 8
 """frames, evenly spread, that tell which cameras there are"""
 
@@ -121,8 +123,12 @@ def refined(
         corrected = evidence.sharing(found.shared.through(cameras))
         late = with_late_cameras(corrected, numbers, found.poses)
         corrected = corrected.sharing(found.shared.through(late))
-        tried = estimate_whole(corrected, numbers, found.poses, control.should_stop, sweeps=_TRIED)
-        if tried is not None and _explains_more(tried, found):
+        asked = _asked_gain(cameras)
+        promise = float(found.costs.mean()) - _PROMISED * asked
+        tried = estimate_whole(
+            corrected, numbers, found.poses, control.should_stop, sweeps=_TRIED, promise=promise
+        )
+        if tried is not None and found.costs.mean() - tried.costs.mean() > asked:
             found = estimate_whole(
                 corrected.sharing(tried.shared),
                 numbers,
@@ -192,15 +198,14 @@ def _seconds(tracked: Sequence[FrameResult]) -> float:
     return lasted / max(len(tracked) - 1, 1) or 1.0
 
 
-def _explains_more(corrected: WholeEstimate, plain: WholeEstimate) -> bool:
-    """Return whether corrections of the cameras explain more than as many numbers would of nothing: a likelihood ratio, all frames
-    telling as much as one. Masks that are all too wide would move good cameras, too.
+def _asked_gain(cameras: CameraChanges) -> float:
+    """Return by how much corrections of the cameras must lower a frame's cost, to explain more than as many numbers would of nothing: half
+    a likelihood ratio, all frames telling as much as one. Masks that are all too wide would move good cameras, too.
     """
     from scipy.special import chdtri
 
-    seen = corrected.cameras.count - _UNSEEN
-    gain = 2.0 * float((plain.costs - corrected.costs).mean())
-    return seen > 0 and gain > float(chdtri(seen, _BY_CHANCE))
+    seen = cameras.count - _UNSEEN
+    return 0.5 * float(chdtri(seen, _BY_CHANCE)) if seen > 0 else float("inf")
 
 
 def _looks(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, Floats[D3]]]:
@@ -253,7 +258,8 @@ def _result(
     """Return a frame at its pose of all, with what all say of it."""
     before, model = tracked[n], evidence.model
     pose, frame = found.poses[n], evidence.of(before.frame)
-    change = by_change(pose)
+    change = np.eye(len(pose))
+    change[TURN, TURN] = by_turn(pose)
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     found_at = Judgement(before.status, before.reason, spread.joint_covariance)
@@ -267,7 +273,7 @@ def _result(
             terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
         )
     result = judged_result(
-        model, frame.observation, pose, found_at, spread.parameter_std,
+        model, Observation(frame.frame, frame.time_s), pose, found_at, spread.parameter_std,
         float(found.costs[n]) if seen else float("nan"),
         before.iterations + found.sweeps, energies,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Array, F, Floats, Ints, P
+from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.assessment import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem
@@ -18,7 +19,7 @@ from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_moves import finger_grid
-from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
 from handtrack.tracking.whole.lattice import Lattice, Minimum
 from handtrack.tracking.whole.motion import Motion, changes, moved
 
@@ -64,14 +65,13 @@ class Ways:
             if self.control.should_stop():
                 return None
             known = self.tracked[n].status != Status.LOST
-            system = self._frame(n).plain(pose)
-            first = Minimum(pose, system, "tracked" if known else "bridged")
+            first = self._minimum(n, pose, "tracked" if known else "bridged", plain=True)
             if self.tracked[n].poor_cloud:
                 first = self._descended(n, pose, False, "depths believed") or first
             self.minima.append([first])
             for other in self.tracked[n].alternatives[1:]:
                 params = self.evidence.model.transform.solver_params(other.parameters)
-                self._add(n, Minimum(params, self._frame(n).at(params), other.origin))
+                self._add(n, self._minimum(n, params, other.origin))
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()
         for n, apart in enumerate(self._apart(firm, doubted), 1):
@@ -111,11 +111,20 @@ class Ways:
                 continue
             step = changes(poses[[n - 1, n + 1]])
             middle = self.evidence.model.clipped(moved(poses[n - 1 : n], 0.5 * step)[0])
-            added |= self._add(n, Minimum(middle, self._frame(n).at(middle), "between"))
+            added |= self._add(n, self._minimum(n, middle, "between"))
         return added
 
-    def _frame(self, n: int):
+    def _frame(self, n: int) -> FrameEvidence:
         return self.evidence.of(self.tracked[n].frame)
+
+    def _minimum(self, n: int, pose: Floats[P], origin: str, plain: bool = False) -> Minimum:
+        """Return a minimum of a frame; plain: seen as the frame is, where it was tracked."""
+
+        def costs(there: Floats[P]) -> JointSystem:
+            frame = self._frame(n)
+            return frame.plain(there) if plain else frame.at(there)
+
+        return Minimum(pose, costs, origin)
 
     def _pose(self, n: int) -> Floats[P]:
         return self.minima[n][0].pose
@@ -125,7 +134,7 @@ class Ways:
         found = []
         for n, result in enumerate(self.tracked):
             around = self.tracked[max(n - 15, 0) : n + 15]
-            views = self._frame(n).terms.views
+            views = result.views or self._frame(n).terms.views
             ratio = energy_ratio(result.energy, views, around) if views else 1.0
             found.append(not result.fits or ratio > SUSPICIOUS_RATIO)
         return np.array(found)
@@ -193,7 +202,7 @@ class Ways:
             again = assess(frame.terms, model.bones(found), 0.0, ())[0]
             if again == Status.LOST:
                 return None
-        return Minimum(found, frame.at(found), origin)
+        return self._minimum(n, found, origin)
 
     def _add(self, n: int, found: Minimum) -> bool:
         """Add a minimum, unless it is known; return whether it isn't."""
@@ -225,7 +234,8 @@ class Ways:
         pose = min(self.minima[n], key=lambda one: one.system.cost).pose
         far = stage_problem(model, frame.terms, 0, pose)
         starts = [start for _, start in finger_grid(far, pose, _TRIED)]
-        flips = sorted(depth_flips(model, frame.observation, pose), key=far.cost)
+        cameras = [prepared.camera for prepared in frame.terms.prepared]
+        flips = sorted(depth_flips(model, cameras, pose), key=far.cost)
         for start in [*starts, *flips[:_TRIED]]:
             if self.control.should_stop():
                 return

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.diagnostics.flexion import BENT_JOINTS
+from handtrack.export.registry import FORMATS
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
@@ -136,10 +138,14 @@ def test_simulate_track_evaluate_export(handtrack: CommandLine, session: Path) -
     assert metrics["mpjpe_mm"] < 5
     assert metrics["lost_frames"] == 0
 
-    for kind in ("csv", "csv-long", "npz", "keypoints"):
-        ended = handtrack("export", poses, "--to", kind)
-        assert ended.code == 0
-        assert Path(ended.out.split(" written to ")[1].strip()).parent == poses.parent
+    told = handtrack("export", poses).out.splitlines()
+    assert [line.split()[0] for line in told] == [known.name for known in FORMATS]
+    for known in FORMATS:
+        if all(find_spec(name.replace("-", "_")) for name in known.needs):
+            ended = handtrack("export", poses, "--to", known.name)
+            assert ended.code == 0, ended.err
+            written = ended.out.split(" written to ")[1].split(", with")[0]
+            assert Path(written.strip()) == poses.with_name(f"poses{known.ending}")
     with (poses.parent / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["frame"] for row in rows] == list("01234")

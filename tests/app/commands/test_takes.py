@@ -38,7 +38,7 @@ def test_takes_are_listed_with_their_size(handtrack: CommandLine, session: Path)
     assert len(shown) == 3
     assert " by handtrack track, frames 0:5, 5 tracked, 0.1 MB" in shown[0]
     assert (
-        " by handtrack track, refined, frames 0:5, 5 tracked, 0.0 MB, current for 0:5" in shown[1]
+        " by handtrack track, refined, frames 0:5, 5 tracked, 0.1 MB, current for 0:5" in shown[1]
     )
     assert " by another, frames 1:4, 3 tracked, 0.0 MB, not finished" in shown[2]
     told = json.loads(handtrack("takes", session, "--json").out)

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.export.registry import export_format
+from handtrack.export.table import ResultsTable
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
 from handtrack_app.engine.store import edits, keys, saving
-from handtrack_app.engine.store.tracks import export
+from handtrack_app.engine.store.exporting import export_beside, exported, file_stem
+from handtrack_app.engine.store.tracks import whole_track
+from handtrack_app.protocol.commands import Export
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, spans, tracked
 
@@ -208,7 +213,7 @@ def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path: Path) -> No
 def test_csv_has_a_row_for_every_frame_and_hand_set_ones_are_keyframes(tmp_path: Path) -> None:
     store = tracked(opened(tmp_path))
     posed(store, 2)
-    name, data = export(store.document, "csv")
+    name, data = sent(store.document, "csv")
     rows = data.decode().splitlines()
     assert name == "fake.csv"
     assert rows[0].startswith("frame,time_s,status,energy,root_tx_m")
@@ -218,14 +223,44 @@ def test_csv_has_a_row_for_every_frame_and_hand_set_ones_are_keyframes(tmp_path:
 
 def test_npz_can_be_read_back(tmp_path: Path) -> None:
     store = tracked(opened(tmp_path))
-    _, data = export(store.document, "npz")
+    _, data = sent(store.document, "npz")
     with np.load(io.BytesIO(data)) as arrays:
         assert arrays["parameters"].shape[0] == FRAMES
 
 
 def test_nothing_to_export_is_told_in_words(tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match="There is nothing to save yet"):
-        export(fake_document(tmp_path), "csv")
+        export_beside(fake_document(tmp_path), Export("csv", 1), print)
+
+
+def sent(document, kind: str) -> tuple[str, bytes]:
+    """Return what a client gets of a format."""
+    return exported(export_format(kind), ResultsTable(whole_track(document)), file_stem(document))
+
+
+def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -> None:
+    store, sent_to = tracked(opened(tmp_path)), []
+    thread = export_beside(store.document, Export("csv-long", 7), sent_to.append)
+    assert thread is not None
+    thread.join(60)
+    (download,) = sent_to
+    assert (download.name, download.client_id) == ("fake_long.zip", 7)
+    with zipfile.ZipFile(io.BytesIO(download.data)) as archive:
+        kinds = ("", "_angles", "_bones")
+        names = [f"fake_long{kind}.csv" for kind in kinds]
+        assert sorted(archive.namelist()) == sorted([*names, "fake_long.json"])
+    assert export_beside(store.document, Export("init", 7), sent_to.append) is None
+    assert sent_to[1].name == "fake_frame0_init.json"
+
+
+def test_a_format_that_cannot_have_the_track_says_so(tmp_path: Path) -> None:
+    store, said = tracked(opened(tmp_path)), []
+    with pytest.raises(HandtrackError, match="no format 'xls' in --to; known: csv, csv-long"):
+        export_beside(store.document, Export("xls", 1), said.append)
+    thread = export_beside(store.document, Export("mp4", 1), said.append)
+    assert thread is not None
+    thread.join(60)
+    assert (said[0].level, said[0].title) == ("error", "Not exported")
 
 
 def test_tracked_frames_wait_for_each_other_on_their_way_to_the_disk(

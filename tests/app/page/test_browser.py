@@ -155,7 +155,7 @@ def _tracks(bench: Workbench, view: PageUnderTest) -> None:
 def _downloads(view: PageUnderTest, folder: Path) -> None:
     view.show_tab("Export")
     with view.page.expect_download() as pending:
-        view.press("Joint angles and positions (CSV)")
+        view.press("Download")
     target = folder / pending.value.suggested_filename
     pending.value.save_as(target)
     rows = list(csv.DictReader(target.read_text().splitlines()))

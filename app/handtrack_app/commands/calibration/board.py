@@ -9,6 +9,7 @@ from handtrack.capture.calibration.boards import parse_board
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import output_file
 
 _PAPERS_MM = {
@@ -42,10 +43,20 @@ def run(args: argparse.Namespace) -> int:
         for name, size in _PAPERS_MM.items()
         if max(width, height) <= max(size) and min(width, height) <= min(size)
     ]
-    print(
+    words = (
         f"{args.out}: {board.text}, page {width:g} x {height:g} mm"
         f"{f' (fits {fits[0]})' if fits else ' (larger than A1)'}. Print at 100 % (actual size) and measure: "
         f"{columns} squares must be {columns * side:g} mm wide, {rows} squares {rows * side:g} mm high; if not, "
         "give the measured square to `handtrack calibrate`. Glue it to something flat and stiff."
+    )
+    answer(
+        args,
+        {
+            "output": args.out,
+            "page_mm": [width, height],
+            "squares": [columns, rows],
+            "square_mm": side,
+        },
+        words,
     )
     return 0

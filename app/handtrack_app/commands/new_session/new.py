@@ -37,6 +37,7 @@ from handtrack_app.commands.new_session.sources import (
     recorded_cameras,
     settings_of,
 )
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import check_new, new_folder
 from handtrack_app.commands.terminal.progress import say
 
@@ -132,13 +133,21 @@ def run(args: argparse.Namespace) -> int:
             say(
                 f"Joints, and masks by them, are found with: handtrack detect {args.out} --write --masks"
             )
-        print(
+        told = {
+            "session": args.out,
+            "cameras": [camera.name for camera in cameras],
+            "frames": count,
+        }
+        answer(
+            args,
+            told,
             f"{made} Look at it with: handtrack doctor {args.out}; then pose the hand in its first frame with: handtrack open "
-            f"{args.out}"
+            f"{args.out}",
         )
         return 0
-    print(made)
-    args.then = [["track", str(args.out), "--init", "auto", *(["--yes"] if args.yes else [])]]
+    say(made)
+    on = ["--yes"] * args.yes + ["--json"] * args.json
+    args.then = [["track", str(args.out), "--init", "auto", *on]]
     if seen and missing:
         say(f"note: {missing}")
     elif seen:

@@ -14,6 +14,7 @@ from handtrack.model.model_file import load_model
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.session import Session
+from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.commands.terminal.output import output_file
 
@@ -48,7 +49,10 @@ def parse_sources(text: str | None, settings: TrackerSettings) -> dict[str, floa
             )
     weights = {f"{name}.weight": 0.0 for name in _SOURCES if name not in names}
     flat = settings.flat()
-    wanted = [f"{name}.weight" for name in _UNUSUAL if name in names]
+    left_out = METHODS[settings.method].values
+    wanted = [
+        f"{name}.weight" for name in names if name in _UNUSUAL or f"{name}.weight" in left_out
+    ]
     return weights | {key: 1.0 for key in wanted if flat[key] == 0}
 
 
@@ -83,6 +87,11 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
         raise HandtrackError(
             "the weights of all that this session observes are 0: nothing is left to track by. Look at --use, --set "
             f"and [tracking] in {session.folder / SESSION_FILE}."
+            + (
+                ""
+                if settings.method == "default"
+                else f" The method {settings.method} looks at one kind of observation alone."
+            )
         )
 
 

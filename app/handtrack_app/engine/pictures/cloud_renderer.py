@@ -21,7 +21,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.tracking.frame.hand_distance import hand_distance
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.pictures.camera_pictures import contact_sheet
 from handtrack_app.engine.pictures.cloud_pictures import (
     NARROW_PX,

@@ -9,6 +9,7 @@ from itertools import combinations
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.seen.skin_samples import painted_skin
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
@@ -112,7 +113,7 @@ class CloudService:
                     settings = self.with_values(dict(change.values))
                     store.do(f"Clouds: {names}", edits.clouds(settings), tag=names)
                 case commands.SampleSkin():
-                    settings, words = self.with_skin(change)
+                    settings, words = skin_in_force(self._document, change)
                     store.do("Colour of skin", edits.clouds(settings), tag="skin")
                     self._publish(Notice("done", "The skin's colour is taken", words))
                 case commands.RestoreClouds():
@@ -133,23 +134,6 @@ class CloudService:
     def with_values(self, values: Mapping[str, object]) -> CloudSettings:
         """Return the settings with some replaced. Raises HandtrackError."""
         return (self.settings or CloudSettings()).with_values(values)
-
-    def with_skin(self, order: SampleSkin) -> tuple[CloudSettings, str]:
-        """Return the settings with the skin's colour from a box of a frame's image, and a sentence about it."""
-        session, frame = self._document.run.session, order.frame
-        if order.camera not in session.rig.names:
-            raise HandtrackError(f"no camera '{order.camera}' in this session.")
-        image = session.image(order.camera, frame)
-        if image is None:
-            raise HandtrackError(
-                f"camera '{order.camera}' has no image of frame {frame} to take the skin's colour from."
-            )
-        x, y, width, height = (max(int(v), 0) for v in order.box)
-        patch = image[y : y + height, x : x + width, ::-1].reshape(-1, 3)
-        skin = fit_skin_ellipse(patch, max(float(order.size), 0.1))
-        red, green = skin.mean
-        words = f"{len(patch)} pixels of {order.camera}: r = {red:.3f}, g = {green:.3f}."
-        return self.with_values({"skin": skin}), words
 
     def card(self) -> CloudCard:
         """Return where clouds come from and the settings in force."""
@@ -175,3 +159,29 @@ class CloudService:
             document.unsaved_clouds,
             settings,
         )
+
+
+def skin_in_force(document: Document, order: SampleSkin) -> tuple[CloudSettings, str]:
+    """Return the settings of [clouds] with the skin's colour from a box of a frame's image or from painted masks, and a sentence
+    about it. Raises HandtrackError.
+    """
+    session, frame, size = document.run.session, order.frame, max(float(order.size), 0.1)
+    if order.box is None:
+        patches = painted_skin(session)
+        source = f"{len(patches)} painted images"
+    else:
+        if order.camera not in session.rig.names:
+            raise HandtrackError(f"no camera '{order.camera}' in this session.")
+        image = session.image(order.camera, frame)
+        if image is None:
+            raise HandtrackError(
+                f"camera '{order.camera}' has no image of frame {frame} to take the skin's colour from."
+            )
+        x, y, width, height = (max(int(v), 0) for v in order.box)
+        patches, source = [image[y : y + height, x : x + width, ::-1]], order.camera
+    skin = fit_skin_ellipse(*patches, size=size)
+    red, green = skin.mean
+    words = (
+        f"{sum(p.size // 3 for p in patches)} pixels of {source}: r = {red:.3f}, g = {green:.3f}."
+    )
+    return (document.clouds or CloudSettings()).with_values({"skin": skin}), words

@@ -1,11 +1,8 @@
-"""Tracks as files: all frames with poses set by hand as one track, files for the browser; rows of an earlier version."""
+"""Tracks: all frames with poses set by hand as one; rows of an earlier version."""
 
 from __future__ import annotations
 
-import json
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
-from handtrack.session.formats.tables import EXPORTS
 from handtrack.tracking.frame.reason import KINDS, Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack_app.engine.document import Document
@@ -88,23 +84,3 @@ def _reason(row: dict[str, Any]) -> Reason | None:
     if kept is not None and kept.get("kind") not in KINDS:
         raise ValueError("a reason of an unknown kind")
     return None if kept is None else Reason(**kept)
-
-
-def export(document: Document, kind: str) -> tuple[str, bytes]:
-    """Return name and content of a file: a kind of `handtrack export --to`, or `init`. Raises HandtrackError."""
-    stem = (
-        "".join(c if c.isalnum() else "_" for c in document.run.session.name).strip("_")
-        or "session"
-    )
-    if kind == "init":
-        values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
-        text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
-        return f"{stem}_frame{document.frame}_init.json", text.encode()
-    if kind not in EXPORTS:
-        raise HandtrackError(f"no export '{kind}'; known: {', '.join(EXPORTS)}, init")
-    write, ending = EXPORTS[kind]
-    track = whole_track(document)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{stem}{ending}"
-        write(path, track)
-        return path.name, path.read_bytes()

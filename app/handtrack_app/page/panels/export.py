@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import viser
 
+from handtrack.export.registry import FORMATS, export_format
 from handtrack_app.page.page import Page
 from handtrack_app.protocol.commands import Export
 from handtrack_app.protocol.snapshots import Download
 
-_KINDS = {
-    "Joint angles and positions (CSV)": ("csv", "One row a frame; opens in any spreadsheet."),
-    "Everything (NPZ)": ("npz", "Bone poses, angles, uncertainty and status, for Python."),
-    "First-frame pose (JSON)": ("init", "The pose you see, as init.json."),
-}
+_USUAL = "csv"
+_TEXT = "<div style='padding:.1em .9em .5em;font-size:.85em;opacity:.8'>{}</div>"
 
 
 @dataclass
@@ -27,15 +25,27 @@ class ExportPanel:
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
         with self.tab:
-            gui.add_html(
-                "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>Downloads what has been tracked so far. "
-                "More formats: <code>handtrack export --help</code>.</div>"
+            gui.add_html(_TEXT.format("What has been tracked so far, for other programs."))
+            kinds = tuple(known.name for known in FORMATS)
+            chosen = gui.add_dropdown(
+                "Format", kinds, _USUAL, hint="The formats of `handtrack export --to`."
             )
-            for label, (kind, hint) in _KINDS.items():
-                button = gui.add_button(label, icon=viser.Icon.DOWNLOAD, color="gray", hint=hint)
-                page.on(
-                    button, lambda event, kind=kind: page.send(Export(kind, event.client_id or 0))
-                )
+            purpose = gui.add_html("")
+            button = gui.add_button(
+                "Download", icon=viser.Icon.DOWNLOAD, hint="Written in the background, then sent."
+            )
+            first = gui.add_button(
+                "First-frame pose (JSON)", icon=viser.Icon.DOWNLOAD, color="gray",
+                hint="The pose you see, as init.json.",
+            )  # fmt: skip
+
+        def explain(_: object = None) -> None:
+            purpose.content = _TEXT.format(export_format(chosen.value).purpose)
+
+        explain()
+        page.on(chosen, explain)
+        page.on(button, lambda event: page.send(Export(chosen.value, event.client_id or 0)))
+        page.on(first, lambda event: page.send(Export("init", event.client_id or 0)))
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""

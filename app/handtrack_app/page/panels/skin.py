@@ -59,6 +59,11 @@ class SkinControls:
             take = gui.add_button(
                 "Take the colour in the box", icon=viser.Icon.COLOR_PICKER, color="gray"
             )
+            painted = gui.add_button(
+                "Take it from painted masks", icon=viser.Icon.BRUSH, color="gray",
+                hint="Of all cameras and frames in which you painted hand, in the tab Masks.",
+            )  # fmt: skip
+        page.on(painted, lambda _: self._take_painted())
         page.on(self.on, lambda event: self._switch(bool(event.target.value)))
         page.on(self.size, lambda event: self._resize(event.target.value))
         page.on(self.camera, lambda _: self._camera_chosen())
@@ -126,9 +131,15 @@ class SkinControls:
     def _take(self, box: Box | None) -> None:
         if box is not None:
             self._show_box(box)
-            size = number(self.size.value, *_SIZE[:2]) or 2.5
-            sample = SampleSkin(self.page.state.frame, str(self.camera.value), box, size)
-            self.page.send(sample)
+            self._send(box)
+
+    def _take_painted(self) -> None:
+        self._send(None)
+
+    def _send(self, box: Box | None) -> None:
+        size = number(self.size.value, *_SIZE[:2]) or 2.5
+        sample = SampleSkin(self.page.state.frame, str(self.camera.value), box, size)
+        self.page.send(sample)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force; without images there is no colour."""

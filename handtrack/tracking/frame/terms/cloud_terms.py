@@ -10,15 +10,16 @@ import numpy as np
 from handtrack.arrays import D3, Floats, K
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh, carried_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.loss import GemanMcClure, Loss, UniformOutliers
+from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
+from handtrack.tracking.frame.methods import Traits
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _MM = 1e-3
@@ -49,6 +50,8 @@ class SeenCloud:
     """what can have seen the surface, as in `seen_from`"""
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
+    traits: Traits = Traits()
+    """the method's"""
 
     def sharpened(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
@@ -56,10 +59,11 @@ class SeenCloud:
         What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.
         Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
         """
-        if self.share * self.prepared.count < len(model.transform.names):
+        few = self.share * self.prepared.count < len(model.transform.names)
+        if few or self.traits.plain_sums:
             return self
         points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
-        off = np.abs(MetaballSurface.of(model).distance(bones, points))
+        off = np.abs(_surface(model, self.traits).distance(bones, points))
         found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
         return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
 
@@ -70,8 +74,8 @@ class SeenCloud:
         """
         if self.emptiness is None:
             return self
-        mesh = carried_mesh(model, bones)
-        term = _hand_only(self.emptiness.for_mesh(mesh, self.views), model)
+        mesh = _mesh(model, bones, self.traits)
+        term = _hand_only(self.emptiness.for_mesh(mesh, _asked(self.views, self.traits)), model)
         return replace(self, emptiness=term)
 
 
@@ -84,8 +88,8 @@ def see_cloud(
     """
     if seen.cloud is None or settings.cloud.weight == 0:
         return None
-    points = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)]
-    surface = MetaballSurface.of(model)
+    points, traits = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)], settings.traits
+    surface = _surface(model, traits)
     points = points[surface.distance(start, points) < settings.cloud.crop_mm * _MM]
     if model.has_forearm:
         bone = model.skeleton.bone("forearm")
@@ -97,15 +101,29 @@ def see_cloud(
     emptiness = None
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
-        mesh = carried_mesh(model, start)
+        mesh, views = _mesh(model, start, traits), _asked(seen.cloud_views, traits)
         filled = points
         if _is_doubted(seen.cloud_views, settings):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
-        emptiness = CloudEmptinessTerm.at_start(filled, mesh, seen.cloud_views, margin_m=margin)
+        emptiness = CloudEmptinessTerm.at_start(filled, mesh, views, margin_m=margin)
         emptiness = _hand_only(emptiness, model)
-    share = min(1.0, patches / len(points))
+    share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
     views = tuple(seen.cloud_views)
-    return SeenCloud(prepare_cloud(points), share, emptiness, views)
+    return SeenCloud(prepare_cloud(points), share, emptiness, views, traits=traits)
+
+
+def _surface(model: ArticulatedModel, traits: Traits) -> MetaballSurface:
+    """Return the surface that a method measures distances to."""
+    return MetaballSurface.of(model, traits.sharpness_per_m or SHARPNESS_PER_M, traits.distance)
+
+
+def _mesh(model: ArticulatedModel, bones: BonePoses, traits: Traits) -> SurfaceMesh:
+    return carried_mesh(model, bones, traits.sharpness_per_m or SHARPNESS_PER_M, traits.distance)
+
+
+def _asked(views: Sequence[Floats], traits: Traits) -> Sequence[Floats]:
+    """Return the views of which the surface that they see is asked for; none: all of it."""
+    return () if traits.whole_surface else views
 
 
 def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
@@ -159,21 +177,23 @@ def cloud_terms(
         rays = CloudRaysTerm(
             np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
             _eye(seen.views),
-            MetaballSurface.of(model),
+            _surface(model, settings.traits),
             along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
             weight=2.0 * chosen.balance * chosen.weight * seen.share,
         )
         empty = 2.0 * (1.0 - chosen.balance)
         return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, empty)]
-    robust = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
+    robust: Loss = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
+    far: Loss = GemanMcClure(_EMPTY_FAR_M / sigma_m)
+    if settings.traits.plain_sums:
+        robust = far = Quadratic()
     points = CloudDistanceTerm(
         seen.prepared,
-        MetaballSurface.of(model),
+        _surface(model, settings.traits),
         sigma_m=seen.sigma_m or sigma_m,
         loss=robust,
         weight=chosen.balance * chosen.weight * seen.share,
     )
-    far = GemanMcClure(_EMPTY_FAR_M / sigma_m)
     return [points, *_empty(seen, model, settings, far, 1.0 - chosen.balance)]
 
 
@@ -183,9 +203,11 @@ def _empty(
     """Return E2, or nothing where only the cloud's side is asked for."""
     if seen.emptiness is None:
         return []
-    share = min(1.0, _CELL_AREA / _patch_area(model))
+    plain = settings.traits.plain_sums
+    share = 1.0 if plain else min(1.0, _CELL_AREA / _patch_area(model))
     term = replace(
         seen.emptiness,
+        slack_m=0.0 if plain else seen.emptiness.slack_m,
         sigma_m=settings.cloud.sigma_mm * _MM,
         loss=loss,
         weight=weight * settings.cloud.weight * share,
@@ -198,5 +220,5 @@ def explained_share(
 ) -> float:
     """Return the share of the cloud's points that lie within a distance of the surface."""
     points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
-    off = MetaballSurface.of(model).distance(bones, points)
+    off = _surface(model, seen.traits).distance(bones, points)
     return float(np.mean(np.abs(off) < within_m))

@@ -1,0 +1,95 @@
+"""Draws docs/figures/papers_*.png. Run: python -m docs.pictures.papers_figures FOLDER; it tracks first, which takes minutes.
+
+The shared test data (HANDTRACK_DATA) are needed; the recordings shown are rendered, no person is in them.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from docs.pictures.dance_picture import fig7
+from docs.pictures.plotting import pyplot, saved, tight
+from handtrack.arrays import D3, Array, H, W
+from handtrack.bench import papers
+from handtrack.bench.clouds import poor_clouds
+from handtrack.bench.jumps import dance_appearance
+from handtrack.bench.measuring import recording
+from handtrack.bench.silhouettes import binary_fist
+from handtrack.session.run import TrackingRun
+from handtrack.simulation.render import pixel_rays, render
+from handtrack.tracking.sequence import track_frames
+
+PAPER, OURS = "#D55E00", "#0072B2"
+_STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(120, 520), slice(180, 580))
+_DANCE_SHOWN = (0, 8, 16, 24)
+
+
+def draw_errors(folder: Path) -> None:
+    """Draw the fist's and the poor clouds' errors, frame by frame."""
+    plt = pyplot()
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.2))
+    for axis, cameras in zip(axes, (2, 6)):
+        for label, colour, settings in (
+            ("2007's method", PAPER, {"method": "paper2007"}),
+            ("ours", OURS, papers.OURS),
+        ):
+            axis.plot(papers.fist_errors(cameras, settings), color=colour, label=label)
+        axis.axvspan(binary_fist.FIST.start, binary_fist.FIST.stop, color="0.92")
+        axis.set(title=f"fist, masks of {cameras} cameras", ylabel="mean joint error [mm]")
+    truth, seen = poor_clouds.scene(0)
+    for way, colour, label in (
+        ("hand26_paper2004", "#E69F00", "2004's, whole hand"),
+        ("glove9_paper2004", PAPER, "2004's, glove9"),
+        ("hand26_ours", OURS, "ours"),
+    ):
+        error = poor_clouds.palm_mm(
+            way, poor_clouds.track(way, truth, seen, papers.POOR), truth, papers.POOR
+        )
+        axes[2].plot(error, color=colour, label=label)
+    axes[2].set(title="poor clouds of 320 x 240", ylabel="palm's error [mm]")
+    for axis in axes:
+        axis.set(xlabel="frame", ylim=(0, None))
+        axis.legend(frameon=False, fontsize=8)
+    saved(tight(figure), folder / "papers_errors.png")
+
+
+def draw_stereo(folder: Path) -> None:
+    """Draw the hand of the synthetic stereo recording with the model's outline: one row a way to track."""
+    session = recording("webxr_stereo_768")
+    rows = [_stereo_row(session, papers.STEREO[way]) for way in ("paper2004", "ours_cloud_alone")]
+    cv2.imwrite(str(folder / "papers_stereo.png"), np.vstack(rows))
+
+
+def _stereo_row(session, values: Mapping[str, object]) -> Array[H, W, D3]:
+    run = TrackingRun.open(session, {"model.fit_size": False, **values})
+    first, start = run.initial()
+    frames = range(first, max(_STEREO_SHOWN) + 1)
+    found = list(track_frames(run.tracker, run.observation, first, start, frames))
+    camera = session.view("left").camera
+    rays, tiles = pixel_rays(camera), []
+    for frame in _STEREO_SHOWN:
+        params = run.model.transform.solver_params(found[frame - first].parameters)
+        flesh = run.model.flesh["metaballs"].posed(run.model.bones(params))
+        inside = (render(camera, flesh, rays)[1] > 0).astype(np.uint8)
+        image = session.image("left", frame).copy()
+        lines, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(image, lines, -1, (0, 160, 255), 3)
+        tiles.append(cv2.resize(image[_STEREO_CROP], (240, 240), interpolation=cv2.INTER_AREA))
+    return np.hstack(tiles)
+
+
+def draw_dance(folder: Path) -> None:
+    """Draw the dance by the 2003 paper's method, as its Fig. 7."""
+    what = dance_appearance.dance(max(_DANCE_SHOWN) + 1)
+    found = dance_appearance.track(what, {"method": "paper2003"})
+    cv2.imwrite(str(folder / "papers_dance.png"), fig7(what, found, _DANCE_SHOWN))
+
+
+if __name__ == "__main__":
+    for draw in (draw_errors, draw_stereo, draw_dance):
+        draw(Path(sys.argv[1]))

@@ -1,0 +1,86 @@
+"""BVH: an animated skeleton, for Blender, Maya, MotionBuilder [cm, °]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, D4, B, F, Floats
+from handtrack.export.table import ResultsTable
+from handtrack.files.atomic import replace_text
+from handtrack.model.articulated import ArticulatedModel
+
+_CM = 100.0
+_CHANNELS = "Zrotation Xrotation Yrotation"
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write every bone as a joint at its proximal end, its own length as the end site of a last bone. Zero rotations are the
+    model's zero pose (a flat hand), lengths are in centimetres. Lost frames hold the last estimate.
+    """
+    table = table.without_gaps
+    model = table.model
+    order = list(_depth_first(model))
+    turns = np.rad2deg(bvh_angles(model, table.track.T_world_bone))
+    root = _CM * table.track.T_world_bone[:, 0, :3, 3]
+    rows = np.concatenate([root[:, None], turns[:, order]], axis=1).reshape(len(root), -1)
+    lines = ["HIERARCHY", *_joint(model, 0, 0), "MOTION", f"Frames: {len(rows)}"]
+    lines.append(f"Frame Time: {1.0 / table.fps:.9f}")
+    lines += [" ".join(f"{x:.6f}" for x in row) for row in rows]
+    replace_text(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def bvh_angles(model: ArticulatedModel, T_world_bone: Floats[F, B, D4, D4]) -> Floats[F, B, D3]:
+    """Return the angles [rad] of R = Rz Rx Ry by which each bone is turned against its parent, from the zero pose; without jumps
+    of a whole turn.
+    """
+    rest = model.bones(model.params_from({})).rotation
+    turned = T_world_bone[..., :3, :3] @ np.swapaxes(rest, 1, 2)
+    local = turned.copy()
+    for bone, parent in enumerate(model.skeleton.parent):
+        if parent >= 0:
+            local[:, bone] = np.swapaxes(turned[:, parent], 1, 2) @ turned[:, bone]
+    z = np.arctan2(-local[..., 0, 1], local[..., 1, 1])
+    x = np.arcsin(np.clip(local[..., 2, 1], -1.0, 1.0))
+    y = np.arctan2(-local[..., 2, 0], local[..., 2, 2])
+    return np.unwrap(np.stack([z, x, y], axis=-1), axis=0)
+
+
+def _joint(model: ArticulatedModel, bone: int, depth: int) -> Iterator[str]:
+    skeleton, tab = model.skeleton, "\t" * depth
+    heads = model.bones(model.params_from({})).position
+    parent = skeleton.parent[bone]
+    children = np.flatnonzero(skeleton.parent == bone)
+    offset = heads[bone] - heads[parent] if parent >= 0 else np.zeros(3)
+    yield f"{tab}{'JOINT' if parent >= 0 else 'ROOT'} {_name(skeleton.bone_names[bone])}"
+    yield f"{tab}{{"
+    yield f"{tab}\tOFFSET {_numbers(offset)}"
+    places = "" if parent >= 0 else "Xposition Yposition Zposition "
+    yield f"{tab}\tCHANNELS {3 if parent >= 0 else 6} {places}{_CHANNELS}"
+    for child in children:
+        yield from _joint(model, int(child), depth + 1)
+    if not len(children):
+        along = model.bones(model.params_from({})).rotation[bone][:, 1] * skeleton.length[bone]
+        yield f"{tab}\tEnd Site"
+        yield f"{tab}\t{{"
+        yield f"{tab}\t\tOFFSET {_numbers(along)}"
+        yield f"{tab}\t}}"
+    yield f"{tab}}}"
+
+
+def _depth_first(model: ArticulatedModel, bone: int = 0) -> Iterator[int]:
+    """Yield bones in the order in which the hierarchy lists them, and so the rows their angles."""
+    yield bone
+    for child in np.flatnonzero(model.skeleton.parent == bone):
+        yield from _depth_first(model, int(child))
+
+
+def _numbers(point: Floats[D3]) -> str:
+    return " ".join(f"{_CM * x:.6f}" for x in point)
+
+
+def _name(bone: str) -> str:
+    return "_".join(bone.split())

@@ -1,0 +1,139 @@
+"""OSIM: the model itself for OpenSim 4: bodies, joints with limits, markers, and ellipsoids to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats, K, N
+from handtrack.export.motion.trc import marker_name
+from handtrack.export.motion.xml_tree import angles_xyz, document, element, numbers
+from handtrack.export.table import ResultsTable
+from handtrack.files.atomic import replace_text
+from handtrack.model.articulated import ArticulatedModel
+
+ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
+"""coordinates in place of the root's rotation vector"""
+_DENSITY = 1080.0  # kg/m³ of a hand or forearm: Clauser et al. 1969 have 1,080 to 1,110 for limbs
+_LEAST_MASS_KG = 1e-4  # OpenSim refuses bodies without mass: a carpal that has no flesh of its own
+_LEAST_INERTIA = 1e-9  # kg m²
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write the model as large as it was tracked. `--to mot` writes how it moves, `--to trc` its markers."""
+    replace_text(path, osim_text(table.model))
+    return [path]
+
+
+def osim_text(model: ArticulatedModel) -> str:
+    """Return a model as an OpenSim document. Coordinates have our parameters' names, [m, rad], markers our joints'.
+
+    Masses are those of the ellipsoids (overlaps count twice): for looking and inverse kinematics, not for forces.
+    """
+    root = Element("OpenSimDocument", Version="40000")
+    top = element(root, "Model", name=f"{model.name}_{model.side}")
+    element(top, "Ground", name="ground")
+    element(top, "gravity", "0 -9.80665 0")
+    element(top, "length_units", "meters")
+    element(top, "force_units", "N")
+    bodies = element(element(top, "BodySet", name="bodyset"), "objects")
+    joints = element(element(top, "JointSet", name="jointset"), "objects")
+    for bone in range(model.skeleton.bone_count):
+        _body(bodies, model, bone)
+        _joint(joints, model, bone)
+    markers = element(element(top, "MarkerSet", name="markerset"), "objects")
+    for name, bone, point in zip(model.joint_names, model.joint_bone, model.joint_point):
+        marker = element(markers, "Marker", name=marker_name(name))
+        element(marker, "socket_parent_frame", f"/bodyset/{model.skeleton.bone_names[bone]}")
+        element(marker, "location", numbers(point))
+    return document(root)
+
+
+def _body(bodies: Element, model: ArticulatedModel, bone: int) -> None:
+    name, flesh = model.skeleton.bone_names[bone], model.flesh["fine"]
+    body = element(bodies, "Body", name=name)
+    own = np.flatnonzero(flesh.bone == bone)
+    parts = element(body, "components")
+    for k in own:
+        frame = element(parts, "PhysicalOffsetFrame", name=f"{name}_flesh_{k}")
+        shape = element(element(frame, "attached_geometry"), "Ellipsoid", name=f"{name}_shape_{k}")
+        element(shape, "socket_frame", "..")
+        element(element(shape, "Appearance"), "color", "0.85 0.7 0.6")
+        element(shape, "radii", numbers(flesh.radii[k]))
+        element(frame, "socket_parent", "..")
+        element(frame, "translation", numbers(flesh.centre[k]))
+        element(frame, "orientation", numbers(angles_xyz(flesh.rotation[k])))
+    masses = _DENSITY * 4.0 / 3.0 * np.pi * flesh.radii[own].prod(axis=1)
+    mass = max(float(masses.sum()), _LEAST_MASS_KG)
+    centre = masses @ flesh.centre[own] / mass if len(own) else np.zeros(3)
+    element(body, "mass", f"{mass:.6g}")
+    element(body, "mass_center", numbers(centre))
+    inertia = np.diag(_inertia(masses, flesh.centre[own] - centre, flesh.radii[own]))
+    element(body, "inertia", numbers(np.concatenate([inertia, np.zeros(3)])))
+
+
+def _inertia(masses: Floats[N], centres: Floats[N, D3], radii: Floats[N, D3]) -> Floats[D3, D3]:
+    """Return the inertia (3, 3) of balls in the place of ellipsoids about their common centre [kg m²]."""
+    total = _LEAST_INERTIA * np.eye(3)
+    for mass, centre, radius in zip(masses, centres, radii, strict=True):
+        ball = 0.4 * float((radius**2).mean()) + centre @ centre
+        total += mass * (ball * np.eye(3) - np.outer(centre, centre))
+    return total
+
+
+def _joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
+    skeleton = model.skeleton
+    names, parent = skeleton.bone_names, int(skeleton.parent[bone])
+    hinges = np.flatnonzero(skeleton.hinge_bone == bone)
+    moves = bone == 0 or len(hinges) > 0
+    above = "ground" if parent < 0 else names[parent]
+    joint = element(joints, "CustomJoint" if moves else "WeldJoint", name=f"{names[bone]}_joint")
+    element(joint, "socket_parent_frame", f"{above}_before_{names[bone]}")
+    element(joint, "socket_child_frame", f"/bodyset/{names[bone]}")
+    coordinates = element(joint, "coordinates") if moves else joint
+    frames = element(joint, "frames")
+    frame = element(frames, "PhysicalOffsetFrame", name=f"{above}_before_{names[bone]}")
+    element(frame, "socket_parent", "/ground" if parent < 0 else f"/bodyset/{above}")
+    element(frame, "translation", numbers(skeleton.offset[bone]))
+    element(frame, "orientation", numbers(angles_xyz(skeleton.rest_rotation[bone])))
+    if not moves:
+        return
+    if bone == 0:
+        turning, moving = list(ROOT_TURNS), list(model.parameter_names[:3])
+        axes = np.eye(3)
+        limits = np.concatenate([np.tile((-2 * np.pi, 2 * np.pi), (3, 1)), np.tile((-10.0, 10.0), (3, 1))])  # fmt: skip
+    else:
+        turning, moving = [model.parameter_names[6 + h] for h in hinges], []
+        axes, limits = skeleton.hinge_axis[hinges], model.limits.interval[6 + hinges]
+    for name, (low, high) in zip(turning + moving, limits, strict=True):
+        coordinate = element(coordinates, "Coordinate", name=name)
+        element(coordinate, "default_value", "0")
+        element(coordinate, "range", numbers(np.array([low, high])))
+        element(coordinate, "clamped", "false")
+    transform = element(joint, "SpatialTransform")
+    turning, axes = turning + [""] * (3 - len(turning)), _three_axes(axes)
+    for k in range(3):
+        _axis(transform, f"rotation{k + 1}", turning[k], axes[k])
+    for k in range(3):
+        _axis(transform, f"translation{k + 1}", moving[k] if moving else "", np.eye(3)[k])
+
+
+def _axis(transform: Element, name: str, coordinate: str, axis: Floats[D3]) -> None:
+    own = element(transform, "TransformAxis", name=name)
+    element(own, "coordinates", coordinate)
+    element(own, "axis", numbers(axis))
+    if coordinate:
+        element(element(own, "LinearFunction", name="function"), "coefficients", "1 0")
+    else:
+        element(element(own, "Constant", name="function"), "value", "0")
+
+
+def _three_axes(axes: Floats[K, D3]) -> Floats[D3, D3]:
+    """Return three independent unit axes that begin with those given: OpenSim wants three, also of a hinge."""
+    found = list(axes)
+    while len(found) < 3:
+        basis = np.linalg.svd(np.array(found))[2]  # its last rows are square to all that there are
+        found.append(basis[len(found)])
+    return np.array(found)

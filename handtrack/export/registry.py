@@ -1,0 +1,86 @@
+"""All formats a tracked sequence can be written in: what each is called and for, and where it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from handtrack.errors import HandtrackError, unknown_name
+
+if TYPE_CHECKING:  # the list alone is wanted by the page, which solves nothing
+    from handtrack.export.table import ResultsTable
+
+Write = Callable[[Path, "ResultsTable"], list[Path]]
+"""writes a file, and those that belong to it beside; returns them, the one asked for first. Raises HandtrackError."""
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """One way in which results leave."""
+
+    name: str
+    """of `handtrack export --to`"""
+    ending: str
+    """of the default file name, after that of poses.npz"""
+    purpose: str
+    """what it is for, in a sentence"""
+    module: str
+    """below handtrack.export; it has `write`"""
+    needs: tuple[str, ...] = ()
+    """packages that are not installed with handtrack"""
+    has_parts: bool = False
+    """whether the files beside it are needed, and do not merely explain it"""
+    one_skeleton: bool = False
+    """whether all frames share one skeleton, which angles move: takes of hands of different sizes do not fit into it"""
+
+    @property
+    def suffix(self) -> str:
+        """The file's suffix, whatever it is called."""
+        return Path(f"poses{self.ending}").suffix
+
+    def write(self, path: Path, table: ResultsTable) -> list[Path]:
+        """Write the file and what belongs to it; return them. Raises HandtrackError."""
+        missing = [name for name in self.needs if find_spec(name.replace("-", "_")) is None]
+        if missing:
+            raise HandtrackError(
+                f"--to {self.name}: needs {' and '.join(missing)}, which is not installed. Install with `pip install "
+                f"{' '.join(missing)}`, or choose another format."
+            )
+        write: Write = import_module(f"handtrack.export.{self.module}").write
+        return write(path, table)
+
+
+FORMATS: tuple[ExportFormat, ...] = (
+    ExportFormat("csv", ".csv", "Joint angles and positions, a row a frame, for spreadsheets; what the columns mean in a JSON file beside.", "tables.csv_wide"),
+    ExportFormat("csv-long", "_long.csv", "Tidy tables for statistics (R, pandas): joints, angles (ours and ISB's) and bones' quaternions, with standard deviations.", "tables.csv_long", has_parts=True),
+    ExportFormat("npz", "_export.npz", "Everything, for Python and NumPy.", "tables.npz"),
+    ExportFormat("keypoints", "_keypoints.npz", "Joint positions alone, in the form of a session's truth.npz.", "tables.keypoints"),
+    ExportFormat("openpose", "_openpose.json", "Keypoints in space in OpenPose's order (hands 21, bodies BODY_25), all frames in one file.", "tables.openpose"),
+    ExportFormat("mediapipe", "_mediapipe.json", "Landmarks in MediaPipe's order (hands 21, bodies 33), all frames in one file.", "tables.mediapipe"),
+    ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True),
+    ExportFormat("glb", ".glb", "A skinned, animated mesh for Blender, game engines and viewers on the web.", "shown.glb", one_skeleton=True),
+    ExportFormat("trc", ".trc", "Joints as markers for OpenSim and Pose2Sim.", "motion.trc"),
+    ExportFormat("mot", ".mot", "Joint angles as motion of the OpenSim model that `--to osim` writes.", "motion.mot", one_skeleton=True),
+    ExportFormat("osim", ".osim", "The model itself for OpenSim: bones, joints with limits, markers.", "motion.osim", one_skeleton=True),
+    ExportFormat("c3d", ".c3d", "Joints as markers for motion capture programs (Vicon Nexus, Visual3D, Mokka).", "motion.c3d", ("ezc3d",)),
+    ExportFormat("urdf", ".urdf", "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.", "motion.urdf", has_parts=True, one_skeleton=True),
+    ExportFormat("mcap", ".mcap", "Joint states and the root's pose as ROS 2 messages, for Foxglove and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True),
+    ExportFormat("anipose", "_anipose.csv", "Joints as Anipose's 3D table [mm]; `movement` reads it.", "tables.anipose"),
+    ExportFormat("netcdf", ".nc", "Labelled arrays with units and standard deviations, for xarray, MATLAB, R.", "tables.netcdf"),
+    ExportFormat("nwb", ".nwb", "Joints for neuroscience archives: Neurodata Without Borders with ndx-pose.", "tables.nwb", ("pynwb", "ndx-pose")),
+    ExportFormat("mp4", ".mp4", "The model drawn over every camera's images, as a film.", "shown.overlay"),
+    ExportFormat("html", ".html", "The moving skeleton in one file that any browser plays without network.", "shown.playback"),
+    ExportFormat("report", "_report.html", "A page on how the tracking went: states, doubts, curves.", "shown.report"),
+)  # fmt: skip
+
+
+def export_format(name: str) -> ExportFormat:
+    """Return a format by its name. Raises HandtrackError naming the known ones."""
+    for known in FORMATS:
+        if known.name == name:
+            return known
+    raise unknown_name("format", name, [known.name for known in FORMATS], "--to")

@@ -1,0 +1,35 @@
+"""Which named joints are connected by bones: the lines of a stick figure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats
+from handtrack.model.articulated import ArticulatedModel
+
+
+def joint_links(model: ArticulatedModel) -> list[tuple[int, int]]:
+    """Return pairs of joints (nearer to the root, farther): each hangs on the closest one before it along the bones."""
+    links = []
+    for joint, (bone, point) in enumerate(zip(model.joint_bone, model.joint_point)):
+        before = [
+            k
+            for k in _on(model, int(bone))
+            if np.linalg.norm(model.joint_point[k]) < np.linalg.norm(point)
+        ]
+        above, place = int(bone), point
+        while not before and above >= 0:
+            place = model.skeleton.offset[above]  # where this bone begins, in the one above it
+            above = int(model.skeleton.parent[above])
+            before = _on(model, above)
+        if before:
+            links.append((_closest(model, before, place), joint))
+    return links
+
+
+def _on(model: ArticulatedModel, bone: int) -> list[int]:
+    return np.flatnonzero(model.joint_bone == bone).tolist()
+
+
+def _closest(model: ArticulatedModel, joints: list[int], place: Floats[D3]) -> int:
+    return min(joints, key=lambda k: float(np.linalg.norm(model.joint_point[k] - place)))

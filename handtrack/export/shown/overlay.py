@@ -1,0 +1,122 @@
+"""MP4: the model's outline and joints drawn over every camera's images, side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, F, Floats, H, Ints, J, W
+from handtrack.diagnostics.residual_image import outline_polygons
+from handtrack.errors import HandtrackError
+from handtrack.export.shown.links import joint_links
+from handtrack.export.table import ResultsTable
+from handtrack.files.atomic import replacing
+from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.session.session import Session
+from handtrack.tracking.frame.result import Status
+
+_HEIGHT_PX = 480  # of a camera's picture: two side by side fill a usual screen
+_CODEC = "vp09"  # the one that opencv-python writes and browsers play
+_TINT = 0.25
+_FAR_PX = 1e5  # OpenCV draws in whole numbers of 32 bits, less its fraction
+# BGR; those of the workbench's lanes
+_COLOURS = {Status.TRACKED: (110, 200, 90), Status.DOUBTFUL: (40, 170, 240), Status.LOST: (60, 60, 230)}  # fmt: skip
+_FLESH = (230, 190, 120)
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write a film with a picture for every frame: outline and bones over the image as it was taken, the frame's number and state.
+
+    Cameras without images are left out. Raises HandtrackError where the session, or any image, is not there.
+    """
+    import cv2
+
+    if table.session_folder is None:
+        raise HandtrackError(
+            f"{table.source} lies in no session, so that there are no images to draw on. Say where they are with --session DIR."
+        )
+    session, table = Session.open(table.session_folder), table.without_gaps
+    track = table.track
+    cameras = [view.name for view in session.views if _has_images(session, view.name, track.frame)]
+    if not cameras:
+        raise HandtrackError(
+            f"{table.session_folder}: no camera has images in frames {track.frame[0]} to {track.frame[-1]}, so that there is "
+            "nothing to draw on. `--to html` shows the track without images."
+        )
+    links, flesh = joint_links(table.model), table.model.flesh["fine"]
+    with replacing(path) as part:
+        film = None
+        for row, frame in enumerate(track.frame):
+            poses = track.T_world_bone[row]
+            bones = BonePoses(poses[0, :3, 3], poses[:, :3, :3], poses[:, :3, 3])
+            drawn = Drawn(flesh.posed(bones), track.joint_positions[row], links)
+            status = Status(int(track.status[row]))
+            pictures = [
+                _picture(session, name, int(frame), drawn, status, table.is_lost[row])
+                for name in cameras
+            ]
+            picture = np.ascontiguousarray(np.concatenate(pictures, axis=1))
+            if film is None:
+                size = (picture.shape[1], picture.shape[0])
+                code = cv2.VideoWriter.fourcc(*_CODEC)
+                film = cv2.VideoWriter(str(part), code, table.fps, size)
+                if not film.isOpened():
+                    raise HandtrackError(
+                        f"{path}: OpenCV here cannot write {_CODEC} films; install opencv-python-headless as pip has it."
+                    )
+            film.write(picture)
+        assert film is not None, "a track has frames"
+        film.release()
+    return [path]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What is drawn over an image."""
+
+    flesh: PosedEllipsoids
+    joints: Floats[J, D3]
+    """world [m]"""
+    links: list[tuple[int, int]]
+
+
+def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
+    asked = (int(frames[0]), int(frames[len(frames) // 2]), int(frames[-1]))
+    return any(session.image(name, frame) is not None for frame in asked)
+
+
+def _picture(
+    session: Session, name: str, frame: int, drawn: Drawn, status: Status, lost: bool
+) -> Array[H, W, D3]:
+    """Return an image as it was taken, made smaller, with the model over it; dark where there is none. A lost pose is not drawn."""
+    import cv2
+
+    image, camera = session.image(name, frame), session.rig[name]
+    across = 2 * round(_HEIGHT_PX * camera.size[0] / camera.size[1] / 2)  # codecs want even ones
+    if image is None:
+        shown = np.zeros((_HEIGHT_PX, across, 3), np.uint8)
+    else:
+        colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+        shown = cv2.resize(colour, (across, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    small = camera.scaled((across, _HEIGHT_PX))
+    ink = _COLOURS.get(status, _COLOURS[Status.TRACKED])
+    if not lost:
+        lines = outline_polygons(small.without_distortion(), drawn.flesh)
+        lines = [small.distort_points(line) for line in lines]
+        whole = [np.rint(line).astype(np.int32) for line in lines if np.isfinite(line).all()]
+        tinted = cv2.fillPoly(shown.copy(), whole, _FLESH)
+        shown = cv2.addWeighted(tinted, _TINT, shown, 1.0 - _TINT, 0.0)
+        cv2.polylines(shown, whole, True, ink, 1, cv2.LINE_AA)
+        places = small.project(drawn.joints)
+        places[~(np.abs(places) < _FAR_PX).all(axis=1)] = np.nan
+        for a, b in drawn.links:
+            if np.isfinite(places[[a, b]]).all():
+                ends = np.rint(places[[a, b]]).astype(int).tolist()
+                cv2.line(shown, ends[0], ends[1], (255, 255, 255), 1, cv2.LINE_AA)
+    words = f"{name}  {frame}  {status.name.lower()}"
+    for thickness, colour in ((3, (0, 0, 0)), (1, ink)):
+        cv2.putText(shown, words, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA)  # fmt: skip
+    return shown

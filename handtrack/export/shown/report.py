@@ -1,0 +1,169 @@
+"""A page on how the tracking went: states, doubts with their reasons, curves. One file, without network."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Callable
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import F, Floats
+from handtrack.export.shown.curves import curves
+from handtrack.export.table import ResultsTable
+from handtrack.files.atomic import replace_text
+from handtrack.tracking.frame.result import Status
+
+_COLOURS = {0: "#3fa34d", 1: "#f0a028", 2: "#dc3c3c", 3: "#2b7de0", 4: "#8a63d2"}
+_MOST_STRETCHES = 40  # a page that one reads: the longest come first
+_STYLE = """
+:root{color-scheme:light dark;--ink:#1c2430;--paper:#fff;--line:#d5dae1;--soft:#66707f}
+@media(prefers-color-scheme:dark){:root{--ink:#e7ebf0;--paper:#14181e;--line:#323a45;--soft:#98a3b3}}
+body{margin:2em auto;max-width:900px;padding:0 1em;background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif}
+h1{font-size:1.4em;margin-bottom:.2em}h2{font-size:1.05em;margin:1.8em 0 .4em}.soft{color:var(--soft)}
+table{border-collapse:collapse;width:100%}td,th{padding:.25em .8em .25em 0;text-align:left;border-bottom:1px solid var(--line)}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.lane{width:100%;height:16px;display:block;border-radius:3px}
+figure{margin:.4em 0 1em}figcaption span{margin-right:1em;font-size:.85em}i{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.35em}
+svg{width:100%;height:auto}svg text{font-size:11px;fill:var(--soft)}svg .grid{stroke:var(--line)}svg path{stroke-width:1.4}
+"""
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write the page."""
+    replace_text(path, report_page(table))
+    return [path]
+
+
+def report_page(table: ResultsTable) -> str:
+    """Return the page as HTML."""
+    track = table.track
+    title = html.escape(track.session or "A tracked sequence")
+    parts = [
+        f"<h1>{title}</h1><p class=soft>{html.escape(_about(table))}</p>",
+        "<h2>Frames</h2>", _lane(table), _counts(table),
+        "<h2>Doubtful and lost stretches</h2>", _stretches(table),
+    ]  # fmt: skip
+    if track.p_off_25mm is not None:
+        parts.append("<h2>Probability that some joint is more than 25 mm off</h2>")
+        parts.append(curves(track.time_s, {"P": track.p_off_25mm}, "1"))
+    spread = np.where(table.is_lost[:, None], np.nan, 1e3 * table.joint_std.max(axis=2))
+    parts.append("<h2>Stated standard deviation of the joints</h2>")
+    shown = {"median": _across(np.median, spread), "largest": _across(np.max, spread)}
+    parts.append(curves(track.time_s, shown, "mm"))
+    parts.append("<h2>Speed of the joints</h2>")
+    parts.append(curves(track.time_s, {"median": _speed(table)}, "m/s"))
+    for name, angles in _angle_groups(table).items():
+        parts.append(f"<h2>{html.escape(name)}</h2>")
+        parts.append(curves(track.time_s, angles, "°"))
+    body = "\n".join(parts)
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,"><title>{title} · handtrack</title>'
+        f"<style>{_STYLE}</style>\n{body}\n</html>\n"
+    )
+
+
+def _about(table: ResultsTable) -> str:
+    track = table.track
+    sided = track.side and track.keypoints21 is not None
+    words = [f"{track.model}, {track.side}" if sided else track.model]
+    words.append(f"frames {track.frame[0]} to {track.frame[-1]} at {table.fps:g} a second")
+    if table.rig is not None:
+        words.append(f"cameras {', '.join(table.rig.names)}")
+    if track.hand_length_mm is not None:
+        std = "" if track.hand_length_std_mm is None else f" ± {track.hand_length_std_mm:.0f}"
+        words.append(f"hand {track.hand_length_mm:.0f} mm{std}")
+    if track.refinement:
+        why = json.loads(track.refinement).get("why", "")
+        words.append(f"refined over the whole recording ({why})" if why else "refined")
+    return f"{'; '.join(words)}. handtrack {track.version}"
+
+
+def _lane(table: ResultsTable) -> str:
+    """Return a strip: a colour for each stretch of frames of one state."""
+    frame, status = table.track.frame, table.track.status
+    total = frame[-1] - frame[0] + 1
+    rows = [
+        f'<rect x="{frame[first] - frame[0]}" width="{frame[last] - frame[first] + 1}" height="1" '
+        f'fill="{_COLOURS[int(status[first])]}"/>'
+        for first, last in _runs(status)
+    ]
+    return (
+        f'<svg class=lane viewBox="0 0 {total} 1" preserveAspectRatio="none">{"".join(rows)}</svg>'
+    )
+
+
+def _counts(table: ResultsTable) -> str:
+    status, rows = table.track.status, []
+    for known in Status:
+        count = int((status == known).sum())
+        if count:
+            mark = f'<i style="background:{_COLOURS[int(known)]}"></i>{known.name.lower()}'
+            rows.append(f"<tr><td>{mark}<td class=n>{count}<td class=n>{count / len(status):.1%}")
+    return f"<table><tr><th>state<th class=n>frames<th class=n>share{''.join(rows)}</table>"
+
+
+def _stretches(table: ResultsTable) -> str:
+    track = table.track
+    bad = [
+        (first, last)
+        for first, last in _runs(track.status)
+        if track.status[first] in (Status.DOUBTFUL, Status.LOST)
+    ]
+    if not bad:
+        return "<p>None.</p>"
+    bad.sort(key=lambda run: run[0] - run[1])
+    rows = []
+    for first, last in bad[:_MOST_STRETCHES]:
+        state = Status(int(track.status[first])).name.lower()
+        reasons = [] if track.reason is None else [str(t) for t in track.reason[first : last + 1]]
+        why = max(set(reasons), key=lambda text: (reasons.count(text), text), default="")
+        rows.append(
+            f"<tr><td class=n>{track.frame[first]}–{track.frame[last]}<td class=n>{last - first + 1}<td>{state}<td>{html.escape(why)}"
+        )
+    more = len(bad) - _MOST_STRETCHES
+    rest = f"<p class=soft>{more} shorter ones are not listed.</p>" if more > 0 else ""
+    return f"<table><tr><th class=n>frames<th class=n>count<th>state<th>most often, why{''.join(rows)}</table>{rest}"
+
+
+def _runs(status: Floats[F]) -> list[tuple[int, int]]:
+    """Return first and last row of each stretch of one state."""
+    found = []
+    for _, rows in groupby(range(len(status)), key=lambda row: int(status[row])):
+        run = list(rows)
+        found.append((run[0], run[-1]))
+    return found
+
+
+def _speed(table: ResultsTable) -> Floats[F]:
+    """Return the joints' median speed up to each frame [m/s], NaN beside lost frames."""
+    track, lost = table.track, table.is_lost
+    moved = np.linalg.norm(np.diff(track.joint_positions, axis=0), axis=2)
+    step = np.maximum(np.diff(track.time_s), 1e-9)
+    speed = np.median(moved, axis=1) / step
+    speed[lost[1:] | lost[:-1]] = np.nan
+    return np.concatenate([[np.nan], speed])
+
+
+def _angle_groups(table: ResultsTable) -> dict[str, dict[str, Floats[F]]]:
+    """Return the angles [°] by what they move: those of a name's first word together, at most five curves a picture."""
+    track = table.track
+    groups: dict[str, dict[str, Floats]] = {}
+    for s, name in enumerate(track.parameter_names[6:], start=6):
+        part = name.split("_", maxsplit=1)[0]
+        own = groups.setdefault(f"Angles: {part}", {})
+        own[name] = np.where(table.is_lost, np.nan, np.rad2deg(track.parameters[:, s]))
+    return {
+        (name if k == 0 else f"{name}, more"): dict(list(own.items())[k : k + 5])
+        for name, own in groups.items()
+        for k in range(0, len(own), 5)
+    }
+
+
+def _across(reduce: Callable[..., Any], values: Floats) -> Floats[F]:
+    known = np.isfinite(values).all(axis=1)
+    found = np.full(len(values), np.nan)
+    found[known] = reduce(values[known], axis=1)
+    return found

@@ -1,0 +1,143 @@
+"""ResultsTable: a tracked sequence and the model it is of, as every format is written from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, F, Floats, J
+from handtrack.capture.calibration.rig_file import rig_from_json
+from handtrack.geometry.camera import CameraRig
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.session.formats.anatomy import model_of
+from handtrack.session.formats.tables import read_npz
+from handtrack.tracking.frame.result import Status, TrackResult
+
+_USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
+
+
+@dataclass(frozen=True, eq=False)
+class ResultsTable:
+    """A tracked sequence with what its numbers mean. World frame, metres, radians, seconds, as in poses.npz."""
+
+    track: TrackResult
+    source: str = "this result"
+    """where it is from, for errors"""
+    session_folder: Path | None = None
+    """where its images are; None: not known"""
+
+    @classmethod
+    def read(cls, path: Path | str, session_folder: Path | None = None) -> ResultsTable:
+        """Return the table of a poses.npz. Raises HandtrackError saying what is wrong with it."""
+        return cls(read_npz(path), str(path), session_folder)
+
+    @cached_property
+    def model(self) -> ArticulatedModel:
+        """The model as large as it was tracked. Raises HandtrackError where the file does not say how it is built."""
+        return model_of(self.track, self.source)
+
+    @cached_property
+    def rig(self) -> CameraRig | None:
+        """The cameras; None where the file does not have them (format 1)."""
+        text = self.track.cameras
+        return None if text is None else rig_from_json(text, f"{self.source}: cameras")
+
+    @property
+    def fps(self) -> float:
+        """Frames a second of the recording; of its times where it was not kept."""
+        if self.track.fps is not None:
+            return self.track.fps
+        steps = np.diff(self.track.time_s) / np.diff(self.track.frame)
+        return float(1.0 / np.median(steps)) if len(steps) else _USUAL_FPS
+
+    @property
+    def is_lost(self) -> Array[F]:
+        """Whether a frame holds nothing but the last estimate."""
+        return self.track.status == Status.LOST
+
+    @property
+    def joint_std(self) -> Floats[F, J, D3]:
+        """Standard deviation of each joint along the world's axes [m]."""
+        spread = np.diagonal(self.track.joint_covariance, axis1=2, axis2=3)
+        return np.sqrt(np.maximum(spread, 0.0))
+
+    @cached_property
+    def without_gaps(self) -> ResultsTable:
+        """The table with every frame number from the first to the last: those that were not tracked are lost ones that hold the
+        pose before. For formats that have a rate and no frame numbers.
+        """
+        track = self.track
+        frames = np.arange(track.frame[0], track.frame[-1] + 1)
+        if len(frames) == len(track):
+            return self
+        held = np.searchsorted(track.frame, frames, side="right") - 1
+        new = track.frame[held] != frames
+        time_s = np.where(new, np.interp(frames, track.frame, track.time_s), track.time_s[held])
+        rows = {
+            name: getattr(track, name)[held]
+            for name in ("parameters", "T_world_bone", "joint_positions", "energy", "iterations")
+        }
+        filled = replace(
+            track,
+            **rows,
+            frame=frames,
+            time_s=time_s,
+            status=np.where(new, int(Status.LOST), track.status[held]),
+            keypoints21=None if track.keypoints21 is None else track.keypoints21[held],
+            parameter_std=np.where(new[:, None], np.inf, track.parameter_std[held]),
+            joint_covariance=track.joint_covariance[held],
+            p_off_25mm=_held(track.p_off_25mm, held, new),
+            p_off_10mm=_held(track.p_off_10mm, held, new),
+            reason=None if track.reason is None else np.where(new, "", track.reason[held]),
+            **dict.fromkeys(("energies", "energy_names", "reason_kind", "reason_where"), None),
+            **dict.fromkeys(("reason_numbers", "hypothesis_parameters", "hypothesis_energy"), None),
+            **dict.fromkeys(("hypothesis_weight", "hypothesis_parent", "hypothesis_origin"), None),
+        )
+        return replace(self, track=filled)
+
+    @cached_property
+    def misfit_m(self) -> float:
+        """How far the model, posed by the parameters, has some joint from where the file has it [m]: takes of hands of different
+        sizes may be one track, and formats with one skeleton for all frames have it so far off.
+        """
+        transform = self.model.transform
+        posed = [
+            self.model.joint_positions(self.model.bones(transform.solver_params(values)))
+            for values in self.track.parameters
+        ]
+        return float(np.linalg.norm(np.stack(posed) - self.track.joint_positions, axis=2).max())
+
+    def confidence(self) -> Floats[F, J]:
+        """Return how far each joint can be trusted, 0 to 1: 0 in lost frames; else 1 − P (its finger is more than 10 mm off), 1 −
+        P (some joint is more than 25 mm off) where that alone is known, 1 where nothing is.
+        """
+        track = self.track
+        sure = np.ones((len(track), len(track.joint_names)))
+        if track.p_off_25mm is not None:
+            sure[:] = 1.0 - np.nan_to_num(track.p_off_25mm)[:, None]
+        if track.p_off_10mm is not None and track.part_names is not None:
+            for column, part in zip(track.p_off_10mm.T, track.part_names, strict=True):
+                own = np.array(
+                    [_part(name, track.part_names) == part for name in track.joint_names]
+                )
+                known = np.isfinite(column)
+                sure[np.ix_(known, own)] = 1.0 - column[known, None]
+        sure[self.is_lost] = 0.0
+        return sure
+
+
+def _part(joint: str, parts: tuple[str, ...]) -> str:
+    """Return the part of a hand that a joint belongs to: its finger, else the palm, which comes first."""
+    finger = joint.split("_", maxsplit=1)[0]
+    return finger if finger in parts else parts[0]
+
+
+def _held(values: Floats | None, held: Array, new: Array) -> Floats | None:
+    if values is None:
+        return None
+    rows = values[held].copy()
+    rows[new] = np.nan
+    return rows

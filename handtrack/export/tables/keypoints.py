@@ -1,0 +1,28 @@
+"""Joint positions alone, in the form of a session's truth.npz (contracts §2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Array
+from handtrack.export.table import ResultsTable
+from handtrack.model.articulated import keypoint_names
+from handtrack.session.formats.tables import write_arrays
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write joint positions by name, and the 21 keypoints of hands."""
+    track = table.track
+    arrays: dict[str, Array] = {
+        "frame": track.frame,
+        "time_s": track.time_s,
+        "joint_names": np.asarray(track.joint_names),
+        "joint_positions": track.joint_positions,
+    }
+    if track.keypoints21 is not None:
+        arrays["keypoint_names"] = np.asarray(keypoint_names())
+        arrays["keypoints21"] = track.keypoints21
+    write_arrays(path, arrays)
+    return [path]

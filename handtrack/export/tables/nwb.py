@@ -1,0 +1,67 @@
+"""NWB with ndx-pose: joints for neuroscience archives. Written by pynwb."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.export.table import ResultsTable
+from handtrack.files.atomic import replacing
+from handtrack.session.formats.anatomy import AXES
+
+_BEGUN = datetime(1970, 1, 1, tzinfo=UTC)
+"""NWB wants a date: a recording has none, and one that is made up should look so"""
+
+
+def write(path: Path, table: ResultsTable) -> list[Path]:
+    """Write the joints as an ndx-pose `PoseEstimation` in the module `behavior` [m], with confidences; NaN in lost frames. The
+    session's begin is not known and is 1970-01-01: set it before archiving.
+    """
+    from ndx_pose import PoseEstimation, PoseEstimationSeries, Skeleton, Skeletons
+    from pynwb import NWBHDF5IO, NWBFile
+
+    track, sure = table.track, table.confidence()
+    places = np.where(table.is_lost[:, None, None], np.nan, track.joint_positions)
+    series = [
+        PoseEstimationSeries(
+            name=name,
+            data=places[:, j],
+            unit="meters",
+            reference_frame=AXES,
+            timestamps=track.time_s,
+            confidence=sure[:, j],
+            confidence_definition="1 - P(more than 10 mm off), 0 where the frame is lost",
+        )
+        for j, name in enumerate(track.joint_names)
+    ]
+    links = _links(table)
+    skeleton = Skeleton(name=track.model, nodes=list(track.joint_names), edges=links)
+    estimate = PoseEstimation(
+        name="PoseEstimation",
+        pose_estimation_series=series,
+        description=f"{track.model} ({track.side}) fitted to calibrated cameras",
+        scorer="handtrack",
+        source_software="handtrack",
+        source_software_version=track.version,
+        skeleton=skeleton,
+    )
+    file = NWBFile(
+        session_description=track.session or "tracked by handtrack",
+        identifier=f"{track.session} frames {track.frame[0]}-{track.frame[-1]}",
+        session_start_time=_BEGUN,
+    )
+    module = file.create_processing_module("behavior", "poses by handtrack")
+    module.add(Skeletons(skeletons=[skeleton]))
+    module.add(estimate)
+    with replacing(path) as part, NWBHDF5IO(str(part), "w") as writer:
+        writer.write(file)
+    return [path]
+
+
+def _links(table: ResultsTable) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Return pairs (N, 2) of joints that a chain of bones connects."""
+    from handtrack.export.shown.links import joint_links
+
+    return np.array(joint_links(table.model), np.uint8).reshape(-1, 2)

@@ -1,0 +1,78 @@
+"""What brings a camera's real image into the undistorted one: computed once for a camera and a region of interest."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import D2, Array, Axes, Floats, H, Ints, W
+from handtrack.geometry.camera import Camera
+
+Roi = tuple[int, int, int, int]
+"""x, y, width, height [px] in the real, distorted image."""
+
+
+class LensMaps(NamedTuple):
+    """Where each undistorted pixel comes from."""
+
+    camera: Camera
+    """without distortion"""
+    x: Floats[H, W] | None
+    """float32: the column in the real image of each undistorted pixel; None without distortion."""
+    y: Floats[H, W] | None
+    valid: Ints[H, D2]
+    """int32: per row the largest run of pixels that come from inside the image and the region of interest"""
+
+    def straightened(self, pixels: Array[H, W, *Axes]) -> Array[H, W, *Axes]:
+        """Return an image (H, W, …) without distortion, bilinearly interpolated; itself where the lens has none."""
+        if self.x is None or self.y is None:
+            return pixels
+        return cv2.remap(pixels, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def lens_maps(camera: Camera, roi: Roi | None = None) -> LensMaps:
+    """Return a camera's maps. The camera without distortion is the same object each time, so that it can be a key."""
+    return _lens_maps(camera, roi)  # with or without a second argument it is one entry of the cache
+
+
+@lru_cache(maxsize=32)
+def _lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
+    width, height = camera.size
+    straight = camera.without_distortion() if camera.is_distorted else camera
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([columns, rows], axis=-1).astype(float)
+    source = camera.distort_points(pixels) if camera.is_distorted else pixels
+    inside = _inside(source, (0, 0, width, height)) & _inside(source, roi or (0, 0, width, height))
+    valid = longest_runs(inside)
+    valid.flags.writeable = False
+    if not camera.is_distorted:
+        return LensMaps(straight, None, None, valid)
+    # beyond the lens's field the source is NaN; any place will do, since those pixels are not valid
+    maps = np.nan_to_num(source, nan=-1e4).astype(np.float32)
+    return LensMaps(
+        straight, np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1]), valid
+    )
+
+
+def _inside(source: Array, box: Roi) -> Array:
+    """Return where source points (H, W, 2) lie in a box of whole pixels (a pixel reaches half a
+    unit each way)."""
+    x, y, width, height = box
+    low, high = np.array([x, y]) - 0.5, np.array([x + width, y + height]) - 0.5
+    return np.asarray(((source >= low) & (source < high)).all(axis=-1))
+
+
+def longest_runs(inside: Array[H, W]) -> Ints[H, D2]:
+    """Return per row of booleans the longest run of true, half-open, as int32; the first of equals."""
+    height, width = inside.shape
+    position = np.arange(1, width + 1)
+    last_outside = np.maximum.accumulate(np.where(inside, 0, position), axis=1)
+    length = np.where(inside, position - last_outside, 0)
+    end = np.argmax(length, axis=1) + 1
+    longest = length[np.arange(height), end - 1]
+    runs = np.stack([end - longest, end], axis=1)
+    runs[longest == 0] = 0
+    return runs.astype(np.int32)  # type: ignore[return-value]

@@ -1,0 +1,90 @@
+"""A cost of one's own in one function: residuals of where some joints are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats, Ints, J, N
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.rows import Rows, grown_row, point_row
+
+_STEP_M = 1e-6
+"""of central differences: their error, the step's square, and that of rounding, 1e-16 over it, are both below 1e-9"""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPositionTerm:
+    """½ Σ r², for residuals r of the positions of some joints.
+
+    residuals: is given positions (J, 3), world [m], of the joints in the order of `joints`, and returns numbers (N,), each 1
+    where it is off by a standard deviation; always as many. It is differentiated by central differences. Raises
+    HandtrackError for a joint that the model does not have, and residuals that are not finite numbers.
+    """
+
+    model: ArticulatedModel
+    joints: Sequence[str]
+    residuals: Callable[[Floats[J, D3]], Floats[N]]
+    name: str = "own"
+
+    def __post_init__(self) -> None:
+        for joint in self.joints:
+            if joint not in self.model.joint_names:
+                raise unknown_name("joint", joint, self.model.joint_names)
+
+    @cached_property
+    def _places(self) -> tuple[Ints[J], Floats[J, D3]]:
+        """The bone of each joint, and where in its frame the joint is."""
+        rows = [list(self.model.joint_names).index(name) for name in self.joints]
+        return self.model.joint_bone[rows], self.model.joint_point[rows]
+
+    def cost(self, bones: BonePoses) -> float:
+        """Return ½ Σ r²."""
+        residual = self._residual(bones.to_world(*self._places))
+        return 0.5 * float(residual @ residual)
+
+    def linearize(self, bones: BonePoses) -> BoneSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
+        return self._rows(bones, point_row).bone_system(len(bones.position))
+
+    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
+        """Return what `linearize` does, with each bone's growth as a seventh number."""
+        return self._rows(bones, grown_row).bone_system(len(bones.position))
+
+    def _rows(self, bones: BonePoses, row: Callable[..., Floats]) -> Rows:
+        bone, _ = self._places
+        points = bones.to_world(*self._places)
+        residual = self._residual(points)
+        slopes = self._slopes(points, len(residual))  # (N, J, 3)
+        count = len(residual)
+        which = np.repeat(np.arange(count), len(points))
+        twist = row(np.tile(points, (count, 1)), slopes.reshape(-1, 3), bones.reference)
+        cost = 0.5 * float(residual @ residual)
+        return Rows(residual, which, np.tile(bone, count), twist, cost, np.ones(count))
+
+    def _slopes(self, points: Floats[J, D3], count: int) -> Floats:
+        """Return each residual's derivative by each joint's place (N, J, 3) [1/m]."""
+        slopes = np.empty((count, len(points), 3))
+        for joint in range(len(points)):
+            for axis in range(3):
+                ahead, behind = points.copy(), points.copy()
+                ahead[joint, axis] += _STEP_M
+                behind[joint, axis] -= _STEP_M
+                change = self._residual(ahead) - self._residual(behind)
+                slopes[:, joint, axis] = change / (2 * _STEP_M)
+        return slopes
+
+    def _residual(self, points: Floats[J, D3]) -> Floats[N]:
+        residual = np.asarray(self.residuals(points), dtype=float).ravel()
+        if not np.isfinite(residual).all():
+            raise HandtrackError(
+                f"term '{self.name}': its residuals have values that are not finite numbers, at joints {list(self.joints)}. "
+                "Return 0 where nothing is known."
+            )
+        return residual

@@ -1,0 +1,116 @@
+"""A first pose for what was seen of one frame, without a session: from points, joints in images, silhouettes or a cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel, keypoint_names
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.auto_start import auto_start
+from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
+from handtrack.tracking.search.keypoint_start import (
+    ENOUGH_IN_SPACE,
+    hands_from_images,
+    triangulated,
+)
+
+SURE = 0.7
+"""from which confidence on no other frame is tried: as the search of sessions has it"""
+_TRIED = 4
+"""frames of a sequence in which a hand is looked for"""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPose:
+    """A pose that tracking may start from: `TrackerState.beginning_at(found.params)`."""
+
+    frame: int
+    params: Floats[P]
+    """solver parameters of the model"""
+    confidence: float
+    """0 to 1, that its joints are within 12 mm of the true ones on average; 1 where points say where they are"""
+    found_in: str
+    """what it was found in, in a word"""
+
+
+def find_pose(
+    model: ArticulatedModel,
+    observation: Observation,
+    settings: TrackerSettings = TrackerSettings(),
+    should_stop: Callable[[], bool] | None = None,
+) -> list[FoundPose]:
+    """Return the poses that a frame may show, the surest first; empty where no hand can be seen in it.
+
+    Points in space come first, then joints on which two images agree, then silhouettes and cloud, which are searched for an
+    open or half-open hand (some seconds); last the joints of one image, which leave several poses open. Raises HandtrackError
+    for a model that is no hand with 21 keypoints, where there are no points in space.
+    """
+    points = _points(model, observation, settings)
+    if points is not None:
+        return [FoundPose(observation.frame, fit_keypoints(model, points), 1.0, "points")]
+    if not model.has_keypoints21:
+        raise HandtrackError(
+            f"the model '{model.name}' is no whole hand: a first pose is found by itself for hands only. Give one as solver "
+            "parameters: model.params_from({'name': value, …}), or model.rest_params()."
+        )
+    if observation.silhouettes or observation.cloud is not None:
+        found = auto_start([model], settings, observation, should_stop)
+        return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
+    joints = _image_joints(observation)
+    if not joints:
+        return []
+    flips = hands_from_images(model, joints)
+    return [FoundPose(observation.frame, h.params, h.weight, "joints of one image") for h in flips]
+
+
+def find_first_pose(
+    model: ArticulatedModel,
+    observations: Sequence[Observation],
+    settings: TrackerSettings = TrackerSettings(),
+) -> FoundPose:
+    """Return the surest pose of a few frames of a sequence, looked for in the first, the middle and the quarters.
+
+    Raises HandtrackError where no hand is found in any.
+    """
+    seen = [one for one in observations if not one.is_empty]
+    rows = dict.fromkeys((0, len(seen) // 2, len(seen) // 4, 3 * len(seen) // 4)) if seen else {}
+    best: FoundPose | None = None
+    for row in list(rows)[:_TRIED]:
+        found = find_pose(model, seen[row], settings)
+        if found and (best is None or found[0].confidence > best.confidence):
+            best = found[0]
+        if best is not None and best.confidence >= SURE:
+            break
+    if best is None:
+        raise HandtrackError(
+            f"no hand was found in {len(rows)} of {len(seen)} frames that show anything. Is the mask the hand, and do the "
+            "cameras fit it? Else give a start: solver parameters (P,)."
+        )
+    return best
+
+
+def _points(
+    model: ArticulatedModel, seen: Observation, settings: TrackerSettings
+) -> Keypoints | None:
+    """Return what says in space where the model's joints are; None where too little does."""
+    for given in seen.keypoints:
+        if isinstance(given, Keypoints) and np.isfinite(given.positions).all(axis=1).sum() >= FEWEST:  # fmt: skip
+            rows = [i for i, name in enumerate(given.names) if name in model.joint_names]
+            return replace(
+                given, names=tuple(given.names[i] for i in rows), positions=given.positions[rows]
+            )
+    images = _image_joints(seen)
+    points = triangulated(images) if images and model.has_keypoints21 else np.empty((0, 3))
+    if np.isfinite(points).all(axis=1).sum() < ENOUGH_IN_SPACE:
+        return None
+    return Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
+
+
+def _image_joints(seen: Observation) -> list[ImageKeypoints]:
+    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]

@@ -1,0 +1,137 @@
+"""The methods that can be tracked by, by name: ours, and each of the three papers' own. docs/methods.md is printed from here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a method does otherwise than ours and no setting says; `replace(settings, traits=…)` turns one alone."""
+
+    plain_sums: bool = False
+    """each pixel and each point counts 1, squared: no robust loss, no neighbours that err alike, nothing that is near enough"""
+    whole_surface: bool = False
+    """E2 asks for a cloud on all of the model's surface, not only on what is in view"""
+    distance: str = "d3"
+    """to one ellipsoid: d1, d2 or d3"""
+    sharpness_per_m: float | None = None
+    """β of the metaballs, of a hand of scale 1; None: 1 per millimetre"""
+    shifts_each_frame: bool = False
+    """each frame is solved again from all fingers shifted to either side, and the least energy is taken"""
+    joints_begin: bool = False
+    """joints seen in images are all that a first frame is fitted to, and no other frame looks at them"""
+    closest_prior: bool = False
+    """hypotheses descend on what is seen alone, and count by the long-tailed bell of the last frame that is closest to where they end"""
+    apart_mm: float | None = None
+    """by how much hypotheses that are shown differ at least; None: as usual"""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to track, by name."""
+
+    name: str
+    words: str
+    source: str = ""
+    """where it is said"""
+    values: Mapping[str, object] = field(default_factory=dict)
+    """the settings that it sets, by dotted name"""
+    traits: Traits = Traits()
+
+
+_NO_PRIORS: dict[str, object] = {"prior.rest_sigma_deg": 0.0, "prior.posture": 0.0}
+_FRAME_BY_FRAME: dict[str, object] = {
+    "tracker.prediction": "none",
+    "tracker.escape": False,
+    "tracker.recovery": False,
+    "tracker.estimate": "forward",
+}
+_HAND_ALONE: dict[str, object] = {"model.forearm": "false", "model.narrowing": False}
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method("default", "Ours: what the three papers have, and what came after."),
+        Method(
+            "paper2007",
+            "Silhouettes by conic fields, 10 iterations a frame, and nothing else.",
+            "Conic fields (2007), sections 2, 3 and 5",
+            {
+                "model.coupling": "26",
+                **_HAND_ALONE,
+                "silhouettes.term": "conic_field",
+                "cloud.weight": 0.0,
+                "keypoints.weight": 0.0,
+                **_NO_PRIORS,
+                "prior.collision": False,
+                "solver.iterations": 10,
+                "solver.limits": "none",
+                **_FRAME_BY_FRAME,
+                "tracker.smoothing": 0.0,
+            },
+            Traits(plain_sums=True),
+        ),
+        Method(
+            "paper2004",
+            "A cloud by metaballs: F = K E1 + (1 − K) E2, 100 iterations, and fingers shifted to both sides in each frame.",
+            "Metaballs (2004), sections 2.3, 3.3, 3.4 and 4",
+            {
+                "model.coupling": "21",
+                **_HAND_ALONE,
+                "model.fallback": "none",
+                "silhouettes.weight": 0.0,
+                "silhouettes.bands_mm": (1.2,),
+                "cloud.sigma_mm": 1.0,
+                "cloud.crop_mm": 100.0,
+                "keypoints.weight": 0.0,
+                **_NO_PRIORS,
+                "prior.collision": False,
+                "solver.iterations": 100,
+                "solver.limits": "projection",
+                **_FRAME_BY_FRAME,
+                "tracker.smoothing": 0.0,
+            },
+            Traits(plain_sums=True, whole_surface=True, shifts_each_frame=True),
+        ),
+        Method(
+            "paper2003",
+            "Eight hypotheses by edges and the last frame's intensity; joints begin.",
+            "Kinematic jumps (2003), sections 2, 4 and 5.2",
+            {
+                "silhouettes.weight": 0.0,
+                "cloud.weight": 0.0,
+                "edges.weight": 1.0,
+                "intensity.weight": 1.0,
+                "intensity.memory": 0.0,
+                **_NO_PRIORS,
+                **_FRAME_BY_FRAME,
+                "tracker.hypotheses": 8,
+                "mixture.scale": 5.0,
+                "mixture.carried": 8,
+            },
+            Traits(joints_begin=True, closest_prior=True, apart_mm=0.0),
+        ),
+    )
+}
+
+
+def table(method: Method) -> str:
+    """Return what a method sets, settings then traits, as a table in Markdown."""
+    ours = Traits()
+    rows = [(f"`{name}`", _shown(value)) for name, value in method.values.items()]
+    rows += [
+        (f"trait `{item.name}`", _shown(getattr(method.traits, item.name)))
+        for item in fields(Traits)
+        if getattr(method.traits, item.name) != getattr(ours, item.name)
+    ]
+    return "| sets | to |\n|---|---|\n" + "".join(f"| {name} | {value} |\n" for name, value in rows)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return f"`{','.join(f'{item:g}' for item in value)}`"
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"

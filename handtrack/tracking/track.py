@@ -1,0 +1,65 @@
+"""A sequence of observations, tracked in one call: what a session does, for arrays in memory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
+from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracking.find_pose import find_first_pose
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import TrackLabels, TrackResult
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.tracker import Tracker
+
+
+def track(
+    model: ArticulatedModel,
+    observations: Sequence[Observation],
+    start: Floats[P] | None = None,
+    settings: TrackerSettings = TrackerSettings(),
+    terms: Sequence[ObservationTerm] = (),
+    priors: Sequence[ParameterTerm] = (),
+    control: Control = Control(),
+) -> TrackResult:
+    """Return the tracked sequence: frame after frame, then refined together as the settings say.
+
+    observations: in any order, each frame once; frames between that are missing are frames in which nothing was seen. start:
+    solver parameters of the first frame; found by itself where None (hands only). terms, priors: costs of one's own, of bone
+    poses and of joint parameters (docs/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
+    pose is found.
+    """
+    by_frame = {seen.frame: seen for seen in observations}
+    if len(by_frame) < len(observations) or not by_frame:
+        raise HandtrackError(
+            f"{len(observations)} observations of {len(by_frame)} frames; expected at least one, and each frame once. Give "
+            "all views of a frame in one Observation."
+        )
+    numbers = np.array(sorted(by_frame))
+    times = np.array([by_frame[number].time_s for number in numbers])
+    frames = range(int(numbers[0]), int(numbers[-1]) + 1)
+    first, params = frames.start, start
+    if params is None:
+        found = find_first_pose(model, [by_frame[number] for number in numbers], settings)
+        first, params = found.frame, found.params
+
+    def observe(frame: int, bones: BonePoses | None = None) -> Observation:
+        missing = Observation(frame, float(np.interp(frame, numbers, times)))
+        return by_frame.get(frame, missing)
+
+    tracker = Tracker(model, settings, tuple(terms), tuple(priors))
+    results = track_recording(tracker, observe, first, model.clipped(params), frames, control)
+    latest = {result.frame: result for result in results}
+    labels = TrackLabels(
+        model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), model.name,
+        model.side, settings=json.dumps(settings.flat(), sort_keys=True),
+    )  # fmt: skip
+    return labels.track([latest[frame] for frame in sorted(latest)])

@@ -1,0 +1,179 @@
+"""`handtrack batch`: many recordings, gone on with after any end, nothing done twice, the worst first."""
+
+from __future__ import annotations
+
+import csv
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from handtrack_app.commands.batch import one
+from handtrack_app.commands.batch.outcome import DONE, STARTED, Outcome, append, read_ledger
+from tests.app.command_line import PROGRAM, CommandLine, small_recording
+from tests.conftest import REPOSITORY
+
+FAKE = "tests.app.commands.fake_child"
+KILLS = 3
+
+
+@pytest.fixture
+def handtrack(capsys) -> CommandLine:
+    return CommandLine(capsys)
+
+
+@pytest.fixture
+def quick(monkeypatch) -> None:
+    """Recordings are tracked by a stand-in."""
+    monkeypatch.setattr(one, "_CHILD", FAKE)
+    monkeypatch.setattr(one, "_POLL_S", 0.02)
+    monkeypatch.syspath_prepend(str(REPOSITORY))
+
+
+def folders(root: Path, count: int, broken: int = 0) -> list[Path]:
+    """Make folders with a session.toml each; the last `broken` are refused."""
+    made = [root / f"take{number}" for number in range(count)]
+    for row, folder in enumerate(made):
+        folder.mkdir(parents=True)
+        (folder / "session.toml").write_text("")
+        if row >= count - broken:
+            (folder / "ends").write_text("no calibration.")
+    return made
+
+
+def begun(root: Path) -> Counter[str]:
+    """Return how often the work on each recording began."""
+    lines = (root / "work.log").read_text().splitlines()
+    return Counter(line.split()[1] for line in lines if line.startswith("begun"))
+
+
+def test_it_tracks_as_track_does_and_names_what_is_broken(tmp_path, handtrack):
+    good, bad = small_recording(tmp_path / "takes" / "good"), small_recording(tmp_path / "takes" / "bad")  # fmt: skip
+    (bad / "calibration.toml").unlink()
+    ended = handtrack("batch", tmp_path / "takes" / "*", "--jobs", 2, "--frames", "0:2", "--out", tmp_path / "out", "--json")  # fmt: skip
+    assert ended.code == 3
+    outcomes = {row["recording"]: row for row in json.loads(ended.out)["recordings"]}
+    assert outcomes["good"]["frames"]["tracked"] == 2
+    assert outcomes["bad"]["state"] == "refused"
+    assert "calibration.toml" in outcomes["bad"]["cause"]
+    assert json.loads((tmp_path / "out" / "outcomes" / "good.json").read_text()) == outcomes["good"]
+    alone = handtrack("track", good, "--frames", "0:2", "--out", tmp_path / "alone.npz")
+    assert alone.code == 0, alone.err
+    assert (good / "tracks" / "poses.npz").read_bytes() == (tmp_path / "alone.npz").read_bytes()
+
+
+def test_what_is_done_stays_done_until_something_changes(tmp_path, handtrack, quick):
+    made = folders(tmp_path / "takes", 4, broken=1)
+    words = ["batch", tmp_path / "takes" / "*" / "session.toml", "--out", tmp_path / "out"]
+    assert handtrack(*words).code == 3
+    assert handtrack(*words).code == 2  # a batch is there: --resume, or another folder
+    again = handtrack(*words, "--resume")
+    assert again.code == 3
+    assert "4 of 4 recordings are left as they are" in again.err
+    (made[0] / "session.toml").write_text("# changed")
+    (made[1] / "tracks" / "poses.npz").unlink()
+    assert handtrack(*words, "--resume").code == 3
+    assert begun(tmp_path / "takes") == {"take0": 2, "take1": 2, "take2": 1, "take3": 1}
+    assert handtrack(*words, "--resume", "--set", "solver.iterations=5").code == 3
+    assert begun(tmp_path / "takes") == {"take0": 3, "take1": 3, "take2": 2, "take3": 2}
+
+
+def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
+    folders(tmp_path / "takes", 4, broken=1)
+    ended = handtrack("batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--most-lost", "0.1")  # fmt: skip
+    assert ended.code == 3
+    assert "4 recordings: 3 done, 1 refused; 30 frames, 0 doubtful, 3 lost" in ended.out
+    with (tmp_path / "out" / "report.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
+    assert rows[0]["cause"] == "no calibration."
+    assert rows[1]["open"] == f"handtrack open {tmp_path / 'takes' / 'take2'}"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "&lt;b&gt;" in page
+    assert page.index("take3") < page.index("take0")
+    assert "http" not in page
+
+
+def test_the_exit_code_goes_by_the_limit(tmp_path, handtrack, quick):
+    folders(tmp_path / "takes", 3)
+    words = ["batch", tmp_path / "takes" / "*", "--out", tmp_path / "out"]
+    assert handtrack(*words, "--most-lost", "0.2").code == 0
+    assert handtrack(*words, "--most-lost", "0.1", "--resume").code == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nothing/*"], "no session folder matches"),
+        ([".", "--jobs", "0"], "--jobs 0: expected 1 or more"),
+        ([".", "--most-lost", "7"], "--most-lost 7: expected a share"),
+    ],
+)
+def test_wrong_words_are_refused(tmp_path, handtrack, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    ended = handtrack("batch", *words)
+    assert ended.code == 2
+    assert said in ended.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
+    """And their processes end with the batch that began them."""
+    count, jobs, rng = 24, 2, random.Random(3)
+    folders(tmp_path / "takes", count, broken=3)
+    code = (
+        f"from handtrack_app.commands.batch import one\none._CHILD, one._POLL_S = {FAKE!r}, 0.02\n"
+        "import sys\nfrom handtrack_app.cli import main\nsys.exit(main(sys.argv[1:]))"
+    )
+    words = ["batch", f"{tmp_path}/takes/*", "--jobs", str(jobs), "--resume", "--out", str(tmp_path / "out")]  # fmt: skip
+    command, kills = [sys.executable, "-c", code, *words], 0
+    ledger = tmp_path / "out" / "ledger.jsonl"
+    while True:
+        settled = len([o for o in read_ledger(ledger) if o.state != STARTED])
+        batch = subprocess.Popen(command, cwd=REPOSITORY, env=PROGRAM, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+        if kills == KILLS:
+            assert batch.wait(120) == 3
+            break
+        until = time.monotonic() + 60
+        while batch.poll() is None and time.monotonic() < until:
+            if len([o for o in read_ledger(ledger) if o.state != STARTED]) > settled:
+                break  # something was done since it began
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.1))
+        batch.send_signal(signal.SIGKILL)
+        batch.wait()
+        kills += 1
+    done = begun(tmp_path / "takes")
+    assert len(done) == count
+    assert sum(done.values()) - count <= KILLS * jobs
+    states = Counter(o.state for o in read_ledger(ledger) if o.state != STARTED)
+    assert states["done"] >= count - 3
+    for row in csv.DictReader((tmp_path / "out" / "report.csv").read_text().splitlines()):
+        assert row["state"] == ("done" if int(row["recording"][4:]) < count - 3 else "refused")
+
+
+def test_a_torn_line_of_the_ledger_costs_that_line_alone(tmp_path):
+    file = tmp_path / "ledger.jsonl"
+    first, second = (Outcome(name, f"/{name}", "1", DONE, 0) for name in "ab")
+    append(file, first)
+    with file.open("ab") as torn:
+        torn.write(b'{"recording": "c", "fold')
+    append(file, second)
+    assert read_ledger(file) == [first, second]
+
+
+def test_on_a_dask_cluster_of_two_workers(tmp_path, handtrack, quick, monkeypatch):
+    distributed = pytest.importorskip("dask.distributed", reason="the extra `cluster` is not installed")  # fmt: skip
+    folders(tmp_path / "takes", 4, broken=1)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:  # fmt: skip
+        words = ["batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--dask", cluster.scheduler_address]  # fmt: skip
+        ended = handtrack(*words)
+    assert ended.code == 3, ended.err
+    assert "4 recordings: 3 done, 1 refused" in ended.out
+    assert begun(tmp_path / "takes").total() == 4

@@ -1,0 +1,106 @@
+"""Tracked sequences whose poses are those of a model: hands of both sides, a body, a claw that a user defined."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import Floats
+from handtrack.capture.calibration.rig_file import rig_json
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.model_file import load_model, scale_table
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import PARTS, FrameResult, Status, TrackLabels, TrackResult
+
+CLAW = Path(__file__).parent / "claw.toml"
+KINDS = ("right", "left", "body", "claw")
+FPS = 50.0
+LOST_ROW = 5
+
+
+def sample_model(kind: str) -> ArticulatedModel:
+    """Return a model of one of KINDS; hands are a person's own."""
+    if kind == "claw":
+        return load_model(CLAW)
+    if kind == "body":
+        return load_model("body34", scale=HandScale(1.03, {"thighs": 0.97}, {"hip_width": 0.5}))
+    size = HandScale(0.94, {"thumb": 1.04, "little": 0.97}, std={"length_mm": 1.5})
+    return load_model("hand26", side=kind, scale=size)
+
+
+def sample_rig() -> CameraRig:
+    """Return two cameras a metre and a half from the origin."""
+    matrix = np.array([[500.0, 0.0, 320.0], [0.0, 505.0, 240.0], [0.0, 0.0, 1.0]])
+    turns = rotation_matrix(np.array([[np.pi, 0.0, 0.0], [np.pi, 0.6, 0.0]]))
+    return CameraRig(
+        tuple(
+            Camera(name, (640, 480), matrix, np.zeros(5), turn, np.array([0.0, 0.0, 1.5]))
+            for name, turn in zip(("front", "side"), turns, strict=True)
+        )
+    )
+
+
+def smooth_poses(model: ArticulatedModel, frames: int, rng: np.random.Generator) -> Floats:
+    """Return joint parameters (frames, S): every freedom wanders within its limits, the root turns all the way round."""
+    knots = np.linspace(0, frames - 1, 5)
+    low, high = model.limits.interval[6:].T
+    wanted = rng.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (5, len(low)))
+    angles = np.stack([np.interp(np.arange(frames), knots, column) for column in wanted.T], axis=1)
+    turn = np.linspace(0.3, 6.5, frames)[:, None] * np.array([0.48, 0.6, 0.64])
+    place = np.array([0.05, -0.02, 0.1]) + 0.1 * np.sin(np.linspace(0, 3, frames))[:, None]
+    return np.concatenate([place, turn, angles], axis=1)
+
+
+@lru_cache(maxsize=8)
+def sample_sequence(kind: str, frames: int = 24) -> tuple[ArticulatedModel, TrackResult]:
+    """Return a model and a sequence of it, from frame 3 on at 50 frames a second; row 5 is lost, row 6 doubtful."""
+    model = sample_model(kind)
+    rng = np.random.default_rng(KINDS.index(kind))
+    results = []
+    for row, values in enumerate(smooth_poses(model, frames, rng)):
+        bones = model.bones(model.transform.solver_params(values))
+        std = np.where(np.arange(len(values)) < 3, 0.001, 0.02) * rng.uniform(0.5, 2.0, len(values))
+        status, reason = Status.TRACKED, None
+        if row == LOST_ROW:
+            status, reason, std = Status.LOST, Reason("unseen"), np.full(len(values), np.inf)
+        elif row == LOST_ROW + 1:
+            status, reason = Status.DOUBTFUL, Reason("open", part="hand", number=0.02)
+        joints = model.joint_positions(bones)
+        results.append(
+            FrameResult(
+                frame=3 + row,
+                time_s=(3 + row) / FPS,
+                parameters=values,
+                status=status,
+                energy=1.0 + row,
+                iterations=4,
+                parameter_std=std,
+                joint_covariance=np.tile(1.5e-3**2 * np.eye(3), (len(joints), 1, 1)),
+                T_world_bone=bones.T_world_bone,
+                joint_positions=joints,
+                keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+                reason=reason,
+                p_off_25mm=0.02 * row / frames,
+                p_off_10mm=np.linspace(0.01, 0.2, len(PARTS)) if model.has_keypoints21 else None,
+            )
+        )
+    labels = TrackLabels(
+        parameter_names=model.parameter_names,
+        bone_names=model.skeleton.bone_names,
+        joint_names=model.joint_names,
+        model=model.name,
+        side=model.side,
+        scale=json.dumps(scale_table(model.scale)),
+        session=f"invented {kind}",
+        settings="{}",
+        version="0.0",
+        definition=model.definition,
+        fps=FPS,
+        cameras=rig_json(sample_rig()),
+    )
+    return model, labels.track(results)

@@ -1,0 +1,26 @@
+"""Every format is read by somebody else's program, which finds each joint where the result has it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.export.registry import export_format
+from handtrack.export.table import ResultsTable
+from tests.export.foreign import BOUNDS_MM, READERS
+from tests.export.sequences import KINDS, sample_sequence
+
+OF_KNOWN_SKELETONS = ("openpose", "mediapipe")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", list(READERS))
+def test_foreign_readers_find_the_joints(name: str, kind: str, tmp_path: Path) -> None:
+    if name in OF_KNOWN_SKELETONS and kind == "claw":
+        table = ResultsTable(sample_sequence(kind)[1])
+        with pytest.raises(HandtrackError, match="neither a whole hand nor a body"):
+            export_format(name).write(tmp_path / "x.json", table)
+        return
+    assert READERS[name](kind, tmp_path) < BOUNDS_MM[name]

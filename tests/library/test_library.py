@@ -1,0 +1,193 @@
+"""What people import: small, documented, and enough without a session."""
+
+from __future__ import annotations
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+import handtrack
+from handtrack import (
+    Camera,
+    HandtrackError,
+    ImageKeypoints,
+    JointPositionTerm,
+    Keypoints,
+    Observation,
+    Tracker,
+    TrackerState,
+    bundled_session,
+    find_pose,
+    load_model,
+    read_cameras,
+    track,
+)
+from handtrack.model.articulated import keypoint_names
+from handtrack.terms.priors.priors import GaussianPrior
+from tests.conftest import REPOSITORY
+from tests.derivatives import check_observation_term
+from tests.sample_track import hand_track
+
+HAND = load_model("hand26")
+TIPS = ("thumb_tip", "index_tip")
+CAMERAS = read_cameras(bundled_session() / "calibration.toml")
+
+
+def posed(bend: float = 0.5) -> np.ndarray:
+    joint = HAND.rest.copy()
+    joint[list(HAND.parameter_names).index("index_pip_flex")] = bend
+    return HAND.clipped(HAND.transform.solver_params(joint))
+
+
+def points(params: np.ndarray, frame: int = 0) -> Observation:
+    seen = Keypoints(HAND.joint_names, HAND.joint_positions(HAND.bones(params)), 0.003)
+    return Observation(frame, frame / 30, keypoints=(seen,))
+
+
+# ---- the names -------------------------------------------------------------------------------------
+
+
+def test_the_page_documents_all_public_names_and_no_others():
+    page = (REPOSITORY / "docs" / "library.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert sorted(listed) == sorted(handtrack.__all__)
+    assert len(handtrack.__all__) <= 32, "it is to stay small"
+
+
+@pytest.mark.parametrize("name", handtrack.__all__)
+def test_each_says_what_it_is(name):
+    assert (getattr(handtrack, name).__doc__ or "").strip()
+
+
+# ---- cameras ---------------------------------------------------------------------------------------
+
+
+def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
+    matrix = np.array([[600.0, 0, 320], [0, 610, 240], [0, 0, 1]])
+    flat, rvec, tvec = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
+    world = rng.uniform(-50, 50, (20, 3))
+    expected = cv2.projectPoints(world, rvec, tvec, matrix, flat)[0][:, 0]
+    vector = Camera.from_opencv("c", (640, 480), matrix, flat, rvec, tvec, unit_m=0.001)
+    turned = Camera.from_opencv("c", (640, 480), matrix, flat, cv2.Rodrigues(rvec)[0], tvec, 0.001)
+    np.testing.assert_allclose(vector.project(world / 1000), expected, atol=1e-9)
+    np.testing.assert_allclose(turned.project(world / 1000), expected, atol=1e-9)
+
+
+def test_calibrations_are_read_in_metres(tmp_path):
+    assert CAMERAS.names == ("cam0", "cam1", "cam2")
+    text = '{"a": {"K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "dist": [0, 0, 0, 0, 0], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 3]}}'
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(HandtrackError, match="no image size"):
+        read_cameras(tmp_path / "c.json")
+    camera = read_cameras(tmp_path / "c.json", unit_m=0.1, size=(640, 480))["a"]
+    np.testing.assert_allclose(camera.translation, [0, 0, 0.3])
+
+
+# ---- a first pose without a session ----------------------------------------------------------------
+
+
+def test_a_pose_from_points_in_space():
+    params = posed(0.9)
+    found = find_pose(HAND, points(params))
+    assert [one.found_in for one in found] == ["points"]
+    off = HAND.joint_positions(HAND.bones(found[0].params)) - HAND.joint_positions(HAND.bones(params))  # fmt: skip
+    assert np.abs(off).max() < 2e-3
+
+
+def test_a_pose_from_joints_in_two_images():
+    joint = posed(0.9)
+    joint[:3] = CAMERAS["cam0"].centre + 0.5 * CAMERAS["cam0"].rotation[2]
+    names = keypoint_names()
+    at = HAND.keypoints21(HAND.bones(joint))
+    seen = tuple(ImageKeypoints(c, names, c.project(at), 2.0) for c in list(CAMERAS)[:2])
+    found = find_pose(HAND, Observation(0, 0.0, keypoints=seen))
+    assert np.abs(HAND.keypoints21(HAND.bones(found[0].params)) - at).max() < 3e-3
+
+
+def test_nothing_to_find():
+    assert find_pose(HAND, Observation(0, 0.0)) == []
+    with pytest.raises(HandtrackError, match="is no whole hand.*model.params_from"):
+        find_pose(load_model("body34"), Observation(0, 0.0))
+    with pytest.raises(HandtrackError, match="no hand was found in 0 of 0 frames"):
+        track(HAND, [Observation(0, 0.0)])
+
+
+def test_a_tracker_without_a_start_says_what_to_do():
+    with pytest.raises(HandtrackError, match="no pose to start from.*find_pose"):
+        Tracker(HAND).step(TrackerState(), points(posed()))
+
+
+# ---- a sequence ------------------------------------------------------------------------------------
+
+
+def test_frames_that_are_missing_are_frames_in_which_nothing_was_seen():
+    seen = [points(posed(0.3 + 0.1 * frame), frame) for frame in (2, 3, 6)]
+    result = track(HAND, list(reversed(seen)))
+    assert result.frame.tolist() == [2, 3, 4, 5, 6]
+    np.testing.assert_allclose(result.time_s, np.arange(2, 7) / 30)
+    with pytest.raises(HandtrackError, match="2 observations of 1 frames"):
+        track(HAND, [seen[0], seen[0]])
+
+
+def test_numbers_by_name():
+    result = hand_track()
+    name = "index_pip_flex"
+    row = result.parameter_names.index(name)
+    np.testing.assert_allclose(result.angle(name), np.rad2deg(result.parameters[:, row]))
+    np.testing.assert_allclose(result.angle(name, degrees=False), result.parameters[:, row])
+    np.testing.assert_allclose(result.joint("wrist"), result.joint_positions[:, 0])
+    with pytest.raises(HandtrackError, match="no angle 'index_pip'"):
+        result.angle("index_pip")
+    with pytest.raises(HandtrackError, match="no joint 'thumb'"):
+        result.joint("thumb")
+
+
+def test_tables_for_pandas_and_xarray():
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    result = hand_track()
+    table, data = result.to_dataframe(), result.to_xarray()
+    assert table.index.name == "frame"
+    np.testing.assert_allclose(table["index_pip_flex_deg"], result.angle("index_pip_flex"))
+    np.testing.assert_allclose(table["index_tip_x_m"], result.joint("index_tip")[:, 0])
+    assert {"root_tx_m", "root_rx_deg", "root_tx_std_m", "status"} <= set(table.columns)
+    np.testing.assert_allclose(data.position.sel(joint="wrist"), result.joint("wrist"))
+    assert dict(data.sizes) == {"frame": 5, "parameter": 26, "joint": 21, "space": 3, "space2": 3}
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(HandtrackError, match="pandas is not installed.*pip install pandas"):
+        hand_track().to_dataframe()
+
+
+# ---- terms of one's own ----------------------------------------------------------------------------
+
+
+def test_gradient_and_hessian(rng):
+    bones = HAND.bones(HAND.clipped(rng.normal(scale=0.3, size=26)))
+    term = JointPositionTerm(HAND, TIPS, lambda at: [(at[0] - at[1]) @ (at[0] - at[1]) / 0.01, at[1, 2] / 0.01])  # fmt: skip
+    check_observation_term(term, bones, HAND.skeleton.bone_names)
+
+
+def test_terms_and_priors_of_ones_own_count():
+    start = posed()
+    gap = JointPositionTerm(HAND, TIPS, lambda at: (at[0] - at[1]) / 0.0005, name="touch")
+    bend = list(HAND.parameter_names).index("ring_pip_flex")
+    wanted, sigma = HAND.rest.copy(), np.full(26, np.inf)
+    wanted[bend], sigma[bend] = 1.2, 0.01
+    prior = GaussianPrior(wanted, sigma, "bent")
+    result = track(HAND, [points(start)], start, terms=[gap], priors=[prior])
+    assert np.linalg.norm(result.joint("thumb_tip") - result.joint("index_tip")) < 0.006
+    assert result.angle("ring_pip_flex", degrees=False)[0] == pytest.approx(1.2, abs=0.05)
+    assert {"touch", "bent"} <= set(result.energy_names or ())
+
+
+def test_a_term_says_what_is_wrong_with_it():
+    with pytest.raises(HandtrackError, match="joint 'index'"):
+        JointPositionTerm(HAND, ["index"], lambda at: at[0])
+    odd = JointPositionTerm(HAND, TIPS, lambda at: np.full(1, np.nan), name="odd")
+    with pytest.raises(HandtrackError, match="term 'odd': .* not finite"):
+        odd.cost(HAND.bones(posed()))

@@ -1,0 +1,60 @@
+"""The notebooks run, each task in at most 15 lines and with public names alone."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+
+import handtrack
+from tests.conftest import REPOSITORY
+from tests.sample_track import hand_track
+
+NOTEBOOKS = sorted((REPOSITORY / "docs" / "notebooks").glob("*.ipynb"))
+MOST_LINES = 15
+
+
+def cells(path: Path) -> list[str]:
+    """Return the code of a notebook, cell by cell."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return ["".join(c["source"]) for c in content["cells"] if c["cell_type"] == "code"]
+
+
+def test_there_are_these():
+    assert [path.stem for path in NOTEBOOKS] == [
+        "masks_to_pose", "own_term", "pandas", "plot",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_task_is_short_and_takes_public_names_alone(path):
+    imported = set()
+    for code in cells(path):
+        assert len([line for line in code.splitlines() if line.strip()]) <= MOST_LINES
+        for node in ast.walk(ast.parse(code)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("handtrack"):
+                assert node.module == "handtrack"
+                imported |= {alias.name for alias in node.names}
+    assert imported <= set(handtrack.__all__)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_runs(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    handtrack.write_npz(tmp_path / "poses.npz", hand_track())
+    names: dict[str, object] = {}
+    for code in cells(path):
+        exec(compile(code, path.name, "exec"), names)
+    printed = capsys.readouterr().out
+    if path.stem == "masks_to_pose":
+        assert printed.startswith("[0 0 0]")
+    if path.stem == "own_term":
+        free, touching = (float(line.split()[0]) for line in printed.splitlines())
+        assert touching < 5.0 < 20.0 < free
+    if path.stem == "plot":
+        assert (tmp_path / "angles.png").stat().st_size > 1000
+    if path.stem == "pandas":
+        assert "index_pip_flex_deg" in (tmp_path / "angles.csv").read_text()
