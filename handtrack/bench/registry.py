@@ -48,6 +48,7 @@ _LONG = {
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",
+    "off_pose": "starts.off_pose",
     "detector": "starts.detector",
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",

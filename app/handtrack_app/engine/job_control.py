@@ -309,7 +309,7 @@ class JobControl:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self._store.begin_take(frames, first, params, tuple(held), True, done.scale)
+            self._store.begin_take(frames, first, params, tuple(held), True, done.shared)
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)

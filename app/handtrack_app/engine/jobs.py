@@ -51,8 +51,8 @@ class Refined:
 
     job: int
     results: list[FrameResult]
-    scale: HandScale | None = None
-    """of the hand, where it was found anew with them"""
+    shared: Refinement | None = None
+    """what they share; the hand's size, where it was found anew with them"""
 
 
 @dataclass(frozen=True)
@@ -299,8 +299,8 @@ def refine(
     results = run.refined(tracked, control, given.held, changed, given.led)
     results = [result for result in results if result is not before.get(result.frame)]
     for first in range(0, len(results), _TOGETHER):
-        scale = shared[-1].scale if shared else None
-        job.post(Refined(job.number, results[first : first + _TOGETHER], scale))
+        found = shared[-1] if shared else None
+        job.post(Refined(job.number, results[first : first + _TOGETHER], found))
     told = [words for found in shared for words in found.words]
     for words in told:
         job.post(Questioned(job.number, words))

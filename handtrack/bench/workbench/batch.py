@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -14,6 +13,8 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from handtrack.simulation.simulate import Simulation, simulate
 
@@ -60,7 +61,7 @@ def batch() -> dict[str, Any]:
         broken = _made(root / "takes")
         words = [f"{root}/takes/*", "--jobs", str(_JOBS), "--resume", "--out", str(root / "out")]
         began = time.monotonic()
-        kills = _killed(words, random.Random(0))
+        kills = _killed(words, np.random.default_rng(0))
         final = _handtrack("batch", *words)
         seconds = time.monotonic() - began
         ledger = [json.loads(line) for line in (root / "out" / "ledger.jsonl").read_text().splitlines()]  # fmt: skip
@@ -105,7 +106,7 @@ def _made(folder: Path) -> dict[str, str]:
     return words
 
 
-def _killed(words: list[str], rng: random.Random) -> int:
+def _killed(words: list[str], rng: np.random.Generator) -> int:
     """Begin the batch and kill it at a random moment, over and over; return how often it was killed."""
     kills = 0
     for _ in range(_KILLS):

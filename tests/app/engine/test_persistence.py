@@ -250,7 +250,7 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -
         names = [f"fake_long{kind}.csv" for kind in kinds]
         assert sorted(archive.namelist()) == sorted([*names, "fake_long.json"])
     assert export_beside(store.document, Export("init", 7), sent_to.append) is None
-    assert sent_to[1].name == "fake_frame0_init.json"
+    assert sent_to[1].name == f"fake_frame{store.document.frame}_init.json"
 
 
 def test_a_format_that_cannot_have_the_track_says_so(tmp_path: Path) -> None:

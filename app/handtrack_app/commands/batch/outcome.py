@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
 from handtrack.files.atomic import sync_folder
 
@@ -56,7 +55,7 @@ class Outcome:
         rank = {FAILED: 4, STARTED: 3, INTERRUPTED: 3, REFUSED: 2}.get(self.state, 0)
         return (rank, self.share("lost"), self.share("doubtful"), self.p_off or 0.0)
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         """Return it as JSON has it."""
         return asdict(self)
 

@@ -54,7 +54,6 @@ class PosePanel:
                 "looks: at the pose before the last step, and back. Space.",
             )
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
-            self.copies.build()
             self.library = gui.add_dropdown(
                 "Fingers as",
                 (_KEEP,),
@@ -72,6 +71,7 @@ class PosePanel:
             self.guesses.build()
             self.sliders_at = gui.add_html("").order
             self.pins.build()
+            self.copies.build()
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))

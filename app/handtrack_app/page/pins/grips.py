@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
+from viser._messages import DragBinding, SetSceneNodeDragBindingsMessage
 
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
@@ -66,6 +67,10 @@ class Grips:
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
         self._lock = threading.RLock()  # a redraw comes by any thread of viser
+        self._offered: list[str] = []
+        """what is drawn of the hand, by its nodes' names"""
+        self._aside = set[int]()
+        """clients for which it does not stand before the grips"""
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the model of a session."""
@@ -94,6 +99,8 @@ class Grips:
         here, pose = self._page.server.get_clients(), self._pose
         looking = {number for number in here if self._card_of(number) is not None}
         self._let_go([number for number in self._grips if number not in looking])
+        for number in looking ^ self._aside:
+            self._stand_aside(number, aside=number in looking)
         if pose is None or self._session is None or len(pose.centre) != len(self._session.radii):
             return
         for number in looking:
@@ -105,9 +112,20 @@ class Grips:
 
     def offer(self, nodes: Iterable[Node]) -> None:
         """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view."""
+        self._offered, self._aside = [], set()
         for node in nodes:
             node.remove_drag_callback()
             self._listen(node, "left", "shift")
+            self._offered.append(node.name)
+
+    def _stand_aside(self, number: int, aside: bool) -> None:
+        """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
+        (self._aside.add if aside else self._aside.discard)(number)
+        client = self._page.server.get_clients().get(number)
+        takes = () if aside else (DragBinding("left", "shift"),)
+        if client is not None:
+            for name in self._offered:
+                self._page.tell(client, SetSceneNodeDragBindingsMessage(name, takes))
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:

@@ -12,6 +12,7 @@ import viser
 
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.panels.pose_words import GROUPS
 from handtrack_app.page.posing.copied_pose import ALL, CopiedPose, read_copied, save_copied
 from handtrack_app.page.posing.mirrored import mirrored
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
@@ -19,13 +20,13 @@ from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 if TYPE_CHECKING:
     from viser._messages import KeyModifier
 
-COPY, PASTE, PLACE, MIRROR = "Copy", "Paste", "and place", "Mirror"
+COPY, PASTE, MIRROR = "Copy", "Paste", "Mirror"
 _NOTHING = "Nothing was copied yet that fits here: show a pose and press Copy first."
 _HINT = (
-    "Copies the pose you see; pastes its joints into the frame shown, also of another recording. 'And place': also where it is and "
-    "how it is turned. From a left to a right hand it is mirrored by itself. 'Mirror': left and right, as you see them, change places. "
-    "Alt C, Alt V, Alt M."
+    "Copies the pose you see; pastes its joints into the frame shown, also of another recording. From a left to a right hand it is "
+    "mirrored by itself. 'Mirror': left and right, as you see them, change places. Alt C, Alt V, Alt M; with its place: Alt P."
 )
+_PART_HINT = "Of what has its sliders open: its joints alone, also into another finger, or where the whole is. Alt Shift C, Alt Shift V."
 
 
 @dataclass
@@ -47,17 +48,11 @@ class CopyPanel:
     def build(self) -> None:
         """Add the rows where the page builds now, and the keys."""
         gui, page = self.page.gui, self.page
-        self.whole = gui.add_button_group("Hand", (COPY, PASTE, PLACE, MIRROR), hint=_HINT)
-        self.part = gui.add_button_group(
-            "Finger", (COPY, PASTE),
-            hint="Of the finger whose sliders are open: its joints alone, also into another finger. Alt Shift C, Alt Shift V.",
-        )  # fmt: skip
-        self.line = gui.add_html("")
-        acts = {
-            COPY: self.copy,
-            PASTE: self.paste,
-            PLACE: lambda part: self.paste(part, with_place=True),
-        }
+        with gui.add_folder("Copy, paste, mirror", expand_by_default=False):
+            self.whole = gui.add_button_group("Hand", (COPY, PASTE, MIRROR), hint=_HINT)
+            self.part = gui.add_button_group("Finger", (COPY, PASTE), hint=_PART_HINT)
+            self.line = gui.add_html("")
+        acts = {COPY: self.copy, PASTE: self.paste}
         page.on(
             self.whole,
             lambda event: (
@@ -70,7 +65,7 @@ class CopyPanel:
         keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
             ("Copy the pose", "C", "alt", lambda: self.copy(ALL)),
             ("Paste the pose that was copied", "V", "alt", lambda: self.paste(ALL)),
-            ("Paste it, and its place", None, None, lambda: self.paste(ALL, with_place=True)),
+            ("Paste it, where it was", "P", "alt", lambda: self.paste(ALL, with_place=True)),
             ("Copy the open finger or limb", "C", "alt+shift", lambda: self.copy(self.group)),
             ("Paste into the open finger or limb", "V", "alt+shift", lambda: self.paste(self.group)),
         )  # fmt: skip
@@ -88,7 +83,7 @@ class CopyPanel:
     def open(self, group: str) -> None:
         """The sliders of a group are open."""
         self.group = group
-        put(self.part, label=group)
+        put(self.part, label="Place" if group == GROUPS[0] else group)
 
     def copy(self, part: str) -> None:
         """Copy the pose that is seen, or a group of it."""

@@ -15,6 +15,14 @@ _GESTURES = (
     ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
     ("Ctrl click", "Through a camera: enlarges there. With Shift: smaller"),
     ("Ctrl drag", "Through a camera: shows that box"),
+    (
+        "Drag the hand",
+        "Through a camera: a joint or segment is pinned there; the palm takes the whole hand along",
+    ),
+    (
+        "Shift drag",
+        "Of the hand, through a camera: turns it, as the right button does; freely: pulls a joint or segment",
+    ),
     ("Arrows, arcs", "Of the handle: move and turn the hand"),
 )
 TOUR = (

@@ -48,6 +48,7 @@ class Walls:
     chosen: Callable[[str, viser.ClientHandle], None] = lambda camera, client: None
     """a camera's picture was clicked"""
     _walls: dict[int, _Wall] = field(default_factory=dict)
+    _names: CameraNames = field(default_factory=CameraNames)
     _lock: threading.RLock = field(default_factory=threading.RLock)
     """a picture that comes while its page leaves must not be shown after"""
 
@@ -60,6 +61,7 @@ class Walls:
             if wall is None:
                 wall = self._walls[client.client_id] = self._built(client, cameras)
             wall.shown, wall.aspect = True, 0.0
+            self._names.write(wall.labels)
             self._lay_out(client, wall)
 
     def leave(self, client: viser.ClientHandle) -> None:
@@ -93,6 +95,7 @@ class Walls:
     def name(self, names: CameraNames) -> None:
         """Write beside the pictures what stands beside the small ones."""
         with self._lock:
+            self._names = names
             for wall in self._walls.values():
                 if wall.shown:
                     names.write(wall.labels)
