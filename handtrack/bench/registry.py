@@ -64,6 +64,7 @@ _LONG = {
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
     "pin_latency": "workbench.pin_latency",
+    "long_page": "workbench.long_page",
 }
 """function → the module below `handtrack.bench`"""
 
