@@ -48,7 +48,9 @@ _FRAME_BY_FRAME: dict[str, object] = {
     "tracker.recovery": False,
     "tracker.estimate": "forward",
 }
-_HAND_ALONE: dict[str, object] = {"model.forearm": "false", "model.narrowing": False}
+_OWN_SIZE: dict[str, object] = {"model.fit_size": "false"}
+"""the papers set a person's size by hand; here it is that of the first pose's joints, where session.toml says fit"""
+_HAND_ALONE: dict[str, object] = {"model.forearm": "false", "model.narrowing": False, **_OWN_SIZE}
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -100,6 +102,7 @@ METHODS: dict[str, Method] = {
             "Eight hypotheses by edges and the last frame's intensity; joints begin.",
             "Kinematic jumps (2003), sections 2, 4 and 5.2",
             {
+                **_OWN_SIZE,
                 "silhouettes.weight": 0.0,
                 "cloud.weight": 0.0,
                 "edges.weight": 1.0,
