@@ -37,6 +37,7 @@ _LONG = {
     "whole_length": "speed.whole_length",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
+    "papers": "papers",
     "field_recovery": "silhouettes.field_recovery",
     "binary_fist": "silhouettes.binary_fist",
     "finger_shift": "clouds.finger_shift",
@@ -63,6 +64,7 @@ _LONG = {
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
     "pin_latency": "workbench.pin_latency",
+    "long_page": "workbench.long_page",
 }
 """function → the module below `handtrack.bench`"""
 

@@ -73,7 +73,12 @@ def model_from_definition(
         table = json.loads(text)
     except ValueError as error:
         raise HandtrackError(f"{source}: the model's definition is no JSON ({error}).") from None
-    return _sized(_checked(table, source), side, scale, "26", forearm, {})
+    try:
+        return _sized(_checked(table, source), side, scale, "26", forearm, {})
+    except (ValueError, LookupError, TypeError) as error:  # it is nobody's who checks it
+        raise HandtrackError(
+            f"{source}: the model's definition in it cannot be built ({error}). Was the file changed by hand? Track again."
+        ) from None
 
 
 def _sized(

@@ -8,12 +8,13 @@ import numpy as np
 import viser
 
 from handtrack.arrays import D3, Bytes, N
+from handtrack_app.page.page import put
+from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import CloudSnapshot
 
 _PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
-_LATE = 3  # frames that a cloud may stay behind the hand in playback; older ones would deceive
 
 
 @dataclass
@@ -48,12 +49,12 @@ def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> Non
         view.dropped.points = cloud.dropped
 
 
-def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:
-    """Apply the display options; a cloud of another frame than the one shown is hidden."""
+def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bool = False) -> None:
+    """Apply the display options; a cloud of another frame than those shown now is hidden."""
     cloud = view.cloud
-    known = cloud is not None and abs(cloud.frame - frame) <= _LATE
-    view.points.visible = display.cloud and known
-    view.dropped.visible = display.cloud and display.cloud_dropped and known
+    known = cloud is not None and moments.fits(cloud.frame)
+    put(view.points, visible=display.cloud and known)
+    put(view.dropped, visible=display.cloud and display.cloud_dropped and known)
     size = 1e-3 * display.cloud_size_mm
     if view.points.point_size != size:
         view.points.point_size, view.dropped.point_size = size, 0.7 * size
