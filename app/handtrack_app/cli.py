@@ -163,7 +163,7 @@ COMMANDS: dict[str, _Command] = {
     "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
-    "sample": _Command("sample", "Write a recording that comes with the program as files, to try things on.", (
+    "sample": _Command("new_session.sample", "Write a recording that comes with the program as files, to try things on.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or open_fist_open (a session)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
     )),
