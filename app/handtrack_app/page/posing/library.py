@@ -13,10 +13,11 @@ from handtrack_app.protocol.library import LibrarySnapshot, PosePicture
 _GRID = """
 .mantine-Modal-content:has(.handtrack-poses) { flex: 0 0 min(46em, 94vw) !important; }
 *:has(> div > .handtrack-poses) { display: grid; grid-template-columns: repeat(9, minmax(0, 1fr)); gap: 4px; }
+div:has(> .handtrack-poses) ~ div > div { padding-inline: 0 !important; }
 *:has(> div > .handtrack-poses) > div:is(:has(.handtrack-wide), :last-child) { grid-column: 1 / -1; }
 div:has(> .handtrack-poses) ~ div { padding: 0 !important; }
 div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-root { height: 92px !important; padding: 0 !important;
-  background-color: rgba(128, 128, 128, .16); background-repeat: no-repeat; background-position: 50% 4px; background-size: auto 66px;
+  background-color: rgba(128, 128, 128, .16); background-repeat: no-repeat; background-position: 50% 4px; background-size: min(66px, 96%) auto;
   color: inherit; border: 0; }
 div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-root:hover { background-color: rgba(128, 128, 128, .4); }
 div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-inner { align-items: flex-end; padding-bottom: 3px; }
