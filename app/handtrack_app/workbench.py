@@ -176,6 +176,7 @@ class Workbench:
     def _show_snapshots(self) -> None:
         while not self._stopping.is_set():
             snapshot = self._snapshots.take(0.2)
+            self.stage.clear_late()
             if snapshot is None:
                 continue
             try:
@@ -267,6 +268,8 @@ class Workbench:
                 self.layout.export.deliver(snapshot)
 
     def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
+        if len(pose.values) != len(self.state.names):
+            return  # of a model that is about to be told, with this pose again
         with self.state.lock:
             newest = pose.version >= self.state.version
             if newest:
@@ -275,10 +278,10 @@ class Workbench:
                 if not self.state.looks_before:  # edits go on from what is
                     self.state.values_at = pose.frame
                     self.state.values = tuple(pose.values.tolist())
-        self.stage.show_pose(pose, move_handle=newest)
+        with self.server.atomic():  # hand, card and sliders are of one pose, in motion too
+            self.stage.show_pose(pose, move_handle=newest)
+            self.layout.show_pose(pose, newest)
         self.server.flush()
-        if newest:
-            self.layout.show_pose(pose)
         self._ready.set()
 
 

@@ -37,6 +37,7 @@ _LONG = {
     "whole_length": "speed.whole_length",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
+    "papers": "papers",
     "field_recovery": "silhouettes.field_recovery",
     "binary_fist": "silhouettes.binary_fist",
     "finger_shift": "clouds.finger_shift",
@@ -48,6 +49,7 @@ _LONG = {
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",
+    "off_pose": "starts.off_pose",
     "detector": "starts.detector",
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",
@@ -61,6 +63,8 @@ _LONG = {
     "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
+    "pin_latency": "workbench.pin_latency",
+    "long_page": "workbench.long_page",
 }
 """function → the module below `handtrack.bench`"""
 

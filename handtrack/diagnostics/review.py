@@ -31,7 +31,7 @@ class Judged(Protocol):
 
 @dataclass(frozen=True)
 class Stretch:
-    """Frames near one another with one doubt."""
+    """Frames near one another that are looked at together: with one doubt, or a few with another beside them."""
 
     first: int
     last: int
@@ -63,21 +63,50 @@ def worth_a_look(frames: Iterable[Judged], done: Container[int] = ()) -> list[St
     """Return the stretches of doubtful and lost frames, those first of which most frames are expected to be off.
 
     frames: ascending; done: frames that need no look, being set by hand or accepted. Doubts of different parts make stretches
-    of their own, which may overlap.
+    of their own, which may overlap; but what is seen in one look is one: a stretch that is no longer than those frames that
+    join, beside another within as many, goes with that.
     """
     open_runs: dict[str, list[Judged]] = {}
-    found: list[Stretch] = []
+    found: list[list[Judged]] = []
     for frame in frames:
         if frame.status not in (Status.DOUBTFUL, Status.LOST) or frame.frame in done:
             continue
         doubt = _doubt_of(frame)
         run = open_runs.setdefault(doubt, [])
         if run and frame.frame - run[-1].frame > _JOINED + 1:
-            found.append(_stretch(run))
+            found.append(run)
             run = open_runs[doubt] = []
         run.append(frame)
-    found += [_stretch(run) for run in open_runs.values()]
-    return sorted(found, key=lambda stretch: (-stretch.expected, stretch.first))
+    looks = _in_one_look([*found, *open_runs.values()])
+    stretches = [_stretch(run) for run in looks]
+    return sorted(stretches, key=lambda stretch: (-stretch.expected, stretch.first))
+
+
+def _in_one_look(runs: list[list[Judged]]) -> list[list[Judged]]:
+    """Return runs with the short ones joined to the longest that lies beside each."""
+    looks: list[list[Judged]] = []
+    near: list[list[Judged]] = []  # that reach as far as where the next begins
+    for run in sorted(runs, key=lambda run: run[0].frame):
+        near = [look for look in near if run[0].frame - look[-1].frame <= _JOINED + 1]
+        joined = run
+        if near and _is_short(run):
+            joined = max(near, key=_length)
+            joined[:] = sorted([*joined, *run], key=lambda frame: frame.frame)
+        else:
+            for short in [look for look in near if _is_short(look)]:
+                joined = sorted([*short, *joined], key=lambda frame: frame.frame)
+                looks, near = ([one for one in kept if one is not short] for kept in (looks, near))
+            looks.append(joined)
+            near.append(joined)
+    return looks
+
+
+def _length(run: list[Judged]) -> int:
+    return run[-1].frame - run[0].frame + 1
+
+
+def _is_short(run: list[Judged]) -> bool:
+    return _length(run) <= _JOINED
 
 
 def _doubt_of(frame: Judged) -> str:
@@ -85,6 +114,10 @@ def _doubt_of(frame: Judged) -> str:
     if frame.status == Status.LOST or frame.reason is None:
         return frame.status.name
     return frame.reason.part or (frame.reason.kind + frame.reason.camera)
+
+
+def _named(frame: Judged) -> str:
+    return "" if frame.reason is None else frame.reason.part or frame.reason.camera
 
 
 def _stretch(run: list[Judged]) -> Stretch:
@@ -95,6 +128,9 @@ def _stretch(run: list[Judged]) -> Stretch:
         brief, words = worst.reason.brief, worst.reason.words
     if worst.status == Status.LOST and worst.reason is not None:
         brief = f"lost: {brief}"
+    others = {_named(frame): None for frame in run if _doubt_of(frame) != _doubt_of(worst)}
+    if also := ", ".join(filter(None, others)):
+        words = f"{words}; also {also}"
     expected = sum(probability_off(frame) for frame in run)
     return Stretch(run[0].frame, run[-1].frame, worst.frame, expected, brief, words)
 

@@ -22,6 +22,8 @@ class TakeFrames(Mapping[int, FrameResult]):
     parameter_names: tuple[str, ...]
     """of the model that it was tracked with"""
     heads: dict[int, Head] = field(default_factory=dict)
+    refinement: str | None = None
+    """what its frames share, where they were refined together: `TrackResult.refinement`"""
     puts: list[int] = field(default_factory=list)
     """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
     _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)
@@ -77,6 +79,13 @@ class CurrentTrack(Mapping[int, FrameResult]):
             take for frames, take in reversed(self.layers) if frame in take and frame in frames
         ]
         return takes[1][frame] if len(takes) > 1 else None
+
+    @property
+    def refinement(self) -> str | None:
+        """What the frames of the uppermost take share that shows anywhere."""
+        showing = (take for _, take in reversed(self.layers) if self.count_of(take))
+        top = next(showing, None)
+        return None if top is None else top.refinement
 
     def count_of(self, take: TakeFrames) -> int:
         """Return how many frames a take shows."""

@@ -36,9 +36,21 @@ def test_most_frames_off_come_first_with_reason_and_size():
 
 
 def test_parts_have_stretches_of_their_own_and_short_gaps_are_bridged():
-    frames = [off(10, "thumb", 0.5), off(12, "palm", 0.5), off(14, "thumb", 0.5), off(30, "thumb", 0.5)]  # fmt: skip
-    found = {(s.first, s.last) for s in worth_a_look(frames)}
-    assert found == {(10, 14), (12, 12), (30, 30)}
+    thumb = [off(f, "thumb", 0.5) for f in (*range(10, 18), 19, 20, 40)]
+    palm = [off(f, "palm", 0.5) for f in (18, *range(21, 28))]
+    found = {(s.first, s.last) for s in worth_a_look(sorted([*thumb, *palm], key=lambda f: f.frame))}  # fmt: skip
+    assert found == {(10, 20), (18, 27), (40, 40)}
+
+
+def test_a_few_frames_beside_others_are_seen_in_one_look():
+    ring = [off(f, "ring finger", 0.6) for f in range(100, 110)]
+    few = [off(98, "thumb", 0.5), off(112, "palm", 0.9), off(118, "little finger", 0.5)]
+    found = worth_a_look(sorted([*ring, *few], key=lambda f: f.frame))
+    assert [(s.first, s.last, s.worst) for s in found] == [(98, 118, 112)], "and what joins goes on"
+    assert found[0].words.endswith("; also thumb, ring finger, little finger")
+    assert found[0].expected == pytest.approx(10 * 0.6 + 1.9)
+    alone = worth_a_look([off(10, "thumb", 0.5), off(12, "palm", 0.7), off(19, "thumb", 0.5)])
+    assert [(s.first, s.last) for s in alone] == [(10, 12), (19, 19)]
 
 
 def test_what_is_done_needs_no_look():

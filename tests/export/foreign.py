@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,16 +14,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handtrack.export.registry import export_format
+from handtrack.export.registry import FORMATS, export_format
 from handtrack.export.shown.mesh import model_skin
 from handtrack.export.table import ResultsTable
-from tests.export.sequences import LOST_ROW, sample_sequence
+from tests.conftest import REPOSITORY
+from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 BOUNDS_MM = {
     "trc": 0.1, "mot": 0.1, "bvh": 0.05, "glb": 0.1, "urdf": 0.05, "mcap": 0.05, "c3d": 0.1, "anipose": 0.1,
     "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "mediapipe": 0.1,
 }  # fmt: skip
 """of issue 15 where it says one, else 0.1 mm"""
+OF_KNOWN_SKELETONS = ("openpose", "mediapipe")
 
 
 def written(kind: str, name: str, folder: Path) -> tuple[ResultsTable, list[Path]]:
@@ -329,3 +332,45 @@ READERS: dict[str, Callable[[str, Path], float]] = {
     "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "mcap": mcap, "c3d": c3d,
     "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "mediapipe": mediapipe,
 }  # fmt: skip
+
+PAGE = REPOSITORY / "docs" / "exports.md"
+
+
+def formats_table() -> str:
+    """Return the list of formats as the page has it."""
+    rows = [f"| `{known.name}` | `poses{known.ending}` | {known.purpose} |" for known in FORMATS]
+    return "\n".join(["| `--to` | file | for |", "|---|---|---|", *rows])
+
+
+def errors_table(folder: Path) -> str:
+    """Return the readers' errors as the page has them [mm]."""
+    rows = []
+    for name, read in READERS.items():
+        cells = [
+            "–" if name in OF_KNOWN_SKELETONS and kind == "claw" else f"{read(kind, folder):.1e}"
+            for kind in KINDS
+        ]
+        told = (read.__doc__ or "").strip().rstrip(".")
+        rows.append(f"| `{name}` | {told} | {' | '.join(cells)} |")
+    head = f"| format | read by | {' | '.join(KINDS)} |"
+    return "\n".join([head, "|---" * (2 + len(KINDS)) + "|", *rows])
+
+
+def section(page: str, name: str) -> tuple[int, int]:
+    """Return where a part of the page begins and ends that is written by a program."""
+    begin = page.index("-->\n", page.index(f"<!-- {name}:")) + 4
+    return begin, page.index("<!-- end -->", begin)
+
+
+def main() -> None:
+    """Write both tables into the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in (("formats", formats_table()), ("errors", errors_table(Path(folder)))):
+            begin, end = section(page, name)
+            page = f"{page[:begin]}\n{text}\n\n{page[end:]}"
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -64,7 +64,8 @@ def test_fingers_touch_where_letters_want_them(hand):
     ("letter", "straight"),
     [("b", "index middle ring little"), ("h", "index little"), ("i", "little"), ("l", "index"), ("u", "index middle"),
      ("v", "index middle"), ("w", "index middle ring"), ("m", "index middle ring"), ("n", "index middle"), ("y", "little"),
-     ("g", "index"), ("s", ""), ("a", "")],
+     ("g", "index"), ("s", ""), ("a", ""), ("d", "index"), ("e", ""), ("f", "middle ring little"),
+     ("t", "middle ring little"), ("j", "little"), ("r", "index middle"), ("z", "index"), ("x", ""), ("o", "")],
 )  # fmt: skip
 def test_straight_fingers(hand, letter, straight):
     found = [
@@ -140,3 +141,23 @@ def test_where_letters_put_the_thumb(side):
             assert towards_little * (tip - index)[0] < -0.03, "beside the hand, on its own side"
             reach = np.linalg.norm(tip - index)
             assert (reach > 0.075) == (letter in "ly"), letter
+
+
+def test_letters_that_look_alike_differ_as_they_are_described(hand):
+    """French manual alphabet: F has the thumb outside of the bent index, at its middle joint, T inside; others are splayed. A has
+    the thumb out, S before the fingers (above). J is I with the thumb out. X bends two fingers. E's thumb touches none."""
+    for letter, side in (("f", -1.0), ("t", 1.0)):
+        tip, joint = (at(hand, f"lsf_{letter}", name) for name in ("thumb_tip", "index_pip"))
+        assert side * (tip - joint)[0] > 0.01, letter
+        assert abs((tip - joint)[1]) < 0.015, "at the middle joint"
+        fan = (
+            at(hand, f"lsf_{letter}", "little_tip")[0] - at(hand, f"lsf_{letter}", "middle_tip")[0]
+        )
+        together = at(hand, "lsf_b", "little_tip")[0] - at(hand, "lsf_b", "middle_tip")[0]
+        assert fan > together + 0.03
+    out = [at(hand, f"lsf_{x}", "thumb_tip") - at(hand, f"lsf_{x}", "index_mcp") for x in "ij"]
+    assert out[1][0] < -0.05 < 0.0 < out[0][0]
+    heights = {f: at(hand, "lsf_x", f"{f}_pip")[1] for f in ("index", "middle", "ring", "little")}
+    assert min(heights["index"], heights["middle"]) > max(heights["ring"], heights["little"]) + 0.01
+    tips = [at(hand, "lsf_e", f"{f}_tip") for f in ("index", "middle", "ring", "little")]
+    assert min(np.linalg.norm(at(hand, "lsf_e", "thumb_tip") - tip) for tip in tips) > 0.02

@@ -13,9 +13,12 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.assessment import what_is_open
+from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
 from handtrack.tracking.frame.doubt.wrong import Signs, probably_off
+from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import PARTS, Status
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
 from tests.sample_track import sample_frame, stacked
@@ -94,6 +97,19 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
         inside.append((off * stated).sum(axis=1) < CHI2_90)
     assert np.mean(inside) > 0.85
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
+
+
+def test_a_live_frame_is_no_surer_for_what_nobody_knows_yet(rng):
+    """Frames after have yet to move it: it counts as moved as far as most are, neither not at all nor far."""
+    pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
+    seen = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4)))
+    terms = frame_terms(HAND, TrackerSettings(), seen, HAND.bones(pose), None)
+    energies = {"coverage": 10.0}
+    off = [
+        judged(terms, pose, 10.0, energies, flat(0.003), (), moved_m).p_off_25mm
+        for moved_m in (0.0, None, 0.05)
+    ]
+    assert (np.diff(off) > 0).all()
 
 
 def test_probabilities_are_kept_in_poses_npz(rng, tmp_path):

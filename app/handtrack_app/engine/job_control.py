@@ -66,7 +66,7 @@ _WORDS = {
 
 
 class JobControl:
-    """Lives on the worker's thread; only `cancel`, `pause` and `stop` may come from others."""
+    """Lives on the worker's thread; only what stops or holds a job may come from others."""
 
     def __init__(
         self,
@@ -89,11 +89,10 @@ class JobControl:
         self._moved = Moved()
         self._refined_with: RefinedWith | None = None  # the latest
         self._given = RefinedWith.of(document)  # when the job began
-        self._count = 0
+        self._count, self._shared = 0, -1.0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
         self._ticked = self._compiled_before = 0
-        self._shared = -1.0
         self.guesses = Guesses(document)
 
     @property
@@ -109,27 +108,28 @@ class JobControl:
 
     def cancel(self) -> None:
         """Ask the job to stop at its next solver step."""
-        job = self._job
-        if job is not None:
+        if (job := self._job) is not None:
             job.cancel()
+
+    def give_way(self) -> None:
+        """Let the job wait a moment: somebody moves the hand."""
+        if (job := self._job) is not None:
+            job.give_way()
 
     def pause(self, on: bool) -> None:
         """Hold the job, or let it go on."""
-        job = self._job
-        if job is not None:
+        if (job := self._job) is not None:
             job.pause(on)
 
     def stop(self, timeout: float) -> None:
         """End the job and wait for it."""
-        job = self._job
-        if job is not None:
+        if (job := self._job) is not None:
             job.cancel()
             job.join(timeout)
 
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
-        job = self._job
-        if job is not None and job.kind in _QUIET:
+        if (job := self._job) is not None and job.kind in _QUIET:
             self._ended(job, Ended(job.number, cancelled=True))
 
     # ---- starting
@@ -309,7 +309,7 @@ class JobControl:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self._store.begin_take(frames, first, params, tuple(held), True, done.scale)
+            self._store.begin_take(frames, first, params, tuple(held), True, done.shared)
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)

@@ -51,8 +51,8 @@ class Refined:
 
     job: int
     results: list[FrameResult]
-    scale: HandScale | None = None
-    """of the hand, where it was found anew with them"""
+    shared: Refinement | None = None
+    """what they share; the hand's size, where it was found anew with them"""
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,11 @@ Watch = Callable[[Run, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
 
+_GIVES_WAY_S = 0.3
+"""that a job waits after each place to which somebody moves the hand; a page sends one every 0.05 s, and each is to be answered
+before the next"""
+
+
 class BackgroundJob:
     """Works until done, cancelled, or failed; posts reports and at last Ended."""
 
@@ -113,6 +118,7 @@ class BackgroundJob:
         self._first_done, self._first_share = self.began, 0.0
         self.post = post
         self._stop, self._hold = threading.Event(), threading.Event()
+        self._way_until = 0.0
         self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
 
     @property
@@ -129,6 +135,10 @@ class BackgroundJob:
         elif self.paused and not on:
             self.waited += time.monotonic() - self._held
         (self._hold.set if on else self._hold.clear)()
+
+    def give_way(self) -> None:
+        """Wait a moment before the next solver step."""
+        self._way_until = time.monotonic() + _GIVES_WAY_S
 
     def cancel(self) -> None:
         """Ask the solver to stop at its next step."""
@@ -153,9 +163,12 @@ class BackgroundJob:
         raise NotImplementedError
 
     def should_stop(self) -> bool:
-        while self._hold.is_set() and not self._stop.wait(0.02):
+        while self._waits() and not self._stop.wait(0.02):
             pass
         return self._stop.is_set()
+
+    def _waits(self) -> bool:
+        return self._hold.is_set() or time.monotonic() < self._way_until
 
     def tell(self, share: float, words: str) -> None:
         """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
@@ -197,6 +210,11 @@ class TrackingJob(BackgroundJob):
         self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
         self._solved: set[int] = set()
         self._some: list[FrameResult] = []
+
+    def give_way(self) -> None:
+        """Wait a moment; not before running cameras, which do not wait either."""
+        if self._run.session.live is None:
+            super().give_way()
 
     def work(self) -> None:
         run = self._run
@@ -281,8 +299,8 @@ def refine(
     results = run.refined(tracked, control, given.held, changed, given.led)
     results = [result for result in results if result is not before.get(result.frame)]
     for first in range(0, len(results), _TOGETHER):
-        scale = shared[-1].scale if shared else None
-        job.post(Refined(job.number, results[first : first + _TOGETHER], scale))
+        found = shared[-1] if shared else None
+        job.post(Refined(job.number, results[first : first + _TOGETHER], found))
     told = [words for found in shared for words in found.words]
     for words in told:
         job.post(Questioned(job.number, words))

@@ -44,8 +44,10 @@ Request = SessionRequest | _Previewed | _Opened
 
 _LOOKS_ELSEWHERE = (
     commands.SetPose, commands.TakePose, commands.PullPlace, commands.LookBefore, commands.ShowFrame, commands.TakeGuess,
-    commands.Undo, commands.Redo,
+    commands.Undo, commands.Redo, commands.SetPin, commands.DropPins, commands.ForgetPose,
 )  # fmt: skip
+_MOVES = commands.SetPose, commands.PullPlace, commands.SetPin
+"""what comes twenty times a second while somebody drags"""
 _PREPARING = "Preparing the first pose …"
 
 
@@ -117,6 +119,8 @@ class Worker:
                 jobs.follow = command.on
             elif isinstance(command, _LOOKS_ELSEWHERE):
                 jobs.follow = False  # tracking goes on behind
+                if isinstance(command, _MOVES):
+                    jobs.give_way()
         self._mail.put(command)
 
     def stop(self, timeout: float = 5.0) -> None:

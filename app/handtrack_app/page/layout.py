@@ -98,9 +98,9 @@ class PageLayout:
         left = gui.add_panel()
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
-        nudges = NudgePanel(page, stage.hand_middle, stage.view_axes, self.keys)
+        nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes, self.keys)
         pins = PinPanel(page, stage.grips, self.keys)
-        copies = CopyPanel(page, self.keys, stage.view_axes)
+        copies = CopyPanel(page, self.keys, stage.looking.view_axes)
         self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins, copies)
         self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
@@ -140,14 +140,16 @@ class PageLayout:
             panel.fit(session)
         self.head.content = head(session, self.progress, self.saved)
 
-    def show_pose(self, pose: PoseSnapshot) -> None:
-        """Show a pose in the panels."""
-        self.pose.show(pose)
+    def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
+        """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
+        self.pose.show(pose, newest)
+        self.certainty.content = certainty_table(self.pose.names, pose.std)
+        if not newest:
+            return
         self.timeline.show_frame(pose.frame)
         self.review.show_frame()
         self.tracking.show_frame()
         self.compared.show_frame(pose.frame)
-        self.certainty.content = certainty_table(self.pose.names, pose.std)
         self.session.show_names(self.names)
         put(self.aside, visible=pose.origin == BEFORE)
 

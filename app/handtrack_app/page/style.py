@@ -13,6 +13,7 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-Paper-root[data-with-border="true"] > div > div { padding-top: 0 !important; }
 .mantine-Paper-root[data-with-border="true"] > div > div > div > div { padding-inline: 0 !important; margin-inline: 0 !important; }
 [role="tab"][data-dock-tab] { padding: 0 .55em !important; }
+.mantine-Tabs-tab { padding-inline: .42em !important; }
 .multi-slider { margin-inline: 6px 12px; width: calc(100% - 18px) !important; }
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
@@ -49,7 +50,7 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; t
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 670px)) !important; }
 .mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; }
 .mantine-Notification-body { display: flex; gap: .7em; align-items: baseline; }
-.mantine-Notification-title { white-space: nowrap; margin-bottom: 0 !important; }
+.mantine-Notification-title { white-space: nowrap; flex: none; max-width: 50%; margin-bottom: 0 !important; }
 .mantine-Notification-description { font-size: .8em !important; line-height: 1.3; max-height: 2.6em; overflow: hidden; }
 .mantine-Notification-root:hover .mantine-Notification-description { max-height: none; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {

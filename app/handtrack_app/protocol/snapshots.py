@@ -172,6 +172,8 @@ class PictureSnapshot:
     """the thumbnails side by side"""
     screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
     """large, by camera and what is painted over it"""
+    version: int = 0
+    """of the user's edits, as the pose that is painted over them"""
 
 
 @dataclass(frozen=True)

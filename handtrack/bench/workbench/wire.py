@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any
 
 import msgspec
+import numpy as np
 import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
@@ -58,11 +59,11 @@ class WireClient:
                     int.from_bytes(raw[8:16], "little"),
                 )
                 inner = unpack.decompress(raw[16 : 16 + packed], max_output_size=size)
+                told = msgspec.msgpack.decode(inner)
+                _fill(told, raw, 16 + packed)
                 with self._came:
                     del self.messages[:-_MOST_KEPT]
-                    self.messages += [
-                        (now, message) for message in msgspec.msgpack.decode(inner)["messages"]
-                    ]
+                    self.messages += [(now, message) for message in told["messages"]]
                     self.bytes_taken += len(raw)
                     self._came.notify_all()
         except Exception:  # the server went away: the test that minds will see no message
@@ -101,6 +102,26 @@ class WireClient:
                 and {"uuid", "value", "props"} <= message.keys()
             ]
 
+    def trigger(self, words: str) -> None:
+        """Give a command of the palette, by its words. Raises StopIteration where there is none."""
+        with self._came:
+            uuid = next(
+                message["uuid"]
+                for _, message in self.messages
+                if message["type"] == "RegisterCommandMessage"
+                and message["props"]["label"] == words
+            )
+        self.send({"type": "CommandTriggerMessage", "uuid": uuid})
+
+    def latest(self, name: str, prop: str) -> tuple[float, Any] | None:
+        """Return the value that a scene node's property was told last, and when; None where it was not."""
+        with self._came:
+            for came, message in reversed(self.messages):
+                told = message.get("updates") or message.get("props") or {}
+                if message.get("name") == name and prop in told:
+                    return came, told[prop]
+        return None
+
     def button(self, label: str) -> str | None:
         """Return a button's name on the wire; None where the page has none, or no more."""
         there = None
@@ -126,3 +147,17 @@ class WireClient:
         with self._came:
             self._came.wait_for(lambda: found() is not None, timeout)
             return found()
+
+
+def _fill(told: dict[str, Any], raw: bytes, start: int) -> None:
+    """Put arrays, which lie behind the messages at multiples of 8 bytes, in their places."""
+    at, buffers = start, list[bytes]()
+    for size in told["binaryBufferLengths"]:
+        at += -at % 8
+        buffers.append(raw[at : at + size])
+        at += size
+    for message in told["messages"]:
+        for values in (message.get("updates"), message.get("props")):
+            for name, value in values.items() if isinstance(values, dict) else ():
+                if isinstance(value, dict) and "__binary_index" in value:
+                    values[name] = np.frombuffer(buffers[value["__binary_index"]], value["dtype"])

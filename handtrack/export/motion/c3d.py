@@ -17,7 +17,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write every named joint as a point. Its residual is the root of the mean variance [mm], −1 in lost frames: C3D's word for a
     point that was not seen.
     """
-    import ezc3d
+    import ezc3d  # pyright: ignore[reportMissingImports]
 
     table = table.without_gaps
     track = table.track

@@ -42,7 +42,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write `/joint_states` (sensor_msgs/JointState, the joints of `--to urdf`) and `/root_pose` (geometry_msgs/PoseStamped, of its
     base link in the frame `world`) for every frame, at its time since the recording's start. Lost frames have no messages.
     """
-    from mcap.writer import Writer
+    from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
 
     track = table.track
     names = track.parameter_names[6:]
@@ -79,7 +79,7 @@ class _Message:
         self.pack("I", stamp % _NS)
         self.text(frame)
 
-    def pack(self, kind: str, *values: float) -> None:
+    def pack(self, kind: str, *values: float | np.floating) -> None:
         self._body += bytes(-len(self._body) % struct.calcsize(kind))
         self._body += struct.pack(f"<{len(values)}{kind}", *values)
 

@@ -17,6 +17,7 @@ from handtrack.geometry.rotation import quaternion_wxyz
 
 # glTF 2.0, sections 3.6.2 and 3.9: kinds of numbers, and buffers for vertices and for indices
 _UINT8, _UINT32, _FLOAT32 = 5121, 5125, 5126
+_VERTICES, _INDICES = 34962, 34963
 _SKIN_COLOUR = (0.87, 0.68, 0.57, 1.0)
 _KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 
@@ -52,12 +53,14 @@ def glb_bytes(table: ResultsTable) -> bytes:
     on = np.zeros((len(skin.bone), 4), np.uint8)
     on[:, 0] = skin.bone
     attributes = {
-        "POSITION": buffer.add(posed, _FLOAT32, bounds=True),
-        "NORMAL": buffer.add(normal, _FLOAT32),
-        "JOINTS_0": buffer.add(on, _UINT8),
-        "WEIGHTS_0": buffer.add(np.tile([1.0, 0.0, 0.0, 0.0], (len(on), 1)), _FLOAT32),
+        "POSITION": buffer.add(posed, _FLOAT32, True, _VERTICES),
+        "NORMAL": buffer.add(normal, _FLOAT32, target=_VERTICES),
+        "JOINTS_0": buffer.add(on, _UINT8, target=_VERTICES),
+        "WEIGHTS_0": buffer.add(
+            (np.arange(4) == 0) * np.ones((len(on), 1)), _FLOAT32, target=_VERTICES
+        ),
     }
-    surface = {"attributes": attributes, "indices": buffer.add(skin.faces.ravel(), _UINT32), "material": 0}  # fmt: skip
+    surface = {"attributes": attributes, "indices": buffer.add(skin.faces.ravel(), _UINT32, target=_INDICES), "material": 0}  # fmt: skip
     back = np.swapaxes(np.linalg.inv(rest), 1, 2)  # column by column
     samplers, channels = _animation(buffer, track.time_s, local)
     tree = {
@@ -117,11 +120,16 @@ class _Buffer:
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
 
-    def add(self, values: Array[*Axes], kind: int, bounds: bool = False) -> int:
-        """Return the number of the accessor of an array. bounds: say the least and the largest, where glTF asks for them."""
+    def add(
+        self, values: Array[*Axes], kind: int, bounds: bool = False, target: int | None = None
+    ) -> int:
+        """Return the number of the accessor of an array. bounds: say the least and the largest, where glTF asks for them; target:
+        what a mesh's are for.
+        """
         types = {_UINT8: np.uint8, _UINT32: np.uint32, _FLOAT32: np.float32}
         array = np.ascontiguousarray(values, types[kind])
         view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes}
+        view |= {} if target is None else {"target": target}
         self.data += array.tobytes()
         self.data += bytes(-len(self.data) % 4)
         told: dict[str, Any] = {"bufferView": len(self._views), "componentType": kind}

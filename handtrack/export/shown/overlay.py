@@ -21,6 +21,7 @@ from handtrack.tracking.frame.result import Status
 _HEIGHT_PX = 480  # of a camera's picture: two side by side fill a usual screen
 _CODEC = "vp09"  # the one that opencv-python writes and browsers play
 _TINT = 0.25
+_MASK = 0.4
 _FAR_PX = 1e5  # OpenCV draws in whole numbers of 32 bits, less its fraction
 # BGR; those of the workbench's lanes
 _COLOURS = {Status.TRACKED: (110, 200, 90), Status.DOUBTFUL: (40, 170, 240), Status.LOST: (60, 60, 230)}  # fmt: skip
@@ -30,7 +31,7 @@ _FLESH = (230, 190, 120)
 def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write a film with a picture for every frame: outline and bones over the image as it was taken, the frame's number and state.
 
-    Cameras without images are left out. Raises HandtrackError where the session, or any image, is not there.
+    A camera without images shows its masks, one without either is left out. Raises HandtrackError where nothing is there.
     """
     import cv2
 
@@ -43,7 +44,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     cameras = [view.name for view in session.views if _has_images(session, view.name, track.frame)]
     if not cameras:
         raise HandtrackError(
-            f"{table.session_folder}: no camera has images in frames {track.frame[0]} to {track.frame[-1]}, so that there is "
+            f"{table.session_folder}: no camera has images or masks in frames {track.frame[0]} to {track.frame[-1]}, so that there is "
             "nothing to draw on. `--to html` shows the track without images."
         )
     links, flesh = joint_links(table.model), table.model.flesh["fine"]
@@ -85,7 +86,20 @@ class Drawn:
 
 def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
     asked = (int(frames[0]), int(frames[len(frames) // 2]), int(frames[-1]))
-    return any(session.image(name, frame) is not None for frame in asked)
+    return any(_seen(session, name, frame) is not None for frame in asked)
+
+
+def _seen(session: Session, name: str, frame: int) -> Array | None:
+    """Return an image BGR as it was taken; where there is none the mask, darker; None where there is neither."""
+    import cv2
+
+    image = session.image(name, frame)
+    if image is None:
+        mask = session.mask(name, frame)
+        image = None if mask is None else (_MASK * mask).astype(np.uint8)
+    return (
+        cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image is not None and image.ndim == 2 else image
+    )
 
 
 def _picture(
@@ -94,13 +108,12 @@ def _picture(
     """Return an image as it was taken, made smaller, with the model over it; dark where there is none. A lost pose is not drawn."""
     import cv2
 
-    image, camera = session.image(name, frame), session.rig[name]
+    image, camera = _seen(session, name, frame), session.rig[name]
     across = 2 * round(_HEIGHT_PX * camera.size[0] / camera.size[1] / 2)  # codecs want even ones
     if image is None:
         shown = np.zeros((_HEIGHT_PX, across, 3), np.uint8)
     else:
-        colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        shown = cv2.resize(colour, (across, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
+        shown = cv2.resize(image, (across, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
     small = camera.scaled((across, _HEIGHT_PX))
     ink = _COLOURS.get(status, _COLOURS[Status.TRACKED])
     if not lost:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import F, Floats
+from handtrack.arrays import F, Floats, Ints
 from handtrack.export.shown.curves import curves
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
@@ -128,7 +128,7 @@ def _stretches(table: ResultsTable) -> str:
     return f"<table><tr><th class=n>frames<th class=n>count<th>state<th>most often, why{''.join(rows)}</table>{rest}"
 
 
-def _runs(status: Floats[F]) -> list[tuple[int, int]]:
+def _runs(status: Ints[F]) -> list[tuple[int, int]]:
     """Return first and last row of each stretch of one state."""
     found = []
     for _, rows in groupby(range(len(status)), key=lambda row: int(status[row])):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from handtrack.arrays import D2, Bytes, N
+from handtrack.export.shown.links import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.session.formats.anatomy import AXES
@@ -19,13 +22,16 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write the joints as an ndx-pose `PoseEstimation` in the module `behavior` [m], with confidences; NaN in lost frames. The
     session's begin is not known and is 1970-01-01: set it before archiving.
     """
-    from ndx_pose import PoseEstimation, PoseEstimationSeries, Skeleton, Skeletons
-    from pynwb import NWBHDF5IO, NWBFile
+    import ndx_pose  # pyright: ignore[reportMissingImports]
+    import pynwb  # pyright: ignore[reportMissingImports]
+
+    made: Any = ndx_pose  # its classes are made of a specification when it is imported: no type checker knows them
+    whole: Any = pynwb
 
     track, sure = table.track, table.confidence()
     places = np.where(table.is_lost[:, None, None], np.nan, track.joint_positions)
     series = [
-        PoseEstimationSeries(
+        made.PoseEstimationSeries(
             name=name,
             data=places[:, j],
             unit="meters",
@@ -37,8 +43,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for j, name in enumerate(track.joint_names)
     ]
     links = _links(table)
-    skeleton = Skeleton(name=track.model, nodes=list(track.joint_names), edges=links)
-    estimate = PoseEstimation(
+    skeleton = made.Skeleton(name=track.model, nodes=list(track.joint_names), edges=links)
+    estimate = made.PoseEstimation(
         name="PoseEstimation",
         pose_estimation_series=series,
         description=f"{track.model} ({track.side}) fitted to calibrated cameras",
@@ -47,21 +53,19 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         source_software_version=track.version,
         skeleton=skeleton,
     )
-    file = NWBFile(
+    file = whole.NWBFile(
         session_description=track.session or "tracked by handtrack",
         identifier=f"{track.session} frames {track.frame[0]}-{track.frame[-1]}",
         session_start_time=_BEGUN,
     )
     module = file.create_processing_module("behavior", "poses by handtrack")
-    module.add(Skeletons(skeletons=[skeleton]))
+    module.add(made.Skeletons(skeletons=[skeleton]))
     module.add(estimate)
-    with replacing(path) as part, NWBHDF5IO(str(part), "w") as writer:
+    with replacing(path) as part, whole.NWBHDF5IO(str(part), "w") as writer:
         writer.write(file)
     return [path]
 
 
-def _links(table: ResultsTable) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Return pairs (N, 2) of joints that a chain of bones connects."""
-    from handtrack.export.shown.links import joint_links
-
+def _links(table: ResultsTable) -> Bytes[N, D2]:
+    """Return pairs of joints that a chain of bones connects."""
     return np.array(joint_links(table.model), np.uint8).reshape(-1, 2)

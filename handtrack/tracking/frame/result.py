@@ -148,6 +148,7 @@ class TrackLabels:
     definition: str | None = None
     fps: float | None = None
     cameras: str | None = None
+    refinement: str | None = None
 
     def track(self, frames: Sequence[FrameResult]) -> TrackResult:
         """Return frames as one result; see TrackResult.from_frames."""
@@ -253,6 +254,7 @@ class TrackResult(NamedTrack):
         start_confidence: float | None = None,
         hand_length_mm: float | None = None,
         hand_length_std_mm: float | None = None,
+        refinement: str | None = None,
         definition: str | None = None,
         fps: float | None = None,
         cameras: str | None = None,
@@ -293,6 +295,7 @@ class TrackResult(NamedTrack):
             start_confidence=start_confidence,
             hand_length_mm=hand_length_mm,
             hand_length_std_mm=hand_length_std_mm,
+            refinement=refinement,
             definition=definition,
             fps=fps,
             cameras=cameras,

@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.model.articulated import HandScale
 from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.job_words import Moved
 from handtrack_app.engine.posing.given import RefinedWith
+from handtrack_app.engine.store.tracks import whole_track
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
@@ -71,8 +74,12 @@ def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
         scales = [json.loads(take.about.labels.scale)["overall"] for take in takes]
         assert scales == [live.overall, 1.07]
         assert worker.document.live_scale == live
+        told = whole_track(worker.document).refinement
+        assert told is not None and Refinement.read(told).scale == HandScale(1.07)
+        assert takes[1].about.labels.refinement == told
         worker.send(commands.Undo(1))
         eventually(lambda: worker.document.run.scale == live, "undone")  # noqa: B023
+        assert whole_track(worker.document).refinement is None
 
 
 def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, Listener]) -> None:

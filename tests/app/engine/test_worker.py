@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
+from handtrack_app.engine import jobs
 from handtrack_app.engine.worker import Worker, _kind
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.protocol.mailbox import Mailbox
@@ -171,6 +173,34 @@ def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
             waits.append(time.perf_counter() - asked)
         worker.send(commands.Cancel())
         assert max(waits) < 0.3, "a pose waited for a whole frame"
+
+
+def test_a_job_waits_while_somebody_moves_the_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "_GIVES_WAY_S", 1e6)
+    job, asked = jobs.BackgroundJob(1, range(3), lambda _report: None), list[bool]()
+    assert not job.should_stop()
+    job.give_way()
+    stepping = threading.Thread(target=lambda: asked.append(job.should_stop()), daemon=True)
+    stepping.start()
+    assert not asked
+    job.cancel()
+    stepping.join(60.0)
+    assert asked == [True], "it waits, and can be ended"
+
+
+def test_a_drag_holds_the_job_and_stays_in_sight(tmp_path: Path) -> None:
+    for worker, listener in _desk(tmp_path, step_s=0.05):
+        held: list[int] = []
+        worker.send(commands.Track(0, FRAMES, 3))
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
+        session = worker._session
+        assert session is not None
+        session.jobs.give_way = partial(held.append, 1)  # type: ignore[method-assign]
+        worker.send(commands.SetPin(3, "front", (40.0, 40.0), 1, "index_tip"))
+        assert held and not session.jobs.follow, "what is tracked is not shown over it"
+        worker.send(commands.Cancel())
 
 
 def test_an_error_of_the_user_comes_in_words(desk: tuple[Worker, Listener]) -> None:

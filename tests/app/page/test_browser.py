@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import os
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -15,31 +14,12 @@ import numpy as np
 import pytest
 import viser.transforms as vtf
 
+from handtrack.bench.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
 from handtrack_app.page.views.room import POSE
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
-FLAGS = [
-    "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-]  # fmt: skip
-DRAWN = """(names) => {
-  const m = window.__viserMutable, t = window.__viserTestpoints;
-  return !!(m && m.scene && m.camera && t && t.rendererInfo.render.frame > 2
-            && names.every((n) => m.nodeRefFromName[n]));
-}"""
-PROJECT = """([name, p]) => {
-  const m = window.__viserMutable, node = m.nodeRefFromName[name];
-  node.updateWorldMatrix(true, false);
-  m.camera.updateMatrixWorld();
-  const v = new node.position.constructor(p[0], p[1], p[2]);
-  node.localToWorld(v).project(m.camera);
-  const r = m.canvas.getBoundingClientRect();
-  return [r.left + (v.x + 1) / 2 * r.width, r.top + (1 - v.y) / 2 * r.height];
-}"""
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
 def eventually(test: Callable[[], Any], what: str, timeout: float = 60.0) -> Any:
@@ -83,33 +63,18 @@ def browsing(
     bench: Workbench, dpr: float = 0.5, size: tuple[int, int] = (1300, 800), unfold: bool = True
 ) -> Iterator[PageUnderTest]:
     """Show a workbench in a real browser; it is stopped afterwards."""
-    if not Path(CHROMIUM).exists():
+    if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
     bench.start()
     assert bench.wait_ready(60.0)
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
-        page = browser.new_context(
-            viewport={"width": size[0], "height": size[1]}, accept_downloads=True
-        ).new_page()
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.route(
-            "**/*",
-            lambda r: (
-                r.continue_()
-                if "127.0.0.1" in r.request.url or r.request.url.startswith(("blob:", "data:"))
-                else r.abort()
-            ),
-        )
+    with chromium(size) as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
         if unfold:
             _unfold(bench)
         yield PageUnderTest(page)
-        browser.close()
-        assert not errors, f"script errors in the page: {errors}"
+        assert not errors, f"errors in the page: {errors}"
     bench.stop()
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.bench.workbench.chromium import PROJECT
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
-from tests.app.page.test_browser import PROJECT, browsing, eventually, stands
+from tests.app.page.test_browser import browsing, eventually, stands
 from tests.app.page.test_browser_clouds import _seen_at
 from tests.app.wire import WireClient
 

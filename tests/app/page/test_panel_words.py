@@ -12,6 +12,7 @@ from handtrack_app.engine.document_snapshots import session_snapshot, timeline_s
 from handtrack_app.engine.job_words import summary
 from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.session import head
+from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture
 from handtrack_app.page.time.window import whole
 from handtrack_app.protocol import snapshots
@@ -101,3 +102,14 @@ def test_frames_that_were_given_are_told_after_tracking(given: int, words: str) 
         summary([], 0, given, 0.0)
         == f"0 of 0 frames in 0.0 s (0 ms a frame); none doubtful.{words}"
     )
+
+
+def test_a_range_is_tracked_from_the_nearest_pose_of_its_own() -> None:
+    strip = snapshots.TimelineSnapshot(
+        10, np.full(20, -1), np.full(20, np.nan), np.full(20, np.nan), (15,)
+    )
+    assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
+    assert nearest_posed(strip, 16, 25, 24) == 24
+    assert nearest_posed(None, 12, 25, 3) == 12
+    tracked = replace(strip, status=np.where(np.arange(20) > 12, 0, -1))
+    assert nearest_posed(tracked, 12, 25, 24) == 24

@@ -91,8 +91,8 @@ def test_frames_and_ranges_from_clients_are_checked(
     timeline, tracking = bench.layout.timeline, bench.layout.tracking
     shown, show = [], bench.layout.show_pose
 
-    def noted(pose):
-        show(pose)
+    def noted(pose, newest=True):
+        show(pose, newest)
         shown.append(pose.frame)
 
     monkeypatch.setattr(bench.layout, "show_pose", noted)

@@ -120,7 +120,7 @@ class TrackedTake:
         latest[-1].replace(result)
 
     def refined_with(self, labels: TrackLabels) -> None:
-        """Say what the refined frames of the latest pass are: of a hand of another size, say."""
+        """Say what the refined frames of the latest pass are: what they share, and of a hand of which size."""
         self._labels = labels
 
     def leave_pass(self) -> None:

@@ -50,11 +50,9 @@ class TrackingPasses:
 
             def shared(text: str) -> None:
                 self.refinement, scale = text, Refinement.read(text).scale
-                if scale is None:
-                    return
-                refined_run = run.with_scale(scale)
-                take.refined_with(refined_run.labels)
-                if self._recorder is not None:
+                refined_run = run if scale is None else run.with_scale(scale)
+                take.refined_with(replace(refined_run.labels, refinement=text))
+                if self._recorder is not None and scale is not None:
                     self._recorder.go_on_with(refined_run)
 
             control = replace(self._control, on_refined=refining, on_shared=shared)

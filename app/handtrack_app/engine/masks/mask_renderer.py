@@ -57,7 +57,11 @@ class MaskRenderer:
                 screens[view.name, "mask"] = large
             if moment.on_all:
                 small[view.name] = _small(large)
-        sheet = contact_sheet(small) if small else None
+        sheet = (
+            contact_sheet({f"{name}  {moment.frame}": image for name, image in small.items()})
+            if small
+            else None
+        )
         return MaskPicture(moment.frame, small, sheet, screens, corrected, " ".join(wrong))
 
     def _painted(self, view: CameraSource, frame: int) -> Bytes[H, W, D3]:

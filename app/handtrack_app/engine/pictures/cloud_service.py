@@ -168,7 +168,7 @@ def skin_in_force(document: Document, order: SampleSkin) -> tuple[CloudSettings,
     session, frame, size = document.run.session, order.frame, max(float(order.size), 0.1)
     if order.box is None:
         patches = painted_skin(session)
-        source = f"{len(patches)} painted images"
+        source = "1 painted image" if len(patches) == 1 else f"{len(patches)} painted images"
     else:
         if order.camera not in session.rig.names:
             raise HandtrackError(f"no camera '{order.camera}' in this session.")

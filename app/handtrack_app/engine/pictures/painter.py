@@ -63,7 +63,7 @@ class Painter:
             silhouette = next((s for s in seen if s.camera.name == camera), None)
             large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette, aside)
         if large:
-            self._publish(PictureSnapshot(frame, screens=large))
+            self._publish(PictureSnapshot(frame, screens=large, version=document.version))
         small = {}
         for name in session.rig.names if wanted.thumbnails else ():
             if len(self._waiting):
@@ -71,4 +71,5 @@ class Painter:
                 return
             small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
         if small:
-            self._publish(PictureSnapshot(frame, small, contact_sheet(small), large))
+            sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
+            self._publish(PictureSnapshot(frame, small, sheet, large, document.version))

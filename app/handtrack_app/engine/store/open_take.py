@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from handtrack.arrays import Floats, P
@@ -13,6 +13,7 @@ from handtrack.store.current_track import TakeFrames
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document
 
 PROGRAM = "handtrack open"
@@ -48,18 +49,20 @@ class OpenTake:
         params: Floats[P],
         keyframes: tuple[int, ...] = (),
         is_refined: bool = False,
-        scale: HandScale | None = None,
+        shared: Refinement | None = None,
     ) -> OpenTake:
         """Begin a take; tracking starts at frame `first` with solver parameters. is_refined: it is of all frames together;
-        scale: and of a hand of another size. Raises HandtrackError.
+        shared: what these share. Raises HandtrackError.
         """
-        run = document.run
-        shelf = TakeFrames(run.model.parameter_names)
+        run, scale = document.run, None if shared is None else shared.scale
+        labels = (run if scale is None else run.with_scale(scale)).labels
+        labels = replace(labels, refinement=None if shared is None else shared.text)
+        shelf = TakeFrames(run.model.parameter_names, refinement=labels.refinement)
         about = TakeAbout(
             by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
             frames=(frames.start, frames.stop),
-            labels=(run if scale is None else run.with_scale(scale)).labels,
+            labels=labels,
             start={"frame": first, "parameters": params.tolist()},
             keyframes=keyframes,
             versions=versions_in_use(),

@@ -13,7 +13,6 @@ from pathlib import Path
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
-from handtrack.model.articulated import HandScale
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
@@ -21,6 +20,7 @@ from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore, spans_of
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.correction_files import CorrectionFiles
 from handtrack_app.engine.posing.pin_state import changed_elsewhere
@@ -234,11 +234,13 @@ class Persistence:
         params: Floats[P],
         keyframes: tuple[int, ...] = (),
         is_refined: bool = False,
-        scale: HandScale | None = None,
+        shared: Refinement | None = None,
     ) -> None:
-        """Begin a take; scale: of a hand of another size, which holds with it. It shows over what was tracked before from its first frame on."""
+        """Begin a take; shared: what its frames do, of which a hand's size holds with it. It shows over what was tracked before from
+        its first frame on.
+        """
         self._take = OpenTake.begin(
-            self.document, self.store, frames, first, params, keyframes, is_refined, scale
+            self.document, self.store, frames, first, params, keyframes, is_refined, shared
         )
 
     def add(self, result: FrameResult) -> None:

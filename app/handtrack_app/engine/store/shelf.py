@@ -77,7 +77,10 @@ class TakeShelf:
         damage: list[str] = []
         try:
             take = store.take(number)
-            return TakeFrames(take.about.labels.parameter_names, dict(take.frame_heads(damage)))
+            labels = take.about.labels
+            return TakeFrames(
+                labels.parameter_names, dict(take.frame_heads(damage)), refinement=labels.refinement
+            )
         except HandtrackError as error:
             damage.append(str(error))
         finally:

@@ -23,7 +23,8 @@ def whole_track(document: Document) -> TrackResult:
         raise HandtrackError(
             "There is nothing to save yet: track some frames, or pose the hand, first."
         )
-    return document.run.result(sorted(frames.values(), key=lambda result: result.frame))
+    track = document.run.result(sorted(frames.values(), key=lambda result: result.frame))
+    return replace(track, refinement=document.results.refinement)
 
 
 def _keyframe(document: Document, frame: int) -> FrameResult:

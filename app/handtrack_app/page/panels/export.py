@@ -28,7 +28,10 @@ class ExportPanel:
             gui.add_html(_TEXT.format("What has been tracked so far, for other programs."))
             kinds = tuple(known.name for known in FORMATS)
             chosen = gui.add_dropdown(
-                "Format", kinds, _USUAL, hint="The formats of `handtrack export --to`."
+                "Format",
+                kinds,
+                initial_value=_USUAL,
+                hint="The formats of `handtrack export --to`.",
             )
             purpose = gui.add_html("")
             button = gui.add_button(

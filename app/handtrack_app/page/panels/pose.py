@@ -75,8 +75,8 @@ class PosePanel:
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
             self.guesses.build()
-            self.pins.build()
             self.sliders_at = gui.add_html("").order
+            self.pins.build()
             self.copies.build()
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
@@ -192,9 +192,12 @@ class PosePanel:
             return
         self.page.edit_pose({name: value * unit_of(name)}, f"slider {name}")
 
-    def show(self, pose: PoseSnapshot) -> None:
-        """Move the sliders to a pose, and say where it comes from."""
-        for name, value in zip(self.names, pose.values, strict=True):
+    def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
+        """Say where a pose comes from, and move the sliders to it.
+
+        newest: no edit is under way to another; else the sliders stay where whoever edits has them.
+        """
+        for name, value in zip(self.names, pose.values, strict=True) if newest else ():
             slider = self.sliders[name]
             shown = round(float(value) / unit_of(name), 1)
             if name.startswith("root_t") and not slider.min + 50 <= shown <= slider.max - 50:

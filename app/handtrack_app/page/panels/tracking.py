@@ -27,6 +27,7 @@ from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, 
 
 _SIZE = "model.fit_size"
 _AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
+_ENDS: tuple[str, ...] = ("from here", "to here", "all")
 _NAMED = 12  # frames that are named one by one
 
 
@@ -129,9 +130,17 @@ class TrackingPanel:
             self.range = gui.add_multi_slider(
                 "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
             )
-            ranged = gui.add_button("Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray")
+            ends = gui.add_button_group(
+                "Reaches", _ENDS,
+                hint="From the frame shown, to the frame shown, or over the whole recording.",
+            )  # fmt: skip
+            ranged = gui.add_button(
+                "Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
+                hint="From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
+            )  # fmt: skip
         page.on(onward, lambda event: self.start(event.target.value))
         page.on(ranged, lambda _: self.start("range"))
+        page.on(ends, lambda event: self._reach(str(event.target.value)))
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
         self.starters += [onward, span]
@@ -221,6 +230,21 @@ class TrackingPanel:
             )
             self._follow(True)
 
+    def _reach(self, end: str) -> None:
+        """Let the range begin or end at the frame shown."""
+        session, frame, chosen = self.session, self.page.state.frame, self.range
+        if session is None or chosen is None:
+            return
+        first, last = session.start, session.stop - 1
+        low, high = clean_interval(chosen.value, first, last) or (first, last)
+        if end == _ENDS[0]:
+            low, high = frame, (high if high > frame else last)
+        elif end == _ENDS[1]:
+            low, high = (low if low < frame else first), frame
+        else:
+            low, high = first, last
+        chosen.value = int(low), int(high)
+
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
         order = self.order("range")
@@ -251,7 +275,7 @@ class TrackingPanel:
         if pair is None:
             return None
         first, last = int(pair[0]), int(pair[1])
-        return Track(first, last + 1, min(max(frame, first), last))
+        return Track(first, last + 1, nearest_posed(self.strip, first, last, frame))
 
     def show(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing; only what can be pressed now is there."""
@@ -285,6 +309,15 @@ def frozen_ends(strip: TimelineSnapshot | None, frame: int) -> tuple[int, int] |
     if before is None or after is None or after - before < 2:
         return None
     return before, after
+
+
+def nearest_posed(strip: TimelineSnapshot | None, first: int, last: int, frame: int) -> int:
+    """Return the frame of a range that is nearest to one and has a pose of its own: set, found or tracked; where none has, the
+    nearest at all.
+    """
+    here = min(max(frame, first), last)
+    posed = set() if strip is None else {*strip.by_hand, *(strip.start + np.flatnonzero(strip.status >= 0)).tolist()}  # fmt: skip
+    return min((f for f in posed if first <= f <= last), key=lambda f: abs(f - here), default=here)
 
 
 def odd_frames(strip: TimelineSnapshot) -> list[int]:

@@ -4,6 +4,7 @@ along; in a free view Shift and a drag pull a joint or a segment parallel to the
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -65,6 +66,7 @@ class Grips:
         self.clicked: Callable[[str], None] = lambda bone: None
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
+        self._lock = threading.RLock()  # a redraw comes by any thread of viser
         self._offered: list[str] = []
         """what is drawn of the hand, by its nodes' names"""
         self._aside = set[int]()
@@ -75,7 +77,8 @@ class Grips:
         before, self._session = self._session, session
         if before is not None and before.model != session.model:
             self._pose = None
-            self._let_go(list(self._grips))
+            with self._lock:
+                self._let_go(list(self._grips))
 
     def show(self, pose: PoseSnapshot) -> None:
         """Follow a pose."""
@@ -89,6 +92,10 @@ class Grips:
 
     def place(self) -> None:
         """Stand grips where the hand is, for those who look through a camera; for nobody else."""
+        with self._lock:
+            self._place()
+
+    def _place(self) -> None:
         here, pose = self._page.server.get_clients(), self._pose
         looking = {number for number in here if self._card_of(number) is not None}
         self._let_go([number for number in self._grips if number not in looking])

@@ -9,6 +9,7 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, W
+from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.scene.viewpoint import frustum_depth
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
@@ -21,6 +22,8 @@ class CameraRigView:
     cards: dict[str, CameraCard]
     frusta: dict[str, viser.CameraFrustumHandle]
     labels: dict[str, viser.LabelHandle]
+    frame: int | None = None
+    """what the small images are of"""
 
 
 def add_cameras(
@@ -63,11 +66,20 @@ def show_cameras(view: CameraRigView, display: Display) -> None:
             frustum.image = None
 
 
-def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]]) -> None:
-    """Put small images onto the frusta."""
+def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]], frame: int) -> None:
+    """Put small images of a frame onto the frusta."""
+    view.frame = frame
     for name, image in images.items():
         if name in view.frusta:
             view.frusta[name].image = image
+
+
+def clear_late(view: CameraRigView, moments: Moments) -> None:
+    """Show no small images of a frame that was shown too long ago, until others come."""
+    if view.frame is not None and not moments.fits(view.frame):
+        view.frame = None
+        for frustum in view.frusta.values():
+            frustum.image = None
 
 
 def bare(display: Display) -> Display:

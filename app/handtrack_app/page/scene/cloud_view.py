@@ -8,12 +8,13 @@ import numpy as np
 import viser
 
 from handtrack.arrays import D3, Bytes, N
+from handtrack_app.page.page import put
+from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.state import Display
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import CloudSnapshot
 
 _PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
-_LATE = 3  # frames that a cloud may stay behind the hand in playback; older ones would deceive
 
 
 @dataclass
@@ -30,10 +31,10 @@ def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
     none = np.zeros((0, 3), np.float32)
     points, dropped = (
         server.scene.add_point_cloud(
-            f"{name}/{part}", none, none.astype(np.uint8), point_size=0.0016, point_shape="circle",
+            f"{name}/{part}", none, colour, point_size=0.0016, point_shape="circle",
             precision="float32", point_shading="flat", visible=False,
         )
-        for part in ("points", "dropped")
+        for part, colour in (("points", _PLAIN), ("dropped", _DROPPED))
     )  # fmt: skip
     return CloudView(points, dropped)
 
@@ -46,15 +47,14 @@ def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> Non
     view.points.colors = cloud_colours(cloud, display.cloud_colour)
     if before is None or not np.array_equal(before.dropped, cloud.dropped):
         view.dropped.points = cloud.dropped
-        view.dropped.colors = np.tile(np.array(_DROPPED, np.uint8), (len(cloud.dropped), 1))
 
 
-def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = False) -> None:
-    """Apply the display options; a cloud of another frame than the one shown is hidden."""
+def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bool = False) -> None:
+    """Apply the display options; a cloud of another frame than those shown now is hidden."""
     cloud = view.cloud
-    known = cloud is not None and abs(cloud.frame - frame) <= _LATE
-    view.points.visible = display.cloud and known
-    view.dropped.visible = display.cloud and display.cloud_dropped and known
+    known = cloud is not None and moments.fits(cloud.frame)
+    put(view.points, visible=display.cloud and known)
+    put(view.dropped, visible=display.cloud and display.cloud_dropped and known)
     size = 1e-3 * display.cloud_size_mm
     if view.points.point_size != size:
         view.points.point_size, view.dropped.point_size = size, 0.7 * size
@@ -63,7 +63,9 @@ def show_cloud(view: CloudView, display: Display, frame: int, recolour: bool = F
 
 
 def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
-    """Return the points' colours."""
+    """Return the points' colours; of none, one that stands for any: a page refuses an empty list."""
+    if not len(cloud.points):
+        return np.array([_PLAIN], np.uint8)
     if how == "own" and cloud.colors is not None:
         return cloud.colors
     if how == "residual" and np.isfinite(cloud.residual_mm).any():

@@ -13,6 +13,8 @@ from viser._messages import DragButton, SetSceneNodeVisibilityMessage
 
 from handtrack.arrays import D3, Bytes, Floats, H, W
 from handtrack_app.page.page import Page
+from handtrack_app.page.pins.taking_hold import view_card
+from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.state import Look
 from handtrack_app.page.views.through import Views
 from handtrack_app.page.views.wall import ALL, CLOSE, Walls
@@ -36,6 +38,8 @@ class Screen:
 
     image: viser.ImageHandle
     picture: Picture | None = None
+    frame: int | None = None
+    """what the picture is of"""
     depth: dict[str, float] = field(default_factory=dict)
     """by camera [m], where it stood last"""
 
@@ -69,6 +73,13 @@ class Looking:
     def card(self, client: int | None) -> CameraCard | None:
         """Return the camera that a page looks through."""
         return self._cards.get(self._page.state.look(client).through or "")
+
+    def view_axes(self, client: viser.ClientHandle | None) -> Floats[D3, D3] | None:
+        """Return the axes, view → world, of the camera that a page looks through, or of its free view."""
+        if client is None:
+            return None
+        card = self.card(client.client_id)
+        return view_card(client.camera).rotation if card is None else card.rotation
 
     def set_through(self, client: viser.ClientHandle, camera: str | None) -> None:
         """Let a page look through a camera, or at what `ALL` see; None: freely, from wherever it is."""
@@ -183,13 +194,21 @@ class Looking:
             if pixel is not None:
                 self.views.drag(client, pixel, event.end_screen_pos)
 
-    def show(self, images: dict[Picture, Bytes[H, W, D3]]) -> None:
-        """Show the pictures that came."""
-        self.walls.show(images)
+    def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
+        """Show the pictures of a frame that came."""
+        self.walls.show(images, frame)
         for screen in self._screens.values():
             if screen.picture in images:
                 screen.image.image = images[screen.picture]
                 screen.image.visible = True
+                screen.frame = frame
+
+    def clear_late(self, moments: Moments) -> None:
+        """Hide pictures of frames that were shown too long ago."""
+        self.walls.clear_late(moments)
+        for screen in list(self._screens.values()):
+            if screen.image.visible and not moments.fits(screen.frame):
+                screen.image.visible = False
 
 
 def _picture(look: Look, field_camera: str | None) -> Picture | None:

@@ -10,12 +10,12 @@ import viser
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.pins.grips import Grips
-from handtrack_app.page.pins.taking_hold import view_card
 from handtrack_app.page.scene.camera_names import CameraNames
 from handtrack_app.page.scene.camera_view import (
     CameraRigView,
     add_cameras,
     bare,
+    clear_late,
     pixel_box,
     show_cameras,
     size_cameras,
@@ -40,9 +40,11 @@ from handtrack_app.page.scene.model_view import (
     update_surface,
     update_truth,
 )
-from handtrack_app.page.scene.surroundings import Surroundings, add_surroundings
+from handtrack_app.page.scene.moments import Moments
+from handtrack_app.page.scene.surroundings import Surroundings, add_surroundings, light
 from handtrack_app.page.scene.viewpoint import (
     Viewpoint,
+    begin_at,
     first_view,
     hand_view,
     look_from,
@@ -80,7 +82,8 @@ class Stage:
         self.pose: PoseSnapshot | None = None
         self.cloud: CloudView = add_cloud(page.server, "/cloud")
         self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
-        self._surface_at: tuple[int, str] | None = None
+        self._surface_at: tuple[int, int, str] | None = None
+        self.moments = Moments()
         self._marking = False
         """a box is to be dragged over an image: nothing stands before it"""
         self._marks: dict[int, Callable[[viser.SceneRectSelectEvent], None]] = {}
@@ -95,10 +98,7 @@ class Stage:
             "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
-        scene = page.server.scene
-        scene.world_axes.visible = False
-        scene.configure_default_lights(enabled=False)
-        scene.configure_environment_map("studio", environment_intensity=0.15)
+        light(page.server)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the scene of a session; only the hand is rebuilt when its model changes."""
@@ -128,7 +128,7 @@ class Stage:
             return
         with self.page.server.atomic():
             if self.pose is not None:
-                show_cloud(self.cloud, display, self.pose.frame, recolour=True)
+                show_cloud(self.cloud, display, self.moments, recolour=True)
                 show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
             self._show_flesh()
             show_cameras(self.cameras, display)
@@ -151,7 +151,11 @@ class Stage:
         pose, state = self.pose, self.page.state
         still = not (state.playing or state.tracking)
         ready = still and self._surface_at is not None and display.surface
-        ready = ready and pose is not None and self._surface_at == (pose.frame, self._model)
+        ready = (
+            ready
+            and pose is not None
+            and self._surface_at == (pose.frame, pose.version, self._model)
+        )
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         opacity = flesh_opacity(display, inside, self.looking.anyone)
@@ -197,13 +201,6 @@ class Stage:
         """Return the middle of the hand shown [m]."""
         return None if self.pose is None else self.pose.middle
 
-    def view_axes(self, client: viser.ClientHandle | None) -> Floats[D3, D3] | None:
-        """Return the axes, view → world, of the camera that a page looks through, or of its free view."""
-        if client is None:
-            return None
-        card = self.looking.card(client.client_id)
-        return view_card(client.camera).rotation if card is None else card.rotation
-
     # ---- snapshots
 
     def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
@@ -215,9 +212,10 @@ class Stage:
         if not self._fits(pose) or session is None:
             return
         first, self.pose = self.pose is None, pose
+        self.moments.show(pose.frame)
         with self.page.server.atomic():
             update_truth(self.hand, pose, display)
-            show_cloud(self.cloud, display, pose.frame)
+            self.clear_late()
             show_ghosts(self.ghosts, display.ghosts, pose.frame)
             self._show_flesh()
             if move_handle:
@@ -261,17 +259,27 @@ class Stage:
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""
-        if self.cameras is None:
+        if self.cameras is None or not self.moments.fits(pictures.frame):
             return
-        if not self.page.state.display.masks:
-            update_thumbnails(self.cameras, pictures.thumbnails)
-        self.looking.show(pictures.screens)
+        if not self.page.state.display.masks and pictures.thumbnails:
+            update_thumbnails(self.cameras, pictures.thumbnails, pictures.frame)
+        self.looking.show(pictures.screens, pictures.frame)
 
     def show_masks(self, masks: MaskPicture) -> None:
         """Show the cameras' masks."""
+        if not self.moments.fits(masks.frame):
+            return
         if self.cameras is not None and self.page.state.display.images:
-            update_thumbnails(self.cameras, masks.small)
-        self.looking.show(masks.screens)
+            update_thumbnails(self.cameras, masks.small, masks.frame)
+        self.looking.show(masks.screens, masks.frame)
+
+    def clear_late(self) -> None:
+        """Show nothing any more that is of a frame that was shown too long ago. Called now and then."""
+        self.looking.clear_late(self.moments)
+        if self.cameras is not None:
+            clear_late(self.cameras, self.moments)
+        if self.pose is not None:
+            show_cloud(self.cloud, self.display, self.moments)
 
     def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
@@ -279,7 +287,7 @@ class Stage:
             return
         with self.page.server.atomic():
             update_surface(self.surface, surface)
-            self._surface_at = (surface.frame, self._model)
+            self._surface_at = (surface.frame, surface.version, self._model)
             self._show_flesh()
 
     def show_guesses(self, guesses: GuessesSnapshot) -> None:
@@ -306,7 +314,7 @@ class Stage:
         with self.page.server.atomic():
             update_cloud(self.cloud, cloud, self.display)
             if self.pose is not None:
-                show_cloud(self.cloud, self.display, self.pose.frame)
+                show_cloud(self.cloud, self.display, self.moments)
                 self._show_flesh()
 
     def forget_cloud(self) -> None:
@@ -323,16 +331,7 @@ class Stage:
         self.view = first_view(session, pose.middle)
         server = self.page.server
         self.surroundings = add_surroundings(server, pose.middle, upward(session), session.reach_m)
-        server.scene.set_up_direction(self.view.up)
-        start = server.initial_camera
-        start.up, start.position, start.look_at = (
-            self.view.up,
-            self.view.position,
-            self.view.look_at,
-        )
-        start.fov, start.near, start.far = self.view.fov, 0.005, 50.0
-        for client in server.get_clients().values():
-            look_from(client, self.view)
+        begin_at(server, self.view)
 
     def look(
         self,

@@ -48,3 +48,10 @@ def add_surroundings(
         fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - larger * _BELOW * up,
     )  # fmt: skip
     return Surroundings(ground)
+
+
+def light(server: viser.ViserServer) -> None:
+    """Let nothing but the surroundings' own lights shine."""
+    server.scene.world_axes.visible = False
+    server.scene.configure_default_lights(enabled=False)
+    server.scene.configure_environment_map("studio", environment_intensity=0.15)

@@ -189,3 +189,13 @@ def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
             SetCameraFovMessage(view.fov),
         ):
             client._websock_connection.queue_message(message)
+
+
+def begin_at(server: viser.ViserServer, view: Viewpoint) -> None:
+    """Let all pages, and those to come, look from a view."""
+    server.scene.set_up_direction(view.up)
+    start = server.initial_camera
+    start.up, start.position, start.look_at = view.up, view.position, view.look_at
+    start.fov, start.near, start.far = view.fov, 0.005, 50.0
+    for client in server.get_clients().values():
+        look_from(client, view)

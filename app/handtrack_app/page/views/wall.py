@@ -13,6 +13,7 @@ import viser
 from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app.page.page import Page
 from handtrack_app.page.scene.camera_names import CameraNames
+from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 
 ALL = "*"
@@ -35,6 +36,8 @@ class _Wall:
     labels: dict[str, viser.LabelHandle]
     aspect: float = 0.0
     shown: bool = True
+    frame: int | None = None
+    """what the pictures are of"""
 
 
 @dataclass
@@ -70,8 +73,8 @@ class Walls:
                 for node in (*wall.images.values(), *wall.labels.values()):
                     node.visible = False
 
-    def show(self, pictures: dict[tuple[str, str], Bytes[H, W, D3]]) -> None:
-        """Show the pictures that came."""
+    def show(self, pictures: dict[tuple[str, str], Bytes[H, W, D3]], frame: int) -> None:
+        """Show the pictures of a frame that came."""
         with self._lock:
             for wall in self._walls.values():
                 for camera, image in wall.images.items():
@@ -79,6 +82,15 @@ class Walls:
                     if picture is not None and wall.shown:
                         image.image = picture
                         image.visible = wall.labels[camera].visible = True
+                        wall.frame = frame
+
+    def clear_late(self, moments: Moments) -> None:
+        """Hide pictures of frames that were shown too long ago."""
+        with self._lock:
+            for wall in self._walls.values():
+                for image in wall.images.values() if wall.shown else ():
+                    if image.visible and not moments.fits(wall.frame):
+                        image.visible = False
 
     def name(self, names: CameraNames) -> None:
         """Write beside the pictures what stands beside the small ones."""

@@ -73,7 +73,7 @@ def judged(
             few=1.0 / max(terms.views, 1),
             open=_above(spread_m(stated).max(), _OPEN_M),
             curled=float(curls(model, joint).mean()),
-            moved=_above(moved_m or 0.0, _MOVED_M),
+            moved=figures.MOVED_UNKNOWN if moved_m is None else _above(moved_m, _MOVED_M),
         )
         off = probably_off(model, stated, signs)
     if status == Status.TRACKED:

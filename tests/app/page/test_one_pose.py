@@ -1,0 +1,209 @@
+"""All that the page shows is of one pose, whatever comes late: played, edited and tracked at the same time, with delays put in."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures
+from handtrack_app.page.panels.pose import unit_of
+from handtrack_app.page.scene import moments
+from handtrack_app.page.scene.moments import Moments
+from handtrack_app.page.time.lanes import cursor_picture
+from handtrack_app.protocol import commands, snapshots
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.page.test_through import Browser
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+_DRAWN_S = 0.01  # what comes later than this is drawn after it
+CARD = re.compile(r"<b style='font-size:1.15em'>Frame (\d+)</b>")
+
+
+class Witness:
+    """Puts together what a page shows, message by message, and looks at it whenever the page would draw."""
+
+    def __init__(self, bench: Workbench, wire: WireClient) -> None:
+        self.bench, self.wire = bench, wire
+        first = bench.stage.pose
+        self.poses: list[snapshots.PoseSnapshot] = [] if first is None else [first]
+        self.shown: dict[str, Any] = {}
+        self.read, self.looks, self.moving, self.told = 0, 0, 0, False
+        self.pictures, self.wrong = 0, list[str]()
+        shown = bench._show
+
+        def noted(snapshot: snapshots.Snapshot) -> None:
+            if isinstance(snapshot, snapshots.PoseSnapshot):
+                self.poses.append(snapshot)
+            shown(snapshot)
+            self._look_at_pictures()
+
+        bench._show = noted  # type: ignore[method-assign]
+
+    def look(self) -> None:
+        """Take what came, and look at it wherever the page would have drawn it: what is told at once may come in two groups."""
+        came = list(self.wire.messages)
+        for place in range(self.read, len(came)):
+            when, message = came[place]
+            self._take(message)
+            self.told |= (
+                message["type"] == "ReplayDoneMessage"
+            )  # what was before came, in several groups
+            if self.told and place + 1 < len(came) and came[place + 1][0] - when > _DRAWN_S:
+                self._judge()
+        self.read = len(came)
+
+    def _take(self, message: dict[str, Any]) -> None:
+        key = message.get("name") or message.get("uuid") or ""
+        told = message.get("updates") or message.get("props") or {}
+        for name, value in told.items():
+            self.shown[f"{key}.{name}"] = value
+        if message["type"] == "SetSceneNodeVisibilityMessage":
+            self.shown[f"{key}.visible"] = message["visible"]
+
+    def of(self, handle: Any, name: str) -> Any:
+        return self.shown.get(f"{handle._impl.uuid}.{name}")
+
+    def _judge(self) -> None:
+        panel = self.bench.layout.pose
+        card, hand = self.of(panel.card, "content"), self.shown.get("/hand/flesh.batched_positions")
+        found = CARD.search(card or "")
+        if found is None or hand is None or not self.poses:
+            return
+        frame, centre = int(found[1]), np.asarray(hand).reshape(-1, 3)
+        ours = [
+            p for p in self.poses if p.frame == frame and np.allclose(p.centre, centre, atol=1e-6)
+        ]
+        assert ours, f"the card says frame {frame}; the hand is of another pose"
+        self.looks += 1
+        self.moving += frame != self.poses[0].frame
+
+    def _look_at_pictures(self) -> None:
+        """Look, once a snapshot is shown, at what each kind of picture is of."""
+        stage = self.bench.stage
+        if stage.pose is None or stage.cameras is None:
+            return
+        frame = stage.pose.frame
+        for screen in stage.looking._screens.values():
+            if screen.image.visible:
+                grey = round(float(np.median(screen.image.image)) / 10)  # as the fake camera has it
+                self.wrong += [f"behind the hand of {frame}: {grey}"] * (grey != frame)
+                self.pictures += 1
+        for frustum in (stage.cameras.frusta["front"],):
+            if frustum.image is not None and stage.cameras.frame != frame:
+                self.wrong.append(f"small, beside {frame}: {stage.cameras.frame}")
+
+    def at_rest(self) -> None:
+        """Sliders, gizmo, numbers beside the lanes, and what is said of the frame are those of the pose on the card."""
+        bench, panel = self.bench, self.bench.layout.pose
+        pose = bench.stage.pose
+        assert pose is not None and pose is self.poses[-1]
+        for name, value in zip(panel.names, pose.values, strict=True):
+            shown = float(value) / unit_of(name)
+            slider = panel.sliders[name]
+            if slider.min <= shown <= slider.max:
+                assert slider.value == pytest.approx(shown, abs=0.11), name
+        assert bench.stage.root is not None
+        np.testing.assert_allclose(bench.stage.root.control.position, pose.values[:3], atol=1e-6)
+        timeline = bench.layout.timeline
+        assert timeline.slider is not None and timeline.slider.value == pose.frame
+        assert timeline.cursor.content == cursor_picture(timeline._lanes, pose.frame)
+        assert f"Frame {pose.frame}<" in panel.card.content
+
+
+@pytest.fixture
+def witness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Workbench, Witness, Browser]]:
+    monkeypatch.setattr(moments, "_MOMENT_S", 0.0)  # nothing of another frame, not for a moment
+    painted = CameraPictures.screen
+
+    def late(self: CameraPictures, *given: Any) -> Any:
+        time.sleep(0.05)
+        return painted(self, *given)
+
+    monkeypatch.setattr(CameraPictures, "screen", late)
+    bench = Workbench(
+        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05)
+    ).start()
+    assert bench.wait_ready(60.0)
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        yield bench, Witness(bench, wire), page
+    bench.stop()
+
+
+def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
+    witness: tuple[Workbench, Witness, Browser],
+) -> None:
+    bench, sees, page = witness
+    bench.stage.looking.set_paint(page.number, "plain")
+    page.press("Look through front")
+    eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
+    bench.send(commands.Track(0, FRAMES, 3))
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    for turn in range(30):
+        if turn % 10 == 0:
+            bench.page.play(True)
+        if turn % 10 == 5:
+            bench.page.play(False)
+            sees.wire.set_value(slider, 10.0 + turn)
+        if turn % 3 == 0:
+            bench.page.go_to(turn % FRAMES)
+        time.sleep(0.03)
+        sees.look()
+    bench.page.play(False)
+    bench.send(commands.Cancel())
+    eventually(lambda: bench.layout.tracking.progress.state == "idle", "it rests")
+    bench.page.go_to(4)
+    eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4, "frame 4")
+
+    def pictured() -> bool:
+        screen = bench.stage.looking._screens.get(page.number)
+        return screen is not None and bool(screen.image.visible) and screen.frame == 4
+
+    eventually(pictured, "its picture")
+    sees.look()
+    assert not sees.wrong
+    assert sees.looks > 3 and sees.moving and sees.pictures
+    sees.at_rest()
+
+
+def test_a_picture_of_a_frame_that_was_left_goes_and_comes_again(
+    witness: tuple[Workbench, Witness, Browser],
+) -> None:
+    bench, _, page = witness
+    page.press("Look through front")
+    stage = bench.stage
+
+    def screen() -> Any:
+        return stage.looking._screens.get(page.number)
+
+    eventually(lambda: screen() is not None and screen().image.visible, "a picture")
+    first = screen().frame
+    late = snapshots.PictureSnapshot(first, screens={("front", screen().picture[1]): np.zeros((72, 96, 3), np.uint8)})  # fmt: skip
+    stage.moments.show(first + 1)
+    stage.clear_late()
+    assert not screen().image.visible and stage.cameras is not None and stage.cameras.frame is None
+    stage.show_pictures(late)
+    assert not screen().image.visible, "what comes too late is not shown"
+
+
+def test_a_moment_lets_the_last_frames_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = Moments()
+    assert not known.fits(None) and not known.fits(3)
+    known.show(3)
+    known.show(4)
+    assert known.fits(4)
+    monkeypatch.setattr(moments, "_MOMENT_S", 1e6)
+    known.show(5)
+    assert known.fits(4) and known.fits(5) and not known.fits(9)
+    monkeypatch.setattr(moments, "_MOMENT_S", 0.0)
+    assert not known.fits(4)
