@@ -228,7 +228,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
+    "size": _Command("person.size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
         _INIT, _YES,
@@ -245,8 +245,8 @@ COMMANDS: dict[str, _Command] = {
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
     )),
-    "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
-    "skin": _Command("skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
+    "spread": _Command("person.spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "skin": _Command("person.skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomlkit
@@ -70,6 +70,6 @@ def findings(model: ArticulatedModel) -> list[str]:
     return found
 
 
-def definition_text(table: dict[str, Any], source: Path) -> str:
+def definition_text(table: Mapping[str, object], source: Path) -> str:
     """Return a definition as TOML, saying where it comes from."""
     return f"# Made of {source.name}. What the numbers mean: docs/definitions.md.\n\n{tomlkit.dumps(table)}"
