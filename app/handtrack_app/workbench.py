@@ -226,6 +226,8 @@ class Workbench:
             case snapshots.ScoreSnapshot():
                 self.stage.show_score(snapshot)
                 self.layout.show_score(snapshot)
+            case snapshots.LibrarySnapshot():
+                self.layout.library.show(snapshot)
             case snapshots.ComparedSnapshot():
                 self.layout.compared.show(snapshot)
             case snapshots.WorkSnapshot():

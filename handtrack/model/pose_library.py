@@ -20,7 +20,8 @@ from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 
 _FILES = ("hand.toml", "lsf.toml")
-_HINTS = ("palm", "fingers", "like")
+_HINTS = ("palm", "fingers", "like", "title")
+_ALPHABET, _LETTER = "French manual alphabet", "lsf_"
 _PALM, _FINGERS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)  # to the viewer, up
 
 
@@ -48,7 +49,14 @@ def pose_names() -> tuple[str, ...]:
 
 def alphabet() -> tuple[str, ...]:
     """Return the names of the 26 letters, `lsf_a` to `lsf_z`."""
-    return tuple(name for name in pose_names() if name.startswith("lsf_"))
+    return tuple(name for name in pose_names() if name.startswith(_LETTER))
+
+
+def pose_title(name: str) -> tuple[str, str]:
+    """Return what a hand pose is called, and what it is one of: ("A", "French manual alphabet")."""
+    if name.startswith(_LETTER):
+        return name.removeprefix(_LETTER).upper(), _ALPHABET
+    return str(_pose(name).get("title", name)), "Everyday"
 
 
 def named_pose(model: ArticulatedModel, name: str) -> Floats[S]:

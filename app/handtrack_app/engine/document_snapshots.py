@@ -14,6 +14,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.pictures.pose_pictures import pose_titles
 from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
@@ -83,7 +84,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         has_truth=session.truth is not None,
         joint_names=model.joint_names,
         stem_bones=stem_bones(model),
-        pose_names=document.pose_names,
+        poses=pose_titles(model),
         model=model_words(model),
         kind=model.kind,
         parts=part_cards(model),

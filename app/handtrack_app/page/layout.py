@@ -19,6 +19,7 @@ from handtrack_app.page.panels.session import SessionPanel, head
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
+from handtrack_app.page.posing.library import Library
 from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import STYLE_SHEET
@@ -101,6 +102,7 @@ class PageLayout:
         pins = PinPanel(page, stage.grips, self.keys)
         copies = CopyPanel(page, self.keys, stage.looking.view_axes)
         self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins, copies)
+        self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
         self.limits = LimitsPanel(page, left.add_tab("Limits"), refits)
         certainty = left.add_tab("Certainty")

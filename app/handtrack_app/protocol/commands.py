@@ -28,6 +28,7 @@ from handtrack_app.protocol.posing import (
     SetPin,
     SetPose,
     TakePose,
+    WantLibrary,
 )
 from handtrack_app.protocol.reviewing import Accept, CompareTake, WantCurves
 
@@ -253,7 +254,7 @@ class StartAgain:
 
 
 Command = (
-    ShowFrame | SetPose | TakePose | PullPlace | SetPin | DropPins | CopyPins | ForgetPose | LookBefore | RefitWhileTuning | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
+    ShowFrame | SetPose | TakePose | PullPlace | SetPin | DropPins | CopyPins | ForgetPose | LookBefore | WantLibrary | RefitWhileTuning | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | CompareTake | WantCurves | Accept | StartAgain

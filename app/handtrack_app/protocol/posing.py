@@ -104,6 +104,13 @@ class LookBefore:
 
 
 @dataclass(frozen=True)
+class WantLibrary:
+    """Send one client the pose library in pictures."""
+
+    client_id: int
+
+
+@dataclass(frozen=True)
 class RefitWhileTuning:
     """Whether a changed setting or limit fits the frame shown anew at once."""
 

@@ -12,6 +12,7 @@ from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.protocol.comparing import ComparedSnapshot, CurvesSnapshot
+from handtrack_app.protocol.library import LibrarySnapshot, PoseName
 from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.protocol.masks import MaskCard, MaskPicture
 from handtrack_app.protocol.score import ScoreSnapshot
@@ -85,7 +86,7 @@ class SessionSnapshot:
     joint_names: tuple[str, ...]
     stem_bones: tuple[str, ...]
     """of no finger or limb: a drag of them moves the whole"""
-    pose_names: tuple[str, ...]
+    poses: tuple[PoseName, ...]
     """the pose library"""
     kind: str = "hand"
     """`hand` or `body`"""
@@ -377,7 +378,7 @@ class WorkSnapshot:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
 )  # fmt: skip
 
 

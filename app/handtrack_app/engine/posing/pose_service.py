@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 from handtrack.store.history import History
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.pictures.pose_pictures import pose_picture, pose_titles
 from handtrack_app.engine.posing.before import pose_before
 from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.edits import Values
 from handtrack_app.protocol import posing
+from handtrack_app.protocol.library import LibrarySnapshot, PosePicture
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 Request = (
     posing.SetPose | posing.TakePose | posing.PullPlace | posing.ForgetPose | posing.LookBefore
-    | posing.SetPin | posing.DropPins | posing.CopyPins
+    | posing.WantLibrary    | posing.SetPin | posing.DropPins | posing.CopyPins
 )  # fmt: skip
 Edit = Callable[[int, Values, str, bool], None]
 """changes a frame's pose, and shows it; at last the control's tag, and whether that is of one drag"""
@@ -57,6 +59,14 @@ class PoseService:
                 self.edit(request.frame, forgotten, "", False)
             case posing.LookBefore():
                 self._look(request.on)
+            case posing.WantLibrary():
+                drawn = (
+                    PosePicture(
+                        one.name, one.short, one.group, pose_picture(document.model, one.name)
+                    )
+                    for one in pose_titles(document.model)
+                )
+                self.publish(LibrarySnapshot(request.client_id, tuple(drawn)))
             case _:
                 self._pins.serve(request)
 

@@ -36,7 +36,7 @@ class SettingsPanel:
             with self.tab:
                 self._build(session)
         for setting, widget in self.controls.values():
-            value: Any = session.settings.get(setting.name)
+            value = session.settings.get(setting.name)
             shown = shown_value(setting, value)
             if shown is not None and widget.value != shown:
                 widget.value = shown

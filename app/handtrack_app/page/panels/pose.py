@@ -15,7 +15,7 @@ from handtrack_app.page.panels.pose_card import pose_card
 from handtrack_app.page.panels.pose_words import GROUPS, group_of, label_of, unit_of
 from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
-from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track
+from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track, WantLibrary
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
@@ -40,6 +40,8 @@ class PosePanel:
     """by group; one is shown, so that all its sliders are on the screen"""
     rows: list[viser.GuiButtonGroupHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
+    titles: dict[str, str] = field(default_factory=dict)
+    """of the library: what a pose is called → its name"""
     pose: PoseSnapshot | None = None
     score: ScoreSnapshot | None = None
 
@@ -60,6 +62,10 @@ class PosePanel:
                 initial_value=_KEEP,
                 hint="Set the fingers to a pose of the library.",
             )
+            pictures = gui.add_button(
+                "Poses in pictures", icon=viser.Icon.HAND_STOP, color="gray",
+                hint="The whole library as it looks; a click takes a pose.",
+            )  # fmt: skip
             fit = gui.add_button(
                 "Fit to the images", icon=viser.Icon.FOCUS_2, color="gray",
                 hint="Solves this frame from the pose you see. Undo brings your pose back.",
@@ -76,8 +82,10 @@ class PosePanel:
         page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))
         page.on(self.edit_buttons, lambda event: self._edit(str(event.target.value)))
-        page.on(take, lambda event: self._take(event.target.value))
+        page.on(take, lambda event: self.take(event.target.value))
         page.on(self.library, self._choose)
+        page.on(pictures, self._ask)
+        self.nudges.keys.add("Poses in pictures", "L", page.from_user(self._ask), "alt")
         page.on(save, lambda _: page.send(SavePose()))
 
     def _edit(self, which: str) -> None:
@@ -94,7 +102,8 @@ class PosePanel:
         state.follow = True
         self.page.send(Track(frame, frame + 1, frame, version=version))
 
-    def _take(self, choice: str) -> None:
+    def take(self, choice: str) -> None:
+        """Take the frame's pose from elsewhere: a pose of the library, or as a button says."""
         state = self.page.state
         version = state.begin_edit()
         if choice == "Tracked":
@@ -106,8 +115,12 @@ class PosePanel:
     def _choose(self, event: UserEvent) -> None:
         chosen = str(event.target.value)
         if chosen != _KEEP:
-            self._take(chosen)
+            self.take(self.titles[chosen])
             self.library.value = _KEEP  # so that the same pose can be chosen again
+
+    def _ask(self, event: UserEvent) -> None:
+        if event.client_id is not None:
+            self.page.send(WantLibrary(event.client_id))
 
     # ---- sliders
 
@@ -118,7 +131,8 @@ class PosePanel:
         self.guesses.fit(session)
         self.copies.fit(session)
         self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
-        self.library.options = (_KEEP, *session.pose_names)
+        self.titles = {pose.title: pose.name for pose in session.poses}
+        self.library.options = (_KEEP, *self.titles)
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven
