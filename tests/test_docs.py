@@ -74,8 +74,8 @@ ROOTS = [
 """what a path in a page may be relative to"""
 
 
-EXAMPLES = {"handtrack/terms/table.py", "tests/terms/test_table.py"}
-"""what docs/adding_a_term.md makes"""
+EXAMPLES = {"handtrack/terms/table.py", "tests/terms/test_table.py", "material/calibration.toml"}
+"""what docs/adding_a_term.md and the tutorial make"""
 
 
 def named_paths(page: Path) -> set[str]:

@@ -86,15 +86,12 @@ def _internal(error: Exception) -> str:
 
 
 class _Version(argparse.Action):
-    """Look the version up only when it is asked for."""
+    """Say the version."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import PackageNotFoundError, version
+        from handtrack.version import VERSION
 
-        try:
-            print(f"handtrack {version('handtrack')}")
-        except PackageNotFoundError:
-            print("handtrack (a checkout that is not installed)")
+        print(f"handtrack {VERSION}")
         parser.exit()
 
 
@@ -166,6 +163,10 @@ COMMANDS: dict[str, _Command] = {
     "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
+    "sample": _Command("sample", "Write a recording that comes with the program as files, to try things on.", (
+        _option("name", metavar="NAME", help="two_videos (the tutorial's material) or open_fist_open (a session)"),
+        _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
+    )),
     "new": _Command("new_session.new", "Make a session folder from recordings and a calibration.", (
         _NEW,
         _option("--calibration", type=Path, action="append", required=True, metavar="FILE",
@@ -227,7 +228,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "size": _Command("size", "Fit a person's hand size to a recording and save it for others.", (
+    "size": _Command("person.size", "Fit a person's hand size to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
         _INIT, _YES,
@@ -239,17 +240,17 @@ COMMANDS: dict[str, _Command] = {
         _POSES,
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
-        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"),
+        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
     )),
-    "spread": _Command("spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
-    "skin": _Command("skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
+    "spread": _Command("person.spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "skin": _Command("person.skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),
-        _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"),
+        _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"), _JSON,
     )),
     "simulate": _Command("simulate", "Make a simulated recording with truth.", (
         _NEW,
@@ -268,6 +269,11 @@ COMMANDS: dict[str, _Command] = {
         _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
+    )),
+    "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or a BVH.", (
+        _option("action", choices=("check",), help="what to do"),
+        _option("file", type=Path, metavar="FILE", help="a definition (.toml), or .urdf, .bvh"),
+        _option("--out", type=Path, metavar="FILE.toml", help="also write it as a definition, to be changed by hand"), _JSON,
     )),
     "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),
     "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (

@@ -14,7 +14,7 @@ def pyplot() -> Any:
         import matplotlib  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise HandtrackError(
-            "figures are drawn with matplotlib, which is not installed: pip install 'handtrack[docs]'."
+            "figures are drawn with matplotlib, which is not installed: pip install 'handtrack3d[docs]'."
         ) from None
     matplotlib.use("Agg")
     from matplotlib import pyplot  # pyright: ignore[reportMissingImports]

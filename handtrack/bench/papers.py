@@ -15,7 +15,7 @@ import numpy as np
 from handtrack.arrays import Floats, N
 from handtrack.bench.clouds import poor_clouds
 from handtrack.bench.jumps import dance_appearance, minima
-from handtrack.bench.measuring import data_folder, recording
+from handtrack.bench.measuring import data_folder, mean_mm, recording
 from handtrack.bench.silhouettes import binary_fist, field_recovery
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
@@ -40,6 +40,14 @@ STEREO: Mapping[str, dict[str, object]] = {
     "ours": OURS,
 }
 
+WHY: Mapping[str, dict[str, bool]] = {
+    "as_the_paper": {},
+    "robust_likelihood": {"plain_sums": False},
+    "surface_in_view": {"whole_surface": False},
+    "both": {"plain_sums": False, "whole_surface": False},
+}
+"""what of the 2004 method is taken away, to see what it costs"""
+
 
 def papers(frames: int = 25, poses: int = 40) -> Figures:
     """Return the figures of all experiments, and how long each took; frames: of each stereo recording and the dance."""
@@ -48,6 +56,7 @@ def papers(frames: int = 25, poses: int = 40) -> Figures:
         "paper2007_fist": fist,
         "paper2004_poor_clouds": poor,
         "paper2004_synthetic_stereo": lambda: stereo("webxr_stereo_768", frames),
+        "paper2004_why": lambda: why("webxr_stereo_768"),
         "paper2004_real_stereo": lambda: stereo("d405_real_stereo", frames),
         "paper2003_table1": table1,
         "paper2003_dance": lambda: dance(frames),
@@ -90,7 +99,9 @@ def fist() -> Figures:
     figures: Figures = {}
     closed = slice(binary_fist.FIST.start, binary_fist.FIST.stop)
     for cameras in (2, 6):
-        for way, settings in (("paper2007", {"method": "paper2007"}), ("ours", OURS)):
+        limited: dict[str, object] = {"method": "paper2007", "solver.limits": "bounds"}
+        ways = {"paper2007": {"method": "paper2007"}, "paper2007_limits": limited, "ours": OURS}
+        for way, settings in ways.items():
             error = fist_errors(cameras, settings)
             figures |= {
                 f"{way}_{cameras}cam_mean_mm": float(error.mean()),
@@ -148,6 +159,25 @@ def stereo(name: str, frames: int) -> Figures:
             figures[f"{way}_median_mm"] = float(np.median(each))
             figures[f"{way}_p90_mm"] = float(np.quantile(each, 0.9))
         figures[f"{way}_tracked"] = sum(r.status == 0 for r in found)
+    return figures
+
+
+def why(name: str, frames: int = 8) -> Figures:
+    """Return the mean error of all joints on a stereo recording with parts of the 2004 method taken away."""
+    session = recording(name)
+    figures: Figures = {}
+    truth = session.truth
+    assert truth is not None
+    assert truth.keypoints21 is not None
+    run = TrackingRun.open(session, {"model.fit_size": False, "method": "paper2004"})
+    first, start = run.initial()
+    wanted = range(first, first + frames)
+    for way, traits in WHY.items():
+        settings = replace(run.settings, traits=replace(run.settings.traits, **traits))
+        tracker = replace(run.tracker, settings=settings)
+        found = track_frames(tracker, run.observation, first, start, wanted)
+        joints = np.stack([r.keypoints21 for r in found if r.keypoints21 is not None])
+        figures[f"{way}_mm"] = mean_mm(joints, truth.keypoints21[np.isin(truth.frame, wanted)])
     return figures
 
 

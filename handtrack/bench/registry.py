@@ -37,6 +37,7 @@ _LONG = {
     "whole_length": "speed.whole_length",
     "first_pose_warm": "speed.first_pose",
     "first_pose_cold": "speed.first_pose",
+    "papers": "papers",
     "field_recovery": "silhouettes.field_recovery",
     "binary_fist": "silhouettes.binary_fist",
     "finger_shift": "clouds.finger_shift",

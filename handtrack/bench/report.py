@@ -6,11 +6,11 @@ import datetime
 import importlib
 import sys
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 from handtrack.bench.registry import BENCHMARKS
 from handtrack.errors import unknown_name
+from handtrack.version import VERSION
 
 REPORTS = Path(__file__).parents[2] / "docs" / "reports"
 
@@ -22,7 +22,7 @@ def report(name: str, figures: Mapping[str, object], title: str, measured: datet
         "",
         title,
         "",
-        f"`handtrack bench {name}`, {measured:%Y-%m-%d}, version {version('handtrack')}.",
+        f"`handtrack bench {name}`, {measured:%Y-%m-%d}, version {VERSION}.",
         "",
         "| figure | value |",
         "|---|---|",

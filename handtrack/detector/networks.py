@@ -32,7 +32,7 @@ def open_network(data: bytes, backend: str, where: str) -> Network:
         raise unknown_name("backend", backend, BACKENDS)
     if backend == "litert" and not find_spec(_LITERT):
         raise HandtrackError(
-            "LiteRT is not installed: `pip install handtrack[detector]` brings it; OpenCV does the same, 2.5 times slower."
+            "LiteRT is not installed: `pip install handtrack3d[detector]` brings it; OpenCV does the same, 2.5 times slower."
         )
     try:
         return _by_litert(data) if backend == "litert" else _by_opencv(data)

@@ -55,7 +55,7 @@ class ExportFormat:
 
 
 FORMATS: tuple[ExportFormat, ...] = (
-    ExportFormat("csv", ".csv", "Joint angles and positions, a row a frame, for spreadsheets; what the columns mean in a JSON file beside.", "tables.csv_wide"),
+    ExportFormat("csv", ".csv", "Joint angles and positions, a row a frame, for spreadsheets.", "tables.csv_wide"),
     ExportFormat("csv-long", "_long.csv", "Tidy tables for statistics (R, pandas): joints, angles (ours and ISB's) and bones' quaternions, with standard deviations.", "tables.csv_long", has_parts=True),
     ExportFormat("npz", "_export.npz", "Everything, for Python and NumPy.", "tables.npz"),
     ExportFormat("keypoints", "_keypoints.npz", "Joint positions alone, in the form of a session's truth.npz.", "tables.keypoints"),

@@ -33,7 +33,7 @@ class Camera:
     size: tuple[int, int]
     """width, height [px]."""
     matrix: Floats[D3, D3]
-    """[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    """In pixels: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
     distortions: Floats[K]
     """(4, 5, 8, 12 or 14,) in OpenCV's order: k1 k2 p1 p2 k3 ..."""
     rotation: Floats[D3, D3]

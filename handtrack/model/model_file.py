@@ -23,6 +23,7 @@ from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel
 from handtrack.model.definition import Definition
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
+from handtrack.model.others.read_other import OTHERS, read_other
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.surfaces.superquadrics import read_superquadrics
 from handtrack.model.transform import Follows, build_transform
@@ -42,7 +43,7 @@ def load_model(
     spread: Mapping[str, float] | None = None,
     narrowing: bool = True,
 ) -> ArticulatedModel:
-    """Return a model by its name or from a definition file.
+    """Return a model by its name or from a definition file: TOML (docs/definitions.md), or a robot's URDF, or a BVH.
 
     side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose; a body has
     both sides and is the same for either.
@@ -72,7 +73,12 @@ def model_from_definition(
         table = json.loads(text)
     except ValueError as error:
         raise HandtrackError(f"{source}: the model's definition is no JSON ({error}).") from None
-    return _sized(_checked(table, source), side, scale, "26", forearm, {})
+    try:
+        return _sized(_checked(table, source), side, scale, "26", forearm, {})
+    except (ValueError, LookupError, TypeError) as error:  # it is nobody's who checks it
+        raise HandtrackError(
+            f"{source}: the model's definition in it cannot be built ({error}). Was the file changed by hand? Track again."
+        ) from None
 
 
 def _sized(
@@ -148,13 +154,19 @@ def _read_definition(name: str) -> dict[str, Any]:
         shipped = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml")
         table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     else:
-        path = Path(name)
-        if path.suffix != ".toml" or not path.is_file():
-            raise HandtrackError(
-                f"no model '{name}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml)."
-            )
-        table = read_toml(path, "a model's definition")
+        table = read_definition(Path(name))
     return _checked(table, name)
+
+
+def read_definition(path: Path) -> dict[str, Any]:
+    """Return the tables of a definition file, or those made of another program's (URDF, BVH). Raises HandtrackError."""
+    if path.is_file() and path.suffix.lower() == ".toml":
+        return read_toml(path, "a model's definition")
+    if path.is_file() and path.suffix.lower() in OTHERS:
+        return read_other(path)
+    raise HandtrackError(
+        f"no model '{path}': expected one of {', '.join(MODELS)}, or the path of a definition (.toml, or {', '.join(OTHERS)})."
+    )
 
 
 def _checked(table: Any, name: str) -> dict[str, Any]:

@@ -25,11 +25,11 @@ class Evidence(Protocol):
 
 def idle_settings(settings: TrackerSettings, seen: Evidence, kind: str) -> list[str]:
     """Return a sentence on the changed settings that have no effect, for each reason. kind: of the model, hand or body."""
-    flat = settings.flat()
+    flat, usual = settings.flat(), settings.usual
     changed = [
         name
         for name, known in SETTINGS.items()
-        if flat[name] != known.default and known.about in ("", kind)
+        if flat[name] != usual[name] and known.about in ("", kind)
     ]
     found = settings.without_effect(kind)
     for prefix, why in _reasons(settings, seen):

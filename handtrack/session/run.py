@@ -36,7 +36,6 @@ from handtrack.session.sizing import (
     tracked_for_size,
     who_is_open,
 )
-from handtrack.session.takes.versions import version_of
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -46,6 +45,7 @@ from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fi
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
+from handtrack.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ class TrackingRun:
         return TrackLabels(
             model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
             model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
-            json.dumps(self.settings.flat(), sort_keys=True), version_of("handtrack"),
+            json.dumps(self.settings.flat(), sort_keys=True), VERSION,
             None if self.first is None else self.first.confidence,
             None if std_mm is None else hand_length_mm(model), std_mm,
             model.definition, self.session.fps, rig_json(self.session.rig),

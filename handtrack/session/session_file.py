@@ -26,6 +26,7 @@ from handtrack.files.toml_table import (
 )
 from handtrack.files.toml_text import read_toml, toml_item
 from handtrack.model.model_file import MODELS
+from handtrack.model.others.read_other import OTHERS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
 FORMAT = 1
@@ -116,7 +117,7 @@ class SessionFile:
 
 def is_definition(model: str) -> bool:
     """Return whether [hand] model is the path of a definition, and no model's name."""
-    return model.endswith(".toml") or "/" in model
+    return model.lower().endswith((".toml", *OTHERS)) or "/" in model
 
 
 def dotted(tracking: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -201,9 +202,9 @@ def _recording(given: Any, path: Path) -> RecordingSettings:
 def _hand(table: Any, where: str) -> HandSettings:
     hand = read_table(HandSettings, table, where)
     if hand.model not in MODELS and not is_definition(hand.model):
-        known = listed_names(hand.model, MODELS, "known models")
+        known, others = listed_names(hand.model, MODELS, "known models"), ", ".join(OTHERS)
         raise HandtrackError(
-            f'{where}: model = "{hand.model}" is no model, and no path of a definition (.toml); {known}'
+            f'{where}: model = "{hand.model}" is no model, and no path of a definition (.toml, {others}); {known}'
         )
     return hand
 

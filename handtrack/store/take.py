@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -160,7 +160,7 @@ class Take:
         found = self.results(frames)
         if not found:
             raise HandtrackError(f"{self.folder}: take {self.number} has no such frames.")
-        return self.about.labels.track(found)
+        return replace(self.about.labels.track(found), take=self.number)
 
     @cached_property
     def _heads(self) -> _Heads:

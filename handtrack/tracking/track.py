@@ -19,6 +19,7 @@ from handtrack.tracking.frame.result import TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
+from handtrack.version import VERSION
 
 
 def track(
@@ -60,6 +61,6 @@ def track(
     latest = {result.frame: result for result in results}
     labels = TrackLabels(
         model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), model.name,
-        model.side, settings=json.dumps(settings.flat(), sort_keys=True),
+        model.side, settings=json.dumps(settings.flat(), sort_keys=True), version=VERSION,
     )  # fmt: skip
     return labels.track([latest[frame] for frame in sorted(latest)])

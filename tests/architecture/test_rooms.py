@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import REPOSITORY
 
 CORE = REPOSITORY / "handtrack"
-GROUND = {"errors", "arrays", "setting", "parallel"}
+GROUND = {"errors", "arrays", "setting", "parallel", "version"}
 """what every room may import"""
 VIEWERS = ("handtrack_app", "viser", "rerun")
 MOST_FILES = 14

@@ -23,6 +23,7 @@ def test_each_method_is_compared_with_ours(monkeypatch):
     figures = papers.fist()
     assert {s.method for s in asked} == {"paper2007", "default"}
     assert {"paper2007_2cam_mean_mm", "ours_6cam_fist_mm"} <= set(figures)
+    assert {s.solver.limits for s in asked} == {"none", "bounds"}
     for values in (*(v for _, v in papers.POOR.values()), *papers.STEREO.values()):
         assert TrackerSettings().with_values(values).method in ("paper2004", "default")
     assert {s.method for s in asked} | {"paper2004", "paper2003"} == set(METHODS)
@@ -37,13 +38,13 @@ def test_what_cannot_be_run_is_said(monkeypatch):
 
     for name in ("fields", "fist", "poor", "table1"):
         monkeypatch.setattr(papers, name, one)
-    for name in ("stereo", "dance"):
+    for name in ("stereo", "why", "dance"):
         monkeypatch.setattr(papers, name, nothing)
     figures = papers.papers()
     assert figures["paper2007_fist_mean_mm"] == 1.0
     assert figures["paper2004_real_stereo_left_out"] == "no shared test data"
     assert figures["paper2003_dance_left_out"] == "no shared test data"
-    assert sum(key.endswith("cpu_s") for key in figures) == 7
+    assert sum(key.endswith("cpu_s") for key in figures) == 8
 
 
 def test_field_images_are_found_again_in_either_scale():

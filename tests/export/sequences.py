@@ -50,7 +50,8 @@ def smooth_poses(model: ArticulatedModel, frames: int, rng: np.random.Generator)
     knots = np.linspace(0, frames - 1, 5)
     low, high = model.limits.interval[6:].T
     wanted = rng.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (5, len(low)))
-    angles = np.stack([np.interp(np.arange(frames), knots, column) for column in wanted.T], axis=1)
+    rows = [np.interp(np.arange(frames), knots, column) for column in wanted.T]
+    angles = np.reshape(rows, (len(low), frames)).T
     turn = np.linspace(0.3, 6.5, frames)[:, None] * np.array([0.48, 0.6, 0.64])
     place = np.array([0.05, -0.02, 0.1]) + 0.1 * np.sin(np.linspace(0, 3, frames))[:, None]
     return np.concatenate([place, turn, angles], axis=1)

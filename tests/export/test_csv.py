@@ -92,6 +92,13 @@ def test_tidy_tables_have_a_row_a_joint_an_angle_a_bone(kind, tmp_path):
     assert turned["bone"] == model.skeleton.bone_names[-1]
 
 
+def test_files_beside_that_were_there_are_kept(tmp_path):
+    (tmp_path / "poses.json").write_text("mine")
+    written("csv", sample_sequence("right")[1], tmp_path)
+    (kept,) = (tmp_path / "versions").iterdir()
+    assert kept.read_text() == "mine"
+
+
 def test_exported_keypoints_can_serve_as_truth(rng, tmp_path):
     track = sample_track(rng, [4, 7])
     (path,) = written("keypoints", track, tmp_path)

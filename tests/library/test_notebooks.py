@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,9 +23,9 @@ def cells(path: Path) -> list[str]:
     return ["".join(c["source"]) for c in content["cells"] if c["cell_type"] == "code"]
 
 
-def test_there_are_these():
+def test_there_are_five():
     assert [path.stem for path in NOTEBOOKS] == [
-        "masks_to_pose", "own_term", "pandas", "plot",
+        "masks_to_pose", "own_term", "pandas", "plot", "robot_hand",
     ]  # fmt: skip
 
 
@@ -44,6 +45,7 @@ def test_a_task_is_short_and_takes_public_names_alone(path):
 def test_it_runs(path, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
+    shutil.copyfile(path.with_name("gripper.urdf"), tmp_path / "gripper.urdf")
     handtrack.write_npz(tmp_path / "poses.npz", hand_track())
     names: dict[str, object] = {}
     for code in cells(path):
@@ -58,3 +60,6 @@ def test_it_runs(path, tmp_path, monkeypatch, capsys):
         assert (tmp_path / "angles.png").stat().st_size > 1000
     if path.stem == "pandas":
         assert "index_pip_flex_deg" in (tmp_path / "angles.csv").read_text()
+    if path.stem == "robot_hand":
+        assert "left_curl 0.90" in printed or "left_curl 0.89" in printed
+        assert "thumb_curl 0.56" in printed

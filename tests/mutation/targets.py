@@ -30,6 +30,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.tracking.frame.terms.cloud_terms": (
         "tests/tracking/decisions/test_cloud_balance.py",
         "tests/tracking/test_cloud_weight.py",
+        "tests/tracking/test_methods.py",
     ),
     "handtrack.tracking.search.proposers.finger_moves": (
         "tests/tracking/decisions/test_finger_shift.py",

@@ -10,6 +10,7 @@ from handtrack.export.registry import FORMATS, export_format
 from handtrack.export.table import ResultsTable
 from handtrack.files.versions import keep_version
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import say
 
@@ -19,7 +20,8 @@ _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is 
 def run(args: argparse.Namespace) -> int:
     """Write the converted file, and those that belong to it, and name them."""
     if args.to is None:
-        print("\n".join(f"{known.name:10} {known.purpose}" for known in FORMATS))
+        formats = {known.name: known.purpose for known in FORMATS}
+        answer(args, formats, *(f"{name:10} {purpose}" for name, purpose in formats.items()))
         return 0
     chosen = export_format(args.to)
     table = ResultsTable.read(args.poses, args.session or session_of(args.poses))
@@ -38,7 +40,8 @@ def run(args: argparse.Namespace) -> int:
         ) from None
     kept = f"; the file before is kept as {previous}" if previous else ""
     beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
-    print(f"{len(table.track)} frames written to {out}{beside}{kept}")
+    told = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
+    answer(args, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
         say(
             f"note: {args.poses} holds frames of hands of different sizes; {args.to} has one skeleton for all, which is up to "

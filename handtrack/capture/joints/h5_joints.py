@@ -26,7 +26,7 @@ def read_h5_joints(path: Path) -> GivenJoints | None:
         import h5py  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise HandtrackError(
-            f"{path} is HDF5, which needs h5py: pip install handtrack[joints], or export CSV."
+            f"{path} is HDF5, which needs h5py: pip install handtrack3d[joints], or export CSV."
         ) from None
     try:
         with h5py.File(path, "r") as file:

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Floats
 from handtrack.export.motion.xml_tree import angles_rpy, document, element, numbers
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.cells import number, write_rows
+from handtrack.export.tables.cells import beside, number, write_rows
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
@@ -38,7 +38,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         ]
         for i in range(len(track))
     )
-    states = path.with_name(f"{path.stem}_joint_states.csv")
+    states = beside(path.with_name(f"{path.stem}_joint_states.csv"))
     return [path, write_rows(states, header, rows)]
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.files.atomic import replace_text
+from handtrack.files.versions import keep_version
 
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
@@ -17,6 +18,12 @@ _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 def number(value: float | np.floating) -> str:
     """Return a number with nine digits; nothing for one that is not known."""
     return "" if np.isnan(value) else f"{float(value):.9g}"
+
+
+def beside(path: Path) -> Path:
+    """Return the path of a file that nobody asked for by its name; what stands there is kept in versions/."""
+    keep_version(path)
+    return path
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:

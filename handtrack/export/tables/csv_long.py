@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.export.isb import isb_angles
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.cells import number, write_rows
+from handtrack.export.tables.cells import beside, number, write_rows
 from handtrack.export.tables.sidecar import write_sidecar
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.session.formats.tables import is_length
@@ -38,7 +38,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     written = [write_rows(path, header, joints)]
     angles = [*_FRAME, "convention", "angle", "value_deg", "std_deg"]
     rows = ([*frames[i], *rest] for i, rest in _angles(table))
-    written.append(write_rows(path.with_stem(f"{path.stem}_angles"), angles, rows))
+    written.append(write_rows(beside(path.with_stem(f"{path.stem}_angles")), angles, rows))
     bones = [*_FRAME, "bone", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
     turns = quaternion_wxyz(track.T_world_bone[..., :3, :3])
     carried = (
@@ -46,7 +46,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for i in range(len(track))
         for b, name in enumerate(track.bone_names)
     )
-    written.append(write_rows(path.with_stem(f"{path.stem}_bones"), bones, carried))
+    written.append(write_rows(beside(path.with_stem(f"{path.stem}_bones")), bones, carried))
     return [*written, write_sidecar(path, table, _MEANINGS)]
 
 

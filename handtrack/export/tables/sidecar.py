@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
+from handtrack.export.tables.cells import beside
 from handtrack.files.atomic import replace_text
 from handtrack.session.formats.anatomy import AXES, anatomy_arrays
 from handtrack.session.formats.tables import is_length
@@ -18,7 +19,7 @@ from handtrack.tracking.frame.result import Status
 
 def write_sidecar(path: Path, table: ResultsTable, columns: dict[str, str]) -> Path:
     """Write the file that explains `path`, beside it with the suffix .json; return its path. columns: meaning by name."""
-    side = path.with_suffix(".json")
+    side = beside(path.with_suffix(".json"))
     replace_text(side, json.dumps(about(table) | {"columns": columns}, indent=1) + "\n")
     return side
 

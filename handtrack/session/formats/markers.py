@@ -123,7 +123,7 @@ def _c3d(path: Path) -> Markers:
         import c3d  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise HandtrackError(
-            f"{path} is C3D, which needs c3d: pip install handtrack[c3d], or export TRC or CSV."
+            f"{path} is C3D, which needs c3d: pip install handtrack3d[c3d], or export TRC or CSV."
         ) from None
     try:
         with path.open("rb") as file:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+from handtrack.version import VERSION
+
 
 def versions_in_use() -> dict[str, str]:
     """Return the versions of the programs that make a take."""
-    versions = {name: version_of(name) for name in ("handtrack", "numpy", "numba")}
-    return versions | {"python": platform.python_version()}
+    versions = {name: version_of(name) for name in ("numpy", "numba")}
+    return {"handtrack": VERSION} | versions | {"python": platform.python_version()}
 
 
 def version_of(name: str) -> str:

@@ -307,6 +307,12 @@ class TrackerSettings:
         """Return every setting by its dotted name."""
         return {name: reduce(getattr, name.split("."), self) for name in SETTINGS}
 
+    @property
+    def usual(self) -> dict[str, Any]:
+        """Every setting as the method has it where nothing else is said."""
+        own = METHODS[self.method].values
+        return {name: own.get(name, known.default) for name, known in SETTINGS.items()}
+
     def with_values(self, values: Mapping[str, Any]) -> TrackerSettings:
         """Return a copy with dotted settings replaced; strings are read as their kind, old names as what they are now.
 
@@ -347,11 +353,11 @@ class TrackerSettings:
 
     def without_effect(self, kind: str) -> list[str]:
         """Return a sentence on each setting that was changed and means nothing to a model of this kind, hand or body."""
-        flat = self.flat()
+        flat, usual = self.flat(), self.usual
         return [
             f"{name} = {str(flat[name]).lower()} has no effect: it is about a {known.about}, and the model is a {kind}."
             for name, known in SETTINGS.items()
-            if known.about not in ("", kind) and flat[name] != known.default
+            if known.about not in ("", kind) and flat[name] != usual[name]
         ]
 
 

@@ -21,8 +21,8 @@ from handtrack.tracking.whole.shared import Shared
 
 _SWEEPS = 10
 _ENOUGH = 0.02
-"""a frame that a step gains less of, on average, is the last: poses moved by a fifth of a standard deviation, ½ (1/5)². In angles of
-joints that nothing shows a step may be large for as little"""
+"""a step of which no frame foretells a greater gain is the last: no pose moved by more than a fifth of a standard deviation, ½ (1/5)²
+(Newton's decrement). In angles of joints that nothing shows a step may be large for as little"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
@@ -133,6 +133,7 @@ def estimate_whole(
                 motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
+            promised = 0.5 * (right[0] * step).sum(axis=1)
             foretold = best.systems.foretold(step, change)
             if sweep == 1 and foretold.mean() >= promise:
                 return None
@@ -155,7 +156,7 @@ def estimate_whole(
             if nearer.ahead != best.shared.cameras.ahead:
                 evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(best.poses)
-            elif 0 < gain < _ENOUGH * len(frames):
+            elif gain > 0 and promised.max() < _ENOUGH:
                 why = "converged"
                 break
     except _StoppedError:

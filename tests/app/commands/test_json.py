@@ -19,7 +19,7 @@ SERVERS = {"open", "start", "demo"}
 SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - SERVERS - {"export"}))
+@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - SERVERS))
 def test_it_has_the_option(name):
     assert any("--json" in option.names for option in COMMANDS[name].options)
 

@@ -145,7 +145,7 @@ def test_hdf5_without_its_library_is_refused_in_a_sentence(
     monkeypatch.setitem(sys.modules, "h5py", None)
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     words = [*_new(tmp_path), "--keypoints", f"cam0={tmp_path}/a.h5"]
-    refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack[joints]"])
+    refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack3d[joints]"])
 
 
 @pytest.mark.parametrize(("form", "factor", "said"), [

@@ -242,7 +242,7 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -
     store, sent_to = tracked(opened(tmp_path)), []
     thread = export_beside(store.document, Export("csv-long", 7), sent_to.append)
     assert thread is not None
-    thread.join(60)
+    thread.join(300)
     (download,) = sent_to
     assert (download.name, download.client_id) == ("fake_long.zip", 7)
     with zipfile.ZipFile(io.BytesIO(download.data)) as archive:
@@ -259,7 +259,7 @@ def test_a_format_that_cannot_have_the_track_says_so(tmp_path: Path) -> None:
         export_beside(store.document, Export("xls", 1), said.append)
     thread = export_beside(store.document, Export("mp4", 1), said.append)
     assert thread is not None
-    thread.join(60)
+    thread.join(300)
     assert (said[0].level, said[0].title) == ("error", "Not exported")
 
 

@@ -164,7 +164,11 @@ def test_overlap_stands_beside_a_camera_of_the_pose_shown_alone(
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         page.press("See the hand in all cameras")
-        walls = bench.stage.looking.walls._walls
-        eventually(lambda: page.number in walls and walls[page.number].labels["front"].text == "front  0.87", "there, too")  # fmt: skip
+
+        def named() -> bool:
+            wall = bench.stage.looking.walls._walls.get(page.number)
+            return wall is not None and wall.labels["front"].text == "front  0.87"
+
+        eventually(named, "there, too")
         bench.send(commands.TakePose(3, "fist", bench.state.begin_edit()))
         eventually(lambda: labels["front"].text == "front", "of another pose nothing is told")

@@ -12,6 +12,7 @@ from handtrack.files.toml_edit import edit_toml
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.seen.skin_samples import painted_skin, segmented_skin
 from handtrack.session.session import Session
+from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.progress import say
 
 
@@ -35,9 +36,11 @@ def run(args: argparse.Namespace) -> int:
         session.folder / SESSION_FILE, {"clouds.skin": asdict(skin)}, "a session's settings"
     )
     (red, green), images = skin.mean, len(samples)
-    print(
+    answer(
+        args,
+        {"pixels": sum(map(len, samples)), "images": images, "r": red, "g": green},
         f"{sum(map(len, samples))} pixels of {images} {'image' if images == 1 else 'images'}: r = {red:.3f}, g = {green:.3f}. "
-        f"[clouds] of {SESSION_FILE}: skin.{kept}"
+        f"[clouds] of {SESSION_FILE}: skin.{kept}",
     )
     if images == 1:
         say("note: one image; a second under other light makes the ellipse hold there as well.")

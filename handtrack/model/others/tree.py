@@ -1,0 +1,202 @@
+"""A robot or a skeleton as other programs describe it: links on joints, from which a definition is made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_vector
+
+_SHORTEST_M = 1e-4
+"""between two joints, for the line between them to be a bone's direction"""
+_STUB_M = 0.01
+"""of a bone on which nothing stands, and which has no shape"""
+_FULL_TURN = np.pi
+_FEWEST_FREEDOMS = 1
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An ellipsoid on a link, in the link's frame."""
+
+    centre: Floats[D3]
+    """[m]"""
+    rotation: Floats[D3, D3]
+    radii: Floats[D3]
+    """[m]"""
+
+
+@dataclass
+class Link:
+    """A rigid body, and the hinges by which it turns on its parent."""
+
+    name: str
+    parent: str | None
+    place: Floats[D3]
+    """of its frame in the parent's, hinges at zero [m]"""
+    turn: Floats[D3, D3]
+    """link → parent, hinges at zero"""
+    hinges: Sequence[Hinge] = ()
+    """in the order in which they act: the second about the axis that the first carried along"""
+    shapes: list[Shape] = field(default_factory=list)
+    label: str = ""
+    """what the joint is called; the link's name where it has none"""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """One freedom; about an axis through the link's origin."""
+
+    name: str
+    axis: Floats[D3]
+    """in the link's frame"""
+    limits: tuple[float, float] = (-_FULL_TURN, _FULL_TURN)
+    """[rad]"""
+    follows: tuple[str, float] | None = None
+    """another hinge and the ratio, where it follows one"""
+
+
+def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any]:
+    """Return a definition's tables (docs/definitions.md), the root link's frame as the hand's. Parents come first.
+
+    Links that cannot turn belong to what they stand on; those without a shape are named joints there, as fingertips are in
+    many files. where: names the file in errors. Raises HandtrackError where nothing turns, or nothing has a shape.
+    """
+    _check(links, where)
+    place, turn, carrier = _zero_pose(links)
+    moving = [link for link in links if link.parent is None or link.hinges]
+    children: dict[str, list[Link]] = {link.name: [] for link in moving}
+    for link in links:
+        if link.parent is not None:
+            children[carrier[link.parent]].append(link)
+    bones, ellipsoids, joints, frames = [], [], dict[str, Any](), dict[str, Floats]()
+    for link in moving:
+        here = place[link.name]
+        ahead = [place[child.name] for child in children[link.name]]
+        own = [one for one in links if carrier[one.name] == link.name]
+        shapes = [(one, shape) for one in own for shape in one.shapes]
+        centres = [place[one.name] + turn[one.name] @ shape.centre for one, shape in shapes]
+        tail = _tail(link, here, turn[link.name], ahead, centres)
+        up = _across(tail - here, turn[link.name])
+        frame = np.eye(3) if link.parent is None else _frame(tail - here, up)
+        frames[link.name] = frame
+        bones.append(_bone(link, carrier, here, tail, up, frame.T @ turn[link.name]))
+        for (one, shape), centre in zip(shapes, centres, strict=True):
+            rotation = frame.T @ turn[one.name] @ shape.rotation
+            ellipsoids.append(
+                {"bone": link.name, "centre": _mm(frame.T @ (centre - here)), "radii": _mm(shape.radii),
+                 "rotation_deg": _rounded(np.rad2deg(rotation_vector(rotation)))}
+            )  # fmt: skip
+        joints[link.label or link.name] = [link.name, "head"]
+        for one in own:
+            if one is not link and not one.shapes:
+                joints[one.name] = [link.name, _mm(frame.T @ (place[one.name] - here))]
+        if not ahead and link.parent is not None:
+            joints[f"{link.name}_tip"] = [link.name, "tail"]
+    if not ellipsoids:
+        raise HandtrackError(
+            f"{where}: no link has a shape that is read (sphere, capsule, cylinder, box, ellipsoid, or a mesh that is there), so "
+            "nothing of it would be seen in a silhouette. Add a <visual> to each."
+        )
+    follows = [
+        {"name": hinge.name, "leader": hinge.follows[0], "ratio": hinge.follows[1]}
+        for link in links for hinge in link.hinges if hinge.follows
+    ]  # fmt: skip
+    reach = max(float(np.linalg.norm(p - place[links[0].name])) for p in place.values())
+    table = {
+        "format": 1, "name": name, "kind": "hand", "length_mm": max(round(1e3 * reach, 3), 1.0), "bone": bones,
+        "joints": joints, "ellipsoids": {"fine": ellipsoids, "metaballs": ellipsoids},
+    }  # fmt: skip
+    return table | ({"couplings": {"21": follows}} if follows else {})
+
+
+def _check(links: Sequence[Link], where: str) -> None:
+    hinges = [hinge.name for link in links for hinge in link.hinges]
+    if len(hinges) < _FEWEST_FREEDOMS:
+        raise HandtrackError(f"{where}: nothing in it turns; expected at least one hinge.")
+    for kind, names in (("links", [link.name for link in links]), ("joints", hinges)):
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise HandtrackError(f"{where}: two {kind} are called '{twice}'; expected names that differ.")  # fmt: skip
+
+
+def _zero_pose(
+    links: Sequence[Link],
+) -> tuple[dict[str, Floats], dict[str, Floats], dict[str, str]]:
+    """Return each link's place [m] and turn in the root's frame, and the moving link that carries it."""
+    place, turn, carrier = dict[str, Floats](), dict[str, Floats](), dict[str, str]()
+    for link in links:
+        if link.parent is None:
+            place[link.name], turn[link.name] = np.zeros(3), np.eye(3)
+        else:
+            above = turn[link.parent]
+            place[link.name] = place[link.parent] + above @ link.place
+            turn[link.name] = above @ link.turn
+        moves = link.parent is None or bool(link.hinges)
+        carrier[link.name] = link.name if moves else carrier[str(link.parent)]
+    return place, turn, carrier
+
+
+def _tail(
+    link: Link, here: Floats, turn: Floats, ahead: Sequence[Floats], centres: Sequence[Floats]
+) -> Floats[D3]:
+    """Return where a bone ends: at the middle of what stands on it, as far beyond its shapes' middle as that is from the joint,
+    or nearby. The root lies along its own y.
+    """
+    far = [p for p in ahead if np.linalg.norm(p - here) > _SHORTEST_M]
+    end = np.mean(far, axis=0) if far else None
+    if end is None and centres:
+        end = here + 2.0 * (np.mean(centres, axis=0) - here)
+    length = 0.0 if end is None else float(np.linalg.norm(end - here))
+    if link.parent is None:
+        return here + np.array([0.0, max(length, _STUB_M), 0.0])
+    if end is not None and length > _SHORTEST_M:
+        return end
+    return here + _STUB_M * _across(turn @ link.hinges[0].axis, turn)
+
+
+def _across(direction: Floats[D3], turn: Floats[D3, D3]) -> Floats[D3]:
+    """Return the axis of the link's own frame, z before x before y, that is most nearly square to a direction."""
+    along = np.abs(turn.T @ direction) / np.linalg.norm(direction)
+    order = (2, 0, 1)
+    best = min(order, key=lambda axis: (round(float(along[axis]), 6), order.index(axis)))
+    return turn[:, best]
+
+
+def _frame(along: Floats[D3], up: Floats[D3]) -> Floats[D3, D3]:
+    """Return the bone → root rotation that a definition's head, tail and up mean: +y along, +z on the side of up."""
+    y = along / np.linalg.norm(along)
+    z = up - y * (up @ y)
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def _bone(
+    link: Link, carrier: Mapping[str, str], here: Floats, tail: Floats, up: Floats, own: Floats
+) -> dict[str, Any]:
+    """Return a bone's table. own: link → bone."""
+    if link.parent is None:
+        up = np.array([0.0, 0.0, 1.0])
+    row: dict[str, Any] = {"name": link.name} | ({"parent": carrier[link.parent]} if link.parent else {})  # fmt: skip
+    row |= {"group": "palm", "head": _mm(here), "tail": _mm(tail), "up": _rounded(up)}
+    if link.hinges:
+        row["freedoms"] = [
+            {"name": hinge.name, "axis": _rounded(own @ hinge.axis), "limits_deg": _rounded(np.rad2deg(hinge.limits)),
+             "rest_deg": float(np.round(np.rad2deg(np.clip(0.0, *hinge.limits)), 9))}
+            for hinge in link.hinges
+        ]  # fmt: skip
+    return row
+
+
+def _mm(metres: Floats) -> list[float]:
+    return _rounded(1e3 * np.asarray(metres))
+
+
+def _rounded(values: Any) -> list[float]:
+    """Return numbers to nine decimals, as a file holds them; no zero has a sign."""
+    return [float(value) for value in np.round(np.asarray(values, float), 9) + 0.0]

@@ -1,0 +1,66 @@
+"""What is published: one version, links that lead somewhere from anywhere, a site of all public names."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+
+import handtrack
+from docs.release import absolute, with_urls
+from docs.site_hooks import api_page, public_names, reports_page, site_markdown
+from handtrack.version import VERSION
+from tests.conftest import REPOSITORY
+
+SOURCE = "https://host.example/owner/handtrack/blob/v1"
+PROJECT = (REPOSITORY / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_the_version_is_the_same_everywhere():
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {VERSION}\n" in citation
+    pattern = tomllib.loads(PROJECT)["tool"]["hatch"]["version"]["pattern"]
+    found = re.search(pattern, (REPOSITORY / "handtrack" / "version.py").read_text())
+    assert found is not None
+    assert found["version"] == VERSION
+
+
+def test_the_readme_of_a_release_has_no_relative_link():
+    text = absolute((REPOSITORY / "README.md").read_text(encoding="utf-8"), SOURCE)
+    links = re.findall(r"\]\(([^)\s]+)\)", text)
+    assert len(links) > 10
+    assert [link for link in links if not re.match(r"https://|#", link)] == []
+    assert f"({SOURCE.replace('/blob/', '/raw/')}/docs/figures/workbench_tracked.png)" in text
+
+
+def test_a_release_names_its_addresses():
+    urls = tomllib.loads(with_urls(PROJECT, SOURCE))["project"]["urls"]
+    assert urls["Homepage"] == "https://host.example/owner/handtrack"
+    assert set(urls) == {"Homepage", "Documentation", "Changelog", "Issues"}
+
+
+def test_the_distribution_is_not_somebody_elses():
+    project = tomllib.loads(PROJECT)["project"]
+    assert project["name"] == "handtrack3d"
+    assert project["scripts"] == {"handtrack": "handtrack_app.cli:main"}
+
+
+def test_the_site_has_a_page_of_every_public_name():
+    assert set(public_names()) == set(handtrack.__all__)
+    assert api_page().count(":::") == len(handtrack.__all__)
+    assert "(honesty.md)" in reports_page()
+
+
+@pytest.mark.parametrize(
+    ("text", "depth", "expected"),
+    [
+        ("[a](../sessions/README.md#pins)", 0, "[a](sessions.md#pins)"),
+        ("[a](../../sessions/README.md)", 1, "[a](../sessions.md)"),
+        ("[a](../README.md#commands)", 0, "[a](index.md)"),
+        ("[a](reports/)", 0, "[a](reports/index.md)"),
+        ("[a](calibration.md)", 0, "[a](calibration.md)"),
+    ],
+)
+def test_links_out_of_docs_lead_to_pages_of_the_site(text, depth, expected):
+    assert site_markdown(text, depth) == expected
