@@ -10,7 +10,14 @@ from handtrack.bench.registry import BENCHMARKS
 from handtrack.bench.report import REPORTS, main, report
 from handtrack.errors import HandtrackError
 
-OTHERS = {"recordings", "capture", "ellipsoid_distances", "mutations", "seeded_masks"}
+OTHERS = {
+    "recordings",
+    "workbench_by_hand",
+    "capture",
+    "ellipsoid_distances",
+    "mutations",
+    "seeded_masks",
+}
 """pages of figures that other commands give, named there"""
 
 

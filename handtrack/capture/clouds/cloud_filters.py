@@ -64,12 +64,12 @@ class CloudFilters:
     )  # fmt: skip
     component: Literal["all", "nearest", "largest"] = setting(
         "all", "Of the parts that hang together, which one is the hand: all, the nearest to the cameras, or the largest. "
-        "From depth images it is the nearest unless this says otherwise.", label="Part",
+        "From depth images it is the nearest unless this says otherwise.", label="Piece kept",
         words={"all": "all", "nearest": "nearest to a camera", "largest": "largest"},
     )  # fmt: skip
     front_m: float | None = setting(
         None, "How much farther than its nearest end the nearest part may reach; cuts a hand held out from the body it "
-        "hangs on.", label="Deep mm", unit="m", above=0.0, slider=(0, 500, 5), page_unit=0.001,
+        "hangs on.", label="Depth of it mm", unit="m", above=0.0, slider=(0, 500, 5), page_unit=0.001,
     )  # fmt: skip
     voxel_m: float | None = setting(
         0.0025, "Side of the cells in which points are thinned.", label="Cell mm", unit="m", above=0.0,
@@ -89,7 +89,7 @@ class CloudFilters:
     max_points: int | None = setting(
         4000,
         "A random part of this many points stays.",
-        label="At most",
+        label="Most points",
         low=1,
         slider=(0, 20000, 250),
     )

@@ -53,13 +53,16 @@ class ModelSettings:
         1.2, "Likewise the little finger's.", label="Little ×", **_SPREAD
     )
     narrowing: bool = setting(
-        True, "Bent fingers spread less: the range of abduction shrinks with flexion.", about="hand"
+        True,
+        "Bent fingers spread less: the range of abduction shrinks with flexion.",
+        label="Bent spread less",
+        about="hand",
     )
     fallback: Literal["auto", "glove9", "ball6", "none"] = setting(
         "auto", "What is done while a cloud that alone holds the hand is poor: `auto`, its depths are doubted; `glove9` or "
-        "`ball6`, the palm of these models takes the hand's place as well; `none`, nothing.", label="Poor cloud",
+        "`ball6`, the palm of these models takes the hand's place as well; `none`, nothing.", label="If cloud is poor",
         level="user", about="hand",
-        words={"auto": "doubt depths", "glove9": "glove9", "ball6": "ball6", "none": "nothing"},
+        words={"auto": "doubt its depths", "glove9": "palm of glove9", "ball6": "palm of ball6", "none": "do nothing"},
     )  # fmt: skip
     fit_size: Literal["true", "later", "false"] = setting(
         "true", 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone; `later`: '
@@ -79,7 +82,7 @@ class SilhouetteSettings:
     """How outlines pull."""
 
     term: Literal["coverage", "conic_field"] = setting(
-        "coverage", "coverage: unbiased, wide basin. conic field: the 2007 paper's.", label="Term", level="user",
+        "coverage", "coverage: unbiased, wide basin. conic field: the 2007 paper's.", label="Outlines by", level="user",
         words={"coverage": "coverage", "conic_field": "conic field (2007)"},
     )  # fmt: skip
     weight: float = setting(
