@@ -116,10 +116,11 @@ def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         bench.send(commands.TakePose(3, "point", bench.state.begin_edit()))
-        eventually(lambda: _pose(bench).origin == "set", "a pointing hand")
+        panel = bench.layout.pose  # what it shows is copied
+        eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
         point = _pose(bench)
         page.press("Copy the pose")
-        eventually(lambda: "frame 3" in bench.layout.pose.copies.line.content, "told")
+        eventually(lambda: "frame 3" in panel.copies.line.content, "told")
         bench.go_to(9)
         eventually(lambda: _pose(bench).frame == 9, "another frame")
         bench.send(commands.TakePose(9, "fist", bench.state.begin_edit()))
@@ -147,7 +148,7 @@ def test_the_switch_refits_the_frame_that_is_shown(
         eventually(lambda: [box.value for box in boxes] == [True, True], "both tabs show it")
         bench.send(commands.SetSetting("cloud.balance", 0.8))
         eventually(lambda: _pose(bench).origin == "refitted", "refitted")
-        assert "refitted" in bench.layout.pose.card.content
+        eventually(lambda: "refitted" in bench.layout.pose.card.content, "and the card says so")
 
 
 def test_overlap_stands_beside_a_camera_of_the_pose_shown_alone(
