@@ -13,7 +13,6 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-Paper-root[data-with-border="true"] > div > div { padding-top: 0 !important; }
 .mantine-Paper-root[data-with-border="true"] > div > div > div > div { padding-inline: 0 !important; margin-inline: 0 !important; }
 [role="tab"][data-dock-tab] { padding: 0 .55em !important; }
-[role="tab"]:not([data-dock-tab]) { padding-inline: .38em !important; }
 .multi-slider { margin-inline: 6px 12px; width: calc(100% - 18px) !important; }
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
