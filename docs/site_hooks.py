@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,7 @@ def site_markdown(text: str, depth: int) -> str:
 
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages that lie elsewhere (called by mkdocs)."""
-    from mkdocs.structure.files import File
-
+    File = import_module("mkdocs.structure.files").File
     sessions = (_REPOSITORY / "sessions" / "README.md").read_text(encoding="utf-8")
     sessions = sessions.replace("](../docs/", "](").replace("](open_fist_open/README.md)", "]")
     files.append(File.generated(config, "api.md", content=api_page()))
