@@ -77,6 +77,8 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench: Wo
         Browser(bench, wire)
         before, session = _pose(bench), bench.stage.session
         assert session is not None
+        bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
+        bench.stage.apply()
         pip = before.joints[session.joint_names.index("index_pip")]
         aim = pip + (0.0, -0.006, -0.012)
         _drag(bench, wire, "/hand/flesh", "shift", pip, aim)

@@ -116,8 +116,9 @@ class SessionPanel:
                 )
             with gui.add_folder("Show"):
                 self._toggle(
-                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it."
-                )
+                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
+                    "joint or segment in the free view.",
+                )  # fmt: skip
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
                 self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")

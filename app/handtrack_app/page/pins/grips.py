@@ -1,5 +1,5 @@
 """The hand taken hold of. In a camera's picture a joint or a segment is dragged to its place, and the palm takes the whole hand
-along; in a free view Shift and a drag pull a joint or a segment parallel to the screen.
+along; in a free view without the handle, Shift and a drag pull a joint or a segment parallel to the screen.
 """
 
 from __future__ import annotations
@@ -67,8 +67,10 @@ class Grips:
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
         self._lock = threading.RLock()  # a redraw comes by any thread of viser
-        self._offered: list[str] = []
-        """what is drawn of the hand, by its nodes' names"""
+        self._drawn_as: tuple[Node, ...] = ()
+        """what is drawn of the hand"""
+        self._is_offered = False
+        """whether that can be dragged"""
         self._aside = set[int]()
         """clients for which it does not stand before the grips"""
 
@@ -99,7 +101,8 @@ class Grips:
         here, pose = self._page.server.get_clients(), self._pose
         looking = {number for number in here if self._card_of(number) is not None}
         self._let_go([number for number in self._grips if number not in looking])
-        for number in looking ^ self._aside:
+        self._offer()
+        for number in looking ^ self._aside if self._is_offered else ():
             self._stand_aside(number, aside=number in looking)
         if pose is None or self._session is None or len(pose.centre) != len(self._session.radii):
             return
@@ -111,12 +114,21 @@ class Grips:
             grip.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
 
     def offer(self, nodes: Iterable[Node]) -> None:
-        """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view."""
-        self._offered, self._aside = [], set()
-        for node in nodes:
+        """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view.
+
+        Not while the handle is shown: whatever can be dragged takes the pointer from what it hides, the handle's arrows too.
+        """
+        self._drawn_as, self._is_offered = tuple(nodes), False
+
+    def _offer(self) -> None:
+        wanted = not self._page.state.display.handle
+        if wanted == self._is_offered:
+            return
+        self._is_offered, self._aside = wanted, set()
+        for node in self._drawn_as:
             node.remove_drag_callback()
-            self._listen(node, "left", "shift")
-            self._offered.append(node.name)
+            if wanted:
+                self._listen(node, "left", "shift")
 
     def _stand_aside(self, number: int, aside: bool) -> None:
         """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
@@ -124,8 +136,8 @@ class Grips:
         client = self._page.server.get_clients().get(number)
         takes = () if aside else (DragBinding("left", "shift"),)
         if client is not None:
-            for name in self._offered:
-                self._page.tell(client, SetSceneNodeDragBindingsMessage(name, takes))
+            for node in self._drawn_as:
+                self._page.tell(client, SetSceneNodeDragBindingsMessage(node.name, takes))
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:
