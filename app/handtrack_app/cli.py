@@ -270,9 +270,9 @@ COMMANDS: dict[str, _Command] = {
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
     )),
-    "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or a BVH.", (
+    "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or MJCF, or a BVH.", (
         _option("action", choices=("check",), help="what to do"),
-        _option("file", type=Path, metavar="FILE", help="a definition (.toml), or .urdf, .bvh"),
+        _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
         _option("--out", type=Path, metavar="FILE.toml", help="also write it as a definition, to be changed by hand"), _JSON,
     )),
     "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
@@ -20,7 +20,8 @@ class Score:
     overlap: dict[str, float]
     """of model and mask, their common area by that of both, 0 to 1, by camera"""
     energy: dict[str, float]
-    """½ Σ r² by term, in the narrowest band; without any pull to a prediction"""
+    """½ Σ r² by term, in the narrowest band; without any pull to a prediction, and without pins: a pose from before them would be
+    blamed for what a person said after it"""
 
 
 def score(
@@ -28,7 +29,7 @@ def score(
 ) -> Score:
     """Return the score of solver parameters; empty where nothing was seen."""
     bones = model.bones(params)
-    terms = frame_terms(model, settings, seen, bones, None)
+    terms = frame_terms(model, settings, replace(seen, pins=()), bones, None)
     if not terms.has_seen:
         return Score({}, {})
     overlap = dict[str, float]()

@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-_FORMS = {".urdf": "urdf", ".bvh": "bvh"}
+_FORMS = {".urdf": "urdf", ".bvh": "bvh", ".xml": "mjcf", ".mjcf": "mjcf"}
 OTHERS = tuple(_FORMS)
 """endings of files that are read"""
 

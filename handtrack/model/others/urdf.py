@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from handtrack.arrays import D3, Axes, Floats
+from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import read_text
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.others import shapes
 from handtrack.model.others.tree import Hinge, Link, Shape, definition_of
+from handtrack.model.others.xml_numbers import numbers, read_root
 
 _TURNING = ("revolute", "continuous")
 _Element = ElementTree.Element
@@ -22,17 +22,7 @@ _Element = ElementTree.Element
 
 def read_urdf(path: Path) -> dict[str, Any]:
     """Return the definition of a robot's URDF. Raises HandtrackError for what is none, or slides."""
-    text = read_text(path, "a robot's URDF")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise HandtrackError(f"{path}: it declares a document type or entities; expected plain URDF. Expand it (xacro) first.")  # fmt: skip
-    try:
-        robot = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise HandtrackError(f"{path}: not valid XML: {error}.") from None
-    if robot.tag != "robot":
-        raise HandtrackError(
-            f"{path}: its root is <{robot.tag}>; expected <robot>, as URDF has it."
-        )
+    robot = read_root(path, "robot", "URDF (xacro expands it)")
     return definition_of(robot.get("name", path.stem), _links(robot, path), str(path))
 
 
@@ -81,19 +71,19 @@ def _link(
 
 def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
     axis, limit, mimic = joint.find("axis"), joint.find("limit"), joint.find("mimic")
-    about = _vector({} if axis is None else axis.attrib, "xyz", (1.0, 0.0, 0.0), path)
+    about = numbers({} if axis is None else axis.attrib, "xyz", (1.0, 0.0, 0.0), path)
     if np.linalg.norm(about) < 1e-9:
         raise HandtrackError(f"{path}: joint '{label}' has an axis of length 0.")
     low, high = -np.pi, np.pi
     if kind == "revolute":
         if limit is None:
             raise HandtrackError(f"{path}: joint '{label}' is revolute and has no <limit>; URDF asks for lower and upper [rad].")  # fmt: skip
-        low, high = (float(_vector(limit.attrib, k, (0.0,), path)[0]) for k in ("lower", "upper"))
+        low, high = (float(numbers(limit.attrib, k, (0.0,), path)[0]) for k in ("lower", "upper"))
     if low > high:
         raise HandtrackError(f"{path}: joint '{label}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper.")  # fmt: skip
     follows = None
     if mimic is not None:
-        ratio, offset = (float(_vector(mimic.attrib, k, (d,), path)[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))  # fmt: skip
+        ratio, offset = (float(numbers(mimic.attrib, k, (d,), path)[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))  # fmt: skip
         if offset:
             raise HandtrackError(f"{path}: joint '{label}' follows another with an offset of {offset:g} rad; expected 0: move its origin instead.")  # fmt: skip
         follows = (mimic.get("joint", ""), ratio)
@@ -106,16 +96,16 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
     kind = geometry[0] if geometry is not None and len(geometry) else None
     if kind is None:
         return []
-    number = lambda key: float(_vector(kind.attrib, key, None, path)[0])  # noqa: E731
+    number = lambda key: float(numbers(kind.attrib, key, None, path)[0])  # noqa: E731
     if kind.tag == "sphere":
         radii = shapes.sphere(number("radius"))
     elif kind.tag == "box":
-        radii = shapes.box(_vector(kind.attrib, "size", None, path, 3))
+        radii = shapes.box(numbers(kind.attrib, "size", None, path, 3))
     elif kind.tag in ("cylinder", "capsule"):
         radii = getattr(shapes, kind.tag)(number("radius"), number("length"))
     elif kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
-        found = shapes.mesh(file, _vector(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3))
+        found = shapes.mesh(file, numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3))
         return [] if found is None else [Shape(place + turn @ found.centre, turn @ found.rotation, found.radii)]  # fmt: skip
     else:
         return []
@@ -125,27 +115,9 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
 def _origin(element: _Element, path: Path) -> tuple[Floats[D3], Floats[D3, D3]]:
     origin = element.find("origin")
     given: Mapping[str, str] = {} if origin is None else origin.attrib
-    roll, pitch, yaw = _vector(given, "rpy", (0.0, 0.0, 0.0), path, 3)[:, None] * np.eye(3)
+    roll, pitch, yaw = numbers(given, "rpy", (0.0, 0.0, 0.0), path, 3)[:, None] * np.eye(3)
     turn = rotation_matrix(yaw) @ rotation_matrix(pitch) @ rotation_matrix(roll)
-    return _vector(given, "xyz", (0.0, 0.0, 0.0), path, 3), turn
-
-
-def _vector(
-    given: Mapping[str, str], key: str, default: Sequence[float] | None, path: Path, count: int = 0
-) -> Floats[*Axes]:
-    """Return an attribute's numbers; the default where it is not given."""
-    text = given.get(key)
-    if text is None:
-        if default is None:
-            raise HandtrackError(f"{path}: a shape has no `{key}`.")
-        return np.array(default, float)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if not np.isfinite(values).all() or len(values) != (count or len(values)) or not len(values):
-        raise HandtrackError(f'{path}: {key}="{text}"; expected {count or "finite"} numbers.')
-    return values
+    return numbers(given, "xyz", (0.0, 0.0, 0.0), path, 3), turn
 
 
 def _name(element: _Element, path: Path) -> str:
