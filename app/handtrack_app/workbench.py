@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
-_STOP_S = 15.0  # a recording of running cameras is completed at the end
+_STOP_S = 5.0  # what is done is on disk; an engine that is deep in a compilation, half a minute, is not waited for
+_LIVE_STOP_S = 15.0  # a recording of running cameras is completed at the end
 
 
 class Workbench:
@@ -71,6 +72,7 @@ class Workbench:
 
             plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
             self.worker = EngineThread(plan, self._snapshots.put)
+        self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
         self._wished: dict[type, commands.Command] = {}
@@ -126,7 +128,7 @@ class Workbench:
         """End everything."""
         self._stopping.set()
         self.player.stop()
-        self.worker.stop(_STOP_S)
+        self.worker.stop(self._ends_within_s)
         self._thread.join(5.0)
         self.server.stop()
 

@@ -48,7 +48,7 @@ def test_a_figure_is_drawn(tmp_path):
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(HandtrackError, match=r"pip install 'handtrack\[docs\]'"):
+    with pytest.raises(HandtrackError, match=r"pip install 'handtrack3d\[docs\]'"):
         figures.draw_recovery(load_model(), seeds=1)
 
 

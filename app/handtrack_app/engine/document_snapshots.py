@@ -42,6 +42,7 @@ TERM_WORDS = {
     "cloud_rays": "lines of sight",
     "keypoints": "keypoints",
     "pins": "pins",
+    "own": "own terms",
     "edges": "edges",
     "intensity": "intensity",
     "rest": "priors",

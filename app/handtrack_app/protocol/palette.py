@@ -113,6 +113,7 @@ TERMS = {
     "lines of sight": "#e8e8e8",
     "keypoints": "#cc79a7",
     "pins": "#0072b2",
+    "own terms": "#aa4499",
     "edges": "#f0e442",
     "intensity": "#d55e00",
     "priors": "#9aa0a8",

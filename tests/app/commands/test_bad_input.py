@@ -201,7 +201,7 @@ def changed_poses(path: Path, **changes: object) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"format": 2}, ["poses.npz: format 2", "reads format 1", "Update handtrack"]),
+        ({"format": 3}, ["poses.npz: format 3", "reads formats 1 and 2", "Update handtrack"]),
         ({"parameters": None}, ["arrays are missing: parameters"]),
         ({"frame": np.arange(4)}, ["has the shape", "expected"]),
         ({"status": np.full(FRAMES, 9)}, ["status has values other than 0 to 4"]),

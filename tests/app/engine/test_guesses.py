@@ -107,6 +107,8 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
     search.set()
     press(bench, bench.layout.guesses.find, "any frame")
     eventually(lambda: ">found<" in card.content, "found")
+    panel = bench.layout.guesses
+    eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
     with WireClient(bench.url) as client:
         client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
         eventually(lambda: ">set by hand<" in card.content, "edited")
