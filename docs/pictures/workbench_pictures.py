@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from handtrack.bench.workbench.chromium import DRAWN, chromium
 from handtrack.session.bundled import bundled_session
 from handtrack_app.process.plan import EnginePlan
@@ -51,7 +53,13 @@ class Taker:
             client.gui.add_html("<style>.mantine-Notifications-root{display:none}</style>")
         self.page.mouse.move(_SIZE[0] // 2, _SIZE[1] - 300)
         self.page.wait_for_timeout(_SETTLES_MS)
-        self.page.screenshot(path=self.out / f"{name}.png")
+        path = self.out / f"{name}.png"
+        self.page.screenshot(path=path)
+        with Image.open(
+            path
+        ) as picture:  # everybody downloads it with the page: a third of the bytes
+            small = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        small.save(path, optimize=True)
 
 
 @contextmanager
