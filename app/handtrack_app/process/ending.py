@@ -16,10 +16,11 @@ _MEMORY = re.compile(
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE", "SIGABRT", "SIGSYS", "SIGTRAP"}
 
 
-def ending_words(code: int, memory: int | None, log: Path) -> str:
+def ending_words(code: int, memory: int | None, log: Path, since: int) -> str:
     """Return how the engine's process ended, in a sentence.
 
-    code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes].
+    code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes]. since: where in the log its
+    words begin [bytes]; what ended one before it does not count.
     """
     limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (--memory)."
     name = _signal_name(-code) if code < 0 else ""
@@ -27,7 +28,7 @@ def ending_words(code: int, memory: int | None, log: Path) -> str:
         return f"The engine was ended from outside (SIGKILL), as the system does when memory runs out.{limit}"
     if name in _CRASHES or code > 0:
         how = f"crashed ({name})" if name else f"ended with exit code {code}"
-        if _MEMORY.search(_tail(log)):
+        if _MEMORY.search(_tail(log, since)):
             return f"The engine {how}, for want of memory.{limit}"
         return f"The engine {how}, a mistake in handtrack or in a library."
     if code == 0:
@@ -65,10 +66,10 @@ def _signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-def _tail(log: Path) -> bytes:
+def _tail(log: Path, since: int) -> bytes:
     try:
         with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - _TAIL))
+            file.seek(max(since, log.stat().st_size - _TAIL))
             return file.read()
     except OSError:
         return b""

@@ -26,11 +26,14 @@ class EngineChild:
         # -P: nothing is imported from the folder that the user happens to be in, unless this process does
         command = [sys.executable, "-P", "-m", _PROGRAM]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        self.log_from = 0
+        """where in the log its own words begin [bytes]"""
         try:
             log.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if log.is_file() and log.stat().st_size > _LARGEST_LOG:
                 log.replace(log.with_name(f"{log.name}.1"))
             errors = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+            self.log_from = os.fstat(errors).st_size
         except OSError:  # another user's file
             errors = os.open(os.devnull, os.O_WRONLY)
         try:

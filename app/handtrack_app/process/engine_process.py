@@ -55,6 +55,7 @@ class EngineProcess:
         self._failure: Exception | None = None
         self._ends: deque[float] = deque(maxlen=_MOST_AGAIN + 1)
         self._life: _Life | None = None
+        self._log_from = 0
         self._is_down = False
         self._thread = threading.Thread(target=self._live, name="engine", daemon=True)
 
@@ -122,6 +123,7 @@ class EngineProcess:
         """Let a process be the engine; return how it ended."""
         child, self._child = self._child or EngineChild(ENGINE_LOG), None
         life = self._life = _Life(child)
+        self._log_from = child.log_from
         if self._stopping.is_set():  # which saw no life yet
             child.kill()
         said = [] if plan is self._plan else self._wishes.again()
@@ -167,7 +169,7 @@ class EngineProcess:
             return False  # that was told
         now, wishes = time.monotonic(), self._wishes
         self._ends.append(now)
-        how = ending_words(code, self._plan.memory, ENGINE_LOG)
+        how = ending_words(code, self._plan.memory, ENGINE_LOG, self._log_from)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
         if code and not often:
             self._publish(again_notice(how, wishes.stopped_at, wishes.recording, ENGINE_LOG))

@@ -40,7 +40,7 @@ def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     before, frame = slider.value, bench.state.frame
     with WireClient(bench.url) as first, first_and_second(bench, first) as second:
-        assert said(second, "Another page edits")
+        eventually(lambda: said(second, "Another page edits"), "it is told")
         second.set_value(slider, 60.0)
         second.set_value(bench.layout.timeline.slider, frame + 2)
         second.set_value(bench.layout.pose.edit_buttons, "Undo")

@@ -30,9 +30,12 @@ def test_c40_how_it_ended_is_said_in_words(
     tmp_path: Path, code: int, said: bytes, words: str
 ) -> None:
     log = tmp_path / "log"
+    before = b"std::bad_alloc, in the life before\n"
+    log.write_bytes(before + said)
+    assert words in ending_words(code, 3 * GB, log, len(before))
     log.write_bytes(b"std::bad_alloc, long ago\n" + 20_000 * b"." + said)
-    assert words in ending_words(code, 3 * GB, log)
-    assert "crashed" in ending_words(-signal.SIGABRT, None, tmp_path / "no log")
+    assert words in ending_words(code, 3 * GB, log, 0)
+    assert "crashed" in ending_words(-signal.SIGABRT, None, tmp_path / "no log", 0)
 
 
 def test_c40_edits_of_the_last_moment_are_said_again_but_not_what_was_undone() -> None:
