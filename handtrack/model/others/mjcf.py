@@ -82,7 +82,7 @@ class _Robot:
                     f"{self.path}: body '{name}' turns in the world; expected a base that is fixed or free, and joints above it."
                 )
         own = self._anchor(name, [given for _, given in joints])
-        turn, place = self._turn(body.attrib), self._numbers(body.attrib, "pos", 3)
+        turn, place = self._turn(body.attrib), self._vector(body.attrib, "pos")
         hinges = [self._hinge(given, f"{name}_{k}" if k else name) for k, (_, given) in enumerate(joints)]  # fmt: skip
         looks = self._shapes(body, kind, own)
         label = hinges[0].name if hinges else ""
@@ -90,13 +90,13 @@ class _Robot:
         for site in body.findall("site"):
             given = self._given(site, kind)
             if site.get("name"):
-                yield Link(str(site.get("name")), name, self._numbers(given, "pos", 3) - own, self._turn(given))  # fmt: skip
+                yield Link(str(site.get("name")), name, self._vector(given, "pos") - own, self._turn(given))  # fmt: skip
         for child in body.findall("body"):
             yield from self.links(child, name, own, kind)
 
     def _anchor(self, name: str, joints: list[_Given]) -> Floats[D3]:
         """Return where a body's hinges turn, in its frame [m]."""
-        anchors = [self._numbers(given, "pos", 3) for given in joints] or [np.zeros(3)]
+        anchors = [self._vector(given, "pos") for given in joints] or [np.zeros(3)]
         if max(float(np.linalg.norm(a - anchors[0])) for a in anchors) > _SAME_M:
             raise HandtrackError(
                 f"{self.path}: the joints of body '{name}' turn about different points; expected one `pos` for all, or a body for each."
@@ -109,7 +109,7 @@ class _Robot:
             raise HandtrackError(
                 f"{self.path}: joint '{name}' is a {kind}; expected hinges: this program's joints turn about one axis each."
             )
-        axis = self._numbers(given, "axis", 3, (0.0, 0.0, 1.0))
+        axis = self._vector(given, "axis", (0.0, 0.0, 1.0))
         if np.linalg.norm(axis) < 1e-9:
             raise HandtrackError(f"{self.path}: joint '{name}' has an axis of length 0.")
         limits = (-np.pi, np.pi)
@@ -138,7 +138,7 @@ class _Robot:
 
     def _shape(self, given: _Given) -> Shape | None:
         kind = given.get("type", "mesh" if "mesh" in given else "sphere")
-        place, turn = self._numbers(given, "pos", 3), self._turn(given)
+        place, turn = self._vector(given, "pos"), self._turn(given)
         if kind == "mesh":
             return self._mesh(given, place, turn)
         if kind not in ("sphere", "capsule", "cylinder", "ellipsoid", "box"):
@@ -202,10 +202,10 @@ class _Robot:
             )
         return str(tied.get("joint1")), (str(tied.get("joint2")), float(terms[1]))
 
-    def _numbers(
-        self, given: _Given, key: str, count: int, default: tuple[float, ...] = (0.0, 0.0, 0.0)
+    def _vector(
+        self, given: _Given, key: str, default: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Floats[D3]:
-        return numbers(given, key, default, self.path, count)
+        return numbers(given, key, default, self.path, 3)
 
     def _radians(self, values: Floats) -> Floats:
         return values if self.compiler.get("angle", "degree") == "radian" else np.deg2rad(values)
