@@ -169,7 +169,9 @@ COMMANDS: dict[str, _Command] = {
     )),
     "new": _Command("new_session.new", "Make a session folder from recordings and a calibration.", (
         _NEW,
-        _option("--calibration", type=Path, action="append", required=True, metavar="FILE",
+        _option("--project", type=Path, metavar="FOLDER",
+                help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, where you name no others"),
+        _option("--calibration", type=Path, action="append", default=[], metavar="FILE",
                 help="of Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, or JSON and NPZ of K, dist, R, t; several: one a camera"),
         _option("--video", action="append", default=[], metavar="CAMERA=FILE", help="a camera's video; once per camera"),
         _option("--images", action="append", default=[], metavar="CAMERA=PATTERN",

@@ -68,8 +68,10 @@ def checked_bodies(
     return GivenBodies(found, is_share, layout, unknown) if found else None
 
 
-def layout_of(bodies: GivenBodies, said: str | None, where: str) -> str:
+def layout_of(bodies: GivenBodies, said: str | None, where: str, likely: str | None = None) -> str:
     """Return the name of the layout of a file's points: as the user said, else the one that makes bodies of them.
+
+    likely: taken where that leaves it open.
 
     Raises HandtrackError where none does, or several do and nobody said which.
     """
@@ -104,6 +106,8 @@ def layout_of(bodies: GivenBodies, said: str | None, where: str) -> str:
             f"body's proportions. If it is that order all the same, say so with --layout {best}."
         )
     if others and not off[others[0]] > _CLEARLY * off[best]:  # nor where nobody is seen
+        if likely in fit:
+            return likely
         raise HandtrackError(
             f"{where}: {bodies.count} points may be {' or '.join(fit)}, and what is seen does not tell which; say it with "
             f"--layout, such as --layout {best}."

@@ -79,6 +79,8 @@ class Wished:
     layout: str | None = None
     person: int | None = None
     """from 1"""
+    likely_layout: str | None = None
+    """as a project's settings say; it decides what joints leave open"""
 
 
 def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubject:
@@ -156,7 +158,7 @@ def _person(given: GivenJoints, where: str, wished: Wished) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:
         raise HandtrackError(f"{where}: no body in any frame.")
-    layout = layout_of(bodies, wished.layout, where)
+    layout = layout_of(bodies, wished.layout, where, wished.likely_layout)
     everybody = people(bodies.frames)
     number = wished.person or 1
     if number > len(everybody):

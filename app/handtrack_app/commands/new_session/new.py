@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.joints.subject import HAND
+from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
@@ -29,6 +29,7 @@ from handtrack.session.session_file import (
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
 from handtrack_app.commands.new_session.given_model import given_model, tracking_of, usual_model
 from handtrack_app.commands.new_session.joints import CameraJoints, Wished, given_subject
+from handtrack_app.commands.new_session.project import Project, with_project
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
@@ -55,12 +56,13 @@ def run(args: argparse.Namespace) -> int:
     unit_m = (
         None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
     )
+    project = with_project(args)
     recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
     _check_depth(recorded, args.depth_scale)
     check_new(args.out)
     model = given_model(args.model)
     kind = None if model is None else model.kind
-    subject = given_subject(recorded, Wished(args.side, kind, args.layout, args.person))
+    subject = given_subject(recorded, _wished(args, kind, project))
     joints, is_hand = subject.joints, subject.kind is HAND
     side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
@@ -101,13 +103,17 @@ def run(args: argparse.Namespace) -> int:
             keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
             keypoint_layout=joints[name].layout(side or USUAL) if name in joints else None,
             fps=own.get(name),
+            lag_s=None
+            if project is None or name not in project.lag_frames
+            else project.lag_frames[name] / fps,
         )
         for i, (name, cam) in enumerate(recorded.items())
     )
     deep = tuple(camera.name for camera in cameras if camera.depth)
     recording = RecordingSettings(args.name or args.out.resolve().name, fps)
     clouds = CloudSettings(depth=deep) if deep else None
-    for text in (*notes, *padded, note):
+    told = () if project is None else project.notes
+    for text in (*told, *notes, *padded, note):
         if text:
             say(text)
     with new_folder(args.out) as folder:
@@ -168,6 +174,11 @@ def run(args: argparse.Namespace) -> int:
         masks = ["--masks"] if args.masks is None else []
         args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
     return 0
+
+
+def _wished(args: argparse.Namespace, kind: Subject | None, project: Project | None) -> Wished:
+    said = None if project is None else project.layout
+    return Wished(args.side, kind, args.layout, args.person, said)
 
 
 def _with_masks_by_joints(
