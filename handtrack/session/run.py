@@ -332,7 +332,7 @@ def _model(
         coupling=chosen.coupling,
         forearm=forearm,
         spread=chosen.spread,
-        narrowing=chosen.narrowing,
+        narrowing=settings.traits.narrowing,
     )
 
 
