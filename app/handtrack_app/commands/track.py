@@ -40,7 +40,7 @@ from handtrack_app.commands.terminal.progress import (
     Stop,
     say,
     saying_compiling,
-    sizing_bar,
+    share_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -154,7 +154,7 @@ def _opened(
     if fits:
         say("fitting the hand's size …")
     try:
-        with sizing_bar() as tell:
+        with share_bar("sizing") as tell:
             run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
     except KeyboardInterrupt:
         return None
