@@ -235,13 +235,13 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "size": _Command("person.size", "Fit a person's hand size to a recording and save it for others.", (
+    "size": _Command("person.size", "Fit the size of a person's hand or body to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
         _INIT, _YES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
         _SET,
-        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"), _JSON,
+        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json, of a body body.json)"), _JSON,
     )),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,

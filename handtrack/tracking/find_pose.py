@@ -43,7 +43,7 @@ def find_pose(
 
     Points in space come first, then joints on which two images agree, then silhouettes and cloud, which are searched for an
     open or half-open hand (some seconds); last the joints of one image, which leave several poses open. A body is found by points
-    and joints only. Raises HandtrackError for a simpler hand, where there are no points in space.
+    and joints only. Raises HandtrackError for a simpler hand, where there are no points in space, and for a body without joints.
     """
     points = _points(model, observation, settings)
     if points is not None:
@@ -57,6 +57,11 @@ def find_pose(
         found = auto_start([model], settings, observation, should_stop)
         return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
     joints = _image_joints(observation)
+    if not joints and model.kind == "body" and not observation.is_empty:
+        raise HandtrackError(
+            f"the model '{model.name}' is found by joints only, in images (ImageKeypoints) or in space (Keypoints), and frame "
+            f"{observation.frame} has none. Add them, or give solver parameters: model.params_from({{'name': value, …}})."
+        )
     if not joints:
         return []
     flips = hands_from_images(model, joints)

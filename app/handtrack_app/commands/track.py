@@ -15,6 +15,7 @@ from pathlib import Path
 from handtrack.capture.images.frame_notes import listed
 from handtrack.diagnostics.review import queue_words, worth_a_look
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
 from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -152,7 +153,8 @@ def _opened(
 ) -> TrackingRun | None:
     """Return the run with its hand, None when the user stopped it."""
     if fits:
-        say("fitting the hand's size …")
+        chosen = session.settings.with_values(overrides).model.name
+        say(f"fitting the {load_model(chosen or session.hand_model).kind}'s size …")
     try:
         with share_bar("sizing") as tell:
             run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
