@@ -75,7 +75,8 @@ def _joints(session: Session, pose: FirstPose) -> Floats:
 def check_model(session: Session) -> Iterator[Finding]:
     """Yield what hand is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
     model = _model(session)
-    yield ok(f"the model is {model.name}, {model.side}.")
+    side = "" if model.kind == "body" else f", {model.side}"
+    yield ok(f"the model is {model.name}{side}.")
 
 
 def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:
