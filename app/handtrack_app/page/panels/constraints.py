@@ -15,11 +15,12 @@ from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.controls import CONTROLS, OPEN
-from handtrack_app.page.panels.pose_words import GROUPS, group_of, label_of, unit_of
+from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
 from handtrack_app.protocol.snapshots import SessionSnapshot
 
+_OPEN = 2  # folders of limits that are open at first
 _TOLD = "<div style='padding:0 .9em .4em;font-size:.8em;line-height:1.4;opacity:.75'>{}</div>"
 
 
@@ -216,8 +217,10 @@ class LimitsPanel:
                 folder.remove()
             self.names, self.ranges, self.folders = session.parameter_names, {}, []
             with self.tab:
-                for group in GROUPS[1:]:
-                    self._add_folder(group, session)
+                groups = groups_of(self.names)
+                groups.pop(PLACE, None)
+                for number, (group, members) in enumerate(groups.items()):
+                    self._add_folder(group, members, session, is_open=number < _OPEN)
         for s, name in enumerate(self.names):
             if name in self.ranges:
                 shown = degrees(session.interval[s])
@@ -234,11 +237,10 @@ class LimitsPanel:
         same = (low, high) == tuple(self.session.own_interval[s].tolist())
         return None if same else (low, high)
 
-    def _add_folder(self, group: str, session: SessionSnapshot) -> None:
-        members = [n for n in self.names if group_of(n) == group]
-        if not members:
-            return
-        folder = self.page.gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+    def _add_folder(
+        self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
+    ) -> None:
+        folder = self.page.gui.add_folder(group, expand_by_default=is_open)
         self.folders.append(folder)
         with folder:
             for name in members:
