@@ -247,6 +247,7 @@ COMMANDS: dict[str, _Command] = {
         _POSES,
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
+        _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
         _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
