@@ -79,7 +79,11 @@ def test_the_page_speaks_of_a_body_in_its_measures(opened):
     known = {key: words.of(text) for key, text in layout.keys.known}
     assert known["G"] == "See the body in all cameras"
     offered = (layout.session.paint.hint, layout.plots.picture.content, layout.keys.table())
-    assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [[], [], []]
+    assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [
+        [],
+        [],
+        [],
+    ]
 
 
 def test_a_part_is_drawn_in_its_limbs_colour(opened):
