@@ -31,6 +31,7 @@ from handtrack_app.protocol.snapshots import (
     TimelineSnapshot,
     WorkSnapshot,
 )
+from handtrack_app.protocol.timeline import PROBABILITY
 
 _BODY_REACH_M = 0.9
 _PART_GRID = (20, 16)  # points around and steps along a part that is drawn
@@ -164,7 +165,8 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
     terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
-    lanes = {word: row.copy() for word, row in rows.lanes.items() if np.isfinite(row).any()}
+    told = {word: row for word, row in rows.lanes.items() if _is_told(document, word)}
+    lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
         document.accepted, queue(document), take_spans(document),
@@ -181,7 +183,7 @@ def timeline_change(document: Document) -> TimelineChange:
         if frame in document.by_hand:
             error[n] = _given_error(document, frame)
     terms = {word: values[row] for word, values in rows.terms.items()}
-    lanes = {word: values[row] for word, values in rows.lanes.items()}
+    lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
     return TimelineChange(
         document.frames, row, rows.status[row], rows.energy[row], error, terms, lanes
     )
@@ -293,3 +295,8 @@ def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
     vertices = np.split(mesh.local, len(parts))
     faces = mesh.faces[: len(mesh.faces) // len(parts)]
     return tuple(PartCard(int(b), v, faces) for b, v in zip(parts.bone, vertices, strict=True))
+
+
+def _is_told(document: Document, lane: str) -> bool:
+    """Whether a lane says something of the model: that a joint is 25 mm off is much for a hand, and usual for a body."""
+    return lane != PROBABILITY or document.model.kind == "hand"

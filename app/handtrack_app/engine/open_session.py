@@ -370,5 +370,5 @@ class OpenSession:
         if document.first_frame not in document.frames:
             raise HandtrackError(
                 f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
-                f"{len(document.frames) - 1} only. Pose the hand in one of these, and save the first-frame pose anew."
+                f"{len(document.frames) - 1} only. Pose the {document.model.kind} in one of these, and save the first-frame pose anew."
             )

@@ -118,9 +118,12 @@ class StartPage:
             for name, path in found.videos.items()
         )
         unused = "".join(f"<div>not used: {html.escape(path.name)}</div>" for path in found.unused)
+        family = found.given.family if found.given else ""
+        if found.project is not None:
+            family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
         self.found.content = (
             f"<div style='padding:.2em .9em;font-size:.8em'><table>{rows}</table>{unused}"
-            f"<div style='opacity:.7'>{html.escape(found.given.family if found.given else '')}</div></div>"
+            f"<div style='opacity:.7'>{html.escape(family)}</div></div>"
         )
         self.make.visible = self.out.visible = True
         self._show_rig(found)
@@ -144,7 +147,9 @@ class StartPage:
             raise HandtrackError("first look into a folder with videos and a calibration.")
         out = Path(self.out.value.strip()).expanduser()
         args = ["new", "--out", str(out), "--calibration", str(found.calibration)]
-        for name, path in found.videos.items():
+        if found.project is not None:
+            args += ["--project", str(found.project)]
+        for name, path in found.videos.items() if found.project is None else ():
             args += ["--video", f"{name}={path}"]
         masks = _MASKS[self.masks.value]
         args += [] if masks is None else ["--masks", masks]

@@ -21,6 +21,7 @@ from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracking.frame.constants import FOREARM_SEEN_MM
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
     Before,
@@ -175,7 +176,7 @@ def frame_terms(
     prepared, scales = [], []
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
     for silhouette in weighted:
-        cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
+        cut = forearm_cut(silhouette, model, start, FOREARM_SEEN_MM * _MM)
         prepared.append(prepare(silhouette, cut))
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []

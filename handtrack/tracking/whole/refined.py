@@ -54,7 +54,8 @@ _BY_CHANCE = 0.05
 """of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
 0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
 _PROMISED = 0.5
-"""share of that gain that a first step must foretell, which is true near the least cost; else the cameras are good, and no more is tried"""
+"""share of that gain that a first step must foretell, which is true near the least cost, and the first sweeps bring; else the cameras are
+good, and no more is tried"""
 _LOOKS = 8
 """frames, evenly spread, that tell which cameras there are"""
 
@@ -130,14 +131,16 @@ def refined(
         tried = estimate_whole(
             corrected, numbers, found.poses, control.should_stop, sweeps=_TRIED, promise=promise
         )
-        if tried is not None and found.costs.mean() - tried.costs.mean() > asked:
-            found = estimate_whole(
+        if tried is not None and tried.costs.mean() < promise:
+            again = estimate_whole(
                 corrected.sharing(tried.shared),
                 numbers,
                 tried.poses,
                 control.should_stop,
                 control.on_refined,
             )
+            if again is None or found.costs.mean() - again.costs.mean() > asked:
+                found = again
     several = list[Way]()
     if found is not None and settings.tracker.hypotheses > 1:
         several = several_ways(

@@ -33,6 +33,7 @@ from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
     EDGE_CORRELATION_PX,
     EDGE_SEARCH_PX,
+    FOREARM_SEEN_MM,
     TEXTURE_CORRELATION_PX,
     TEXTURE_SMOOTH_PX,
 )
@@ -106,7 +107,7 @@ def see_appearance(
     by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
     if not seen.images or not (by_edges or (by_texture and before is not None)):
         return None
-    mesh = _looked_at(model, settings)
+    mesh = _looked_at(model)
     carried: list[_Carried] = []
     if by_texture and before is not None:
         first, memory = before.first, settings.intensity.memory
@@ -243,8 +244,7 @@ def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSet
     )
 
 
-def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:
+def _looked_at(model: ArticulatedModel) -> PartMesh:
     """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
     mesh = model_mesh(model)
-    reach = settings.silhouettes.forearm_seen_mm * _MM
-    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < reach))
+    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < FOREARM_SEEN_MM * _MM))
