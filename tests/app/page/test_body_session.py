@@ -59,7 +59,7 @@ def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
 
 def test_what_is_for_hands_alone_is_not_offered(opened):
     layout = opened.layout
-    assert not layout.guesses.find.visible
+    assert not layout.guesses.find.visible  # no detector saw its joints
     assert "model.coupling" not in layout.settings.controls
     assert "silhouettes.weight" in layout.settings.controls
     assert layout.session.view.options == ("Body", "Everything")
@@ -79,7 +79,11 @@ def test_the_page_speaks_of_a_body_in_its_measures(opened):
     known = {key: words.of(text) for key, text in layout.keys.known}
     assert known["G"] == "See the body in all cameras"
     offered = (layout.session.paint.hint, layout.plots.picture.content, layout.keys.table())
-    assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [[], [], []]
+    assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [
+        [],
+        [],
+        [],
+    ]
 
 
 def test_a_part_is_drawn_in_its_limbs_colour(opened):
