@@ -59,7 +59,7 @@ def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
 
 def test_what_is_for_hands_alone_is_not_offered(opened):
     layout = opened.layout
-    assert not layout.guesses.find.visible
+    assert not layout.guesses.find.visible  # no detector saw its joints
     assert "model.coupling" not in layout.settings.controls
     assert "silhouettes.weight" in layout.settings.controls
     assert layout.session.view.options == ("Body", "Everything")
