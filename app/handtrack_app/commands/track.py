@@ -41,7 +41,7 @@ from handtrack_app.commands.terminal.progress import (
     Stop,
     say,
     saying_compiling,
-    sizing_bar,
+    share_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -156,7 +156,7 @@ def _opened(
         chosen = session.settings.with_values(overrides).model.name
         say(f"fitting the {load_model(chosen or session.hand_model).kind}'s size …")
     try:
-        with sizing_bar() as tell:
+        with share_bar("sizing") as tell:
             run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
     except KeyboardInterrupt:
         return None

@@ -18,7 +18,7 @@ from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import (
     say,
     saying_compiling,
-    sizing_bar,
+    share_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
-            with sizing_bar() as tell:
+            with share_bar("sizing") as tell:
                 after = before.fit_size(stop, frames, args.count, tell, sizes=True)
         if stop() or after is None:
             say("handtrack size: interrupted; nothing was saved.")
