@@ -35,6 +35,7 @@ from handtrack.tracking.sequence import track_frames
 PAPER, OURS = "#D55E00", "#0072B2"
 _STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))
 _DANCE_SHOWN = (0, 8, 16, 24)
+_PERSON_ROWS = slice(75, 350)  # of a picture of 270 columns
 _PART_M = 0.05  # second difference of depth from which two parts lie one behind the other
 
 
@@ -137,9 +138,8 @@ def person_row(
             ):
                 cv2.circle(picture, (x, y), 14, (80, 220, 80), -1)
         height, width = face.shape
-        tiles.append(
-            cv2.resize(picture, (270, 270 * height // width), interpolation=cv2.INTER_AREA)
-        )
+        small = cv2.resize(picture, (270, 270 * height // width), interpolation=cv2.INTER_AREA)
+        tiles.append(small[_PERSON_ROWS])
     return np.hstack(tiles)
 
 
