@@ -265,7 +265,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--cameras", type=int, default=3),
         _option("--frames", type=int, default=100),
         _option("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
-        _option("--model", choices=("hand26", "body34"), default="hand26"),
+        _option("--model", choices=("hand26", "body34", "body38"), default="hand26"),
         _option("--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"),
         _SIDE,
         _option("--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),

@@ -19,10 +19,15 @@ from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
 from handtrack_app.engine.review.glance import numbers_of, queue, take_spans
+from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
     BEFORE,
+    CLOUD,
     HAND_REACH_M,
+    IMAGES,
+    KEYPOINTS,
+    SILHOUETTES,
     CameraCard,
     PartCard,
     PoseSnapshot,
@@ -89,6 +94,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         poses=pose_titles(model),
         model=model_words(model),
         kind=model.kind,
+        seen=seen_kinds(session),
         parts=part_cards(model),
         reach_m=model_reach(model),
         live=session.live is not None,
@@ -97,6 +103,20 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         offered_size=None if offered is None else offered.overall,
         offered_words="" if offered is None else hand_words(document.run.with_scale(offered).model),
     )
+
+
+def seen_kinds(session: RunSession) -> frozenset[str]:
+    """Return what a recording has of what can be seen of the model."""
+    cameras = [view.settings for view in session.views]
+    there = {
+        SILHOUETTES: any(
+            view.settings.masks is not None or view.corrections.frames for view in session.views
+        ),
+        CLOUD: session.has_clouds,
+        KEYPOINTS: any(camera.keypoints is not None for camera in cameras),
+        IMAGES: session.live is not None or any(camera.images is not None for camera in cameras),
+    }
+    return frozenset(kind for kind, is_there in there.items() if is_there)
 
 
 def work_snapshot(document: Document, saved: str) -> WorkSnapshot:
