@@ -1,12 +1,14 @@
 """Draws docs/figures/papers_*.png. Run: python -m docs.pictures.papers_figures FOLDER; it tracks first, which takes minutes.
 
-The shared test data (HANDTRACK_DATA) are needed; the recordings shown are rendered, no person is in them.
+The shared test data (HANDTRACK_DATA) are needed. Recordings shown are rendered, and no person is in them; of the real one nothing is
+drawn but joints and models.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -17,16 +19,24 @@ from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import D3, Array, H, W
 from handtrack.bench import papers
 from handtrack.bench.clouds import poor_clouds
-from handtrack.bench.jumps import dance_appearance
+from handtrack.bench.jumps import dance_appearance, real_person
 from handtrack.bench.measuring import recording
 from handtrack.bench.silhouettes import binary_fist
+from handtrack.bench.silhouettes.balancing import Balancing
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.render import pixel_rays, render
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.sequence import track_frames
 
 PAPER, OURS = "#D55E00", "#0072B2"
 _STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))
 _DANCE_SHOWN = (0, 8, 16, 24)
+_PERSON_ROWS = slice(75, 350)  # of a picture of 270 columns
+_PART_M = 0.05  # second difference of depth from which two parts lie one behind the other
 
 
 def draw_errors(folder: Path) -> None:
@@ -90,6 +100,49 @@ def draw_dance(folder: Path) -> None:
     _write(folder / "papers_dance.png", fig7(what, found, _DANCE_SHOWN))
 
 
+def draw_person(folder: Path) -> None:
+    """Draw the models that follow a real person on black: of the person nothing but the joints that a detector finds."""
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "all").mkdir()
+        known = real_person.fitted_by_all(place / "all")
+        rows = [person_row(known, known.run.model, known.refined)]
+        for way, settings in real_person.SHOWN.items():
+            (place / way).mkdir()
+            found = real_person.follow(place / way, known, settings, max(_DANCE_SHOWN) + 1)
+            rows.append(person_row(known, found.run.model, found.results))
+    _write(folder / "papers_person.png", np.vstack(rows))
+
+
+def person_row(
+    known: Balancing, model: ArticulatedModel, results: Sequence[FrameResult]
+) -> Array[H, W, D3]:
+    """Return the model in some frames on black, its parts outlined, with the joints that the detector finds as green dots."""
+    tiles = []
+    for frame in _DANCE_SHOWN:
+        seen = [
+            one
+            for one in known.run.observation(frame).keypoints
+            if isinstance(one, ImageKeypoints) and one.camera.name == real_person.CAMERA
+        ]
+        bones = model.bones(model.transform.solver_params(results[frame].parameters))
+        face, depth = depth_picture(model_mesh(model), bones, seen[0].camera).in_image()
+        inside = face >= 0
+        near = np.where(inside, depth, 1e3)
+        edge = inside & (np.abs(cv2.Laplacian(near, cv2.CV_64F)) > _PART_M)
+        picture = np.zeros((*face.shape, 3), np.uint8)
+        picture[inside], picture[edge] = 110, 255
+        for one in seen:
+            for x, y in (
+                one.pixels[np.isfinite(one.pixels).all(axis=1)].round().astype(int).tolist()
+            ):
+                cv2.circle(picture, (x, y), 14, (80, 220, 80), -1)
+        height, width = face.shape
+        small = cv2.resize(picture, (270, 270 * height // width), interpolation=cv2.INTER_AREA)
+        tiles.append(small[_PERSON_ROWS])
+    return np.hstack(tiles)
+
+
 def _write(path: Path, image: Array[H, W, D3]) -> None:
     """Write an image BGR with a palette: a quarter of the bytes."""
     pyplot()  # matplotlib brings Pillow
@@ -99,5 +152,5 @@ def _write(path: Path, image: Array[H, W, D3]) -> None:
 
 
 if __name__ == "__main__":
-    for draw in (draw_errors, draw_stereo, draw_dance):
+    for draw in (draw_errors, draw_stereo, draw_dance, draw_person):
         draw(Path(sys.argv[1]))
