@@ -47,6 +47,7 @@ _LONG = {
     "forearms": "silhouettes.forearms",
     "jumps": "jumps.minima",
     "failing_leaves": "jumps.failing_leaves",
+    "three_links": "jumps.three_links",
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",
