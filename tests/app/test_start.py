@@ -92,7 +92,7 @@ def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_
             and "a calibration.toml" in start.calibration.value
         )
         eventually(lambda: drawn(client) >= {"/rig/cam0", "/rig/cam1", "/rig/cam2"}, "the rig")
-        client.set_value(start.side, "left")
+        client.set_value(start.tracked, "a left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
         eventually(lambda: start.chosen is not None, "made", 60.0)

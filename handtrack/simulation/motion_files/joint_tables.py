@@ -15,7 +15,7 @@ from handtrack.capture.joints.joint_names import known_joint
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_text import read_toml
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_JOINTS
+from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_JOINTS, CMU_WRIST_JOINTS
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
 FEWEST = 6
@@ -80,6 +80,10 @@ def matched_joints(model: ArticulatedModel, names: Sequence[str], where: str) ->
     tables = {"handtrack": own_table(model), "common use": _common(model, names)}
     if model.kind == "body":
         tables |= TABLES
+        if any(
+            "wrist" in name for name in model.parameter_names
+        ):  # of others the hand is the forearm's
+            tables["cmu"] = CMU_WRIST_JOINTS
     plain = {_plain(name): name for name in reversed(names)}
     found = {
         table: {

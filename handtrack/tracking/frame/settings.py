@@ -185,12 +185,9 @@ class KeypointSettings:
         label="Point error mm", level="user", unit="mm", above=0.0, slider=(1.0, 30.0, 0.5),
     )  # fmt: skip
     sigma_px: float = setting(
-        5.0,
-        "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
-        "disagree by more.",
-        unit="px",
-        above=0.0,
-    )
+        5.0, "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
+        "disagree by more.", label="Joint error px", level="user", unit="px", above=0.0, slider=(0.5, 40.0, 0.5),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ def nothing_left(reports: tuple[FilterReport, ...]) -> str:
     if last is None:
         return "Nothing was measured in this frame."
     advice = {
-        "crop": "Is the hand where the cloud is? Find it (tab Pose), or make 'To hand' larger.",
+        "crop": "Is the model where the cloud is? Pose it (tab Pose), or make 'To hand' larger.",
         "range": "Make 'Nearest' smaller or 'Farthest' larger. Is the unit of length right?",
         "skin": "Take the colour again, or make the ellipse larger.",
     }

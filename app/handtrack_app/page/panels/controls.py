@@ -27,7 +27,7 @@ _FOLDERS = {
     ),
     "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
     "Point cloud": ("cloud.sigma_mm",),
-    "Keypoints": ("keypoints.sigma_mm",),
+    "Keypoints": ("keypoints.sigma_px", "keypoints.sigma_mm"),
     "Motion": (
         "tracker.estimate",
         "tracker.smoothing",
