@@ -16,7 +16,14 @@ from handtrack.simulation.motion import motion
 from tests.app.command_line import CommandLine, refused
 from tests.capture.joints.people import names, places
 
-_SHOWN = [n for n in names() if n not in ("chest", "head", "left_hand", "right_hand")]
+_SHOWN = [
+    *("pelvis", "neck", "nose", "head_top"),
+    *(
+        f"{s}_{j}"
+        for s in ("left", "right")
+        for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
+    ),
+]
 
 
 def trc(path: Path, joints: list[str], positions: Floats[F, J, 3], unit: str = "m") -> Path:  # type: ignore[valid-type]
