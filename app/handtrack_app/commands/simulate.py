@@ -120,7 +120,7 @@ def _check(args: argparse.Namespace, is_named: bool) -> None:
         raise HandtrackError(
             f"--joints-px {args.joints_px:g}: expected 0 to {_MOST_JOINTS_PX:g} px, by which joints are off."
         )
-    if args.frames is not None and args.frames < 1:
+    if not is_named and args.frames is not None and args.frames < 1:
         raise HandtrackError(f"--frames {args.frames}: expected 1 at least.")
     if args.seed < 0:
         raise HandtrackError(f"--seed {args.seed}: expected a whole number from 0.")
