@@ -235,18 +235,19 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "size": _Command("person.size", "Fit a person's hand size to a recording and save it for others.", (
+    "size": _Command("person.size", "Fit the size of a person's hand or body to a recording and save it for others.", (
         _SESSION, _FRAMES,
         _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
         _INIT, _YES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
         _SET,
-        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json)"), _JSON,
+        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json, of a body body.json)"), _JSON,
     )),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
+        _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
         _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
@@ -264,7 +265,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--cameras", type=int, default=3),
         _option("--frames", type=int, default=100),
         _option("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
-        _option("--model", choices=("hand26", "body34"), default="hand26"),
+        _option("--model", choices=("hand26", "body34", "body38"), default="hand26"),
         _option("--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"),
         _SIDE,
         _option("--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),

@@ -348,13 +348,13 @@ def _first_params(model: ArticulatedModel, first: FirstPose, settings: TrackerSe
                 f"first pose: 21 keypoints are a hand's, but the model is '{model.name}'; give a body's pose by "
                 "parameters, as the workbench saves it."
             )
-        return model.params_from(dict(first.parameters))
+        return model.params_from(first.parameters, nearest=True)
     if not model.has_keypoints21:  # a simpler hand stands where the whole one would
         whole = _whole(model)
         return carried_over(whole, _first_params(whole, first, settings), model)
     if first.xyz is not None:
         return fit_keypoints(model, _keypoints(first, settings))
-    return model.params_from(dict(first.parameters))
+    return model.params_from(first.parameters, nearest=True)
 
 
 def _whole(model: ArticulatedModel) -> ArticulatedModel:

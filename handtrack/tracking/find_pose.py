@@ -17,7 +17,7 @@ from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
 SURE = 0.7
 """from which confidence on no other frame is tried: as the search of sessions has it"""
 _TRIED = 4
-"""frames of a sequence in which a hand is looked for"""
+"""frames of a sequence in which a surer pose is looked for than the best so far"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def find_pose(
 
     Points in space come first, then joints on which two images agree, then silhouettes and cloud, which are searched for an
     open or half-open hand (some seconds); last the joints of one image, which leave several poses open. A body is found by points
-    and joints only. Raises HandtrackError for a simpler hand, where there are no points in space.
+    and joints only. Raises HandtrackError for a simpler hand, where there are no points in space, and for a body without joints.
     """
     points = _points(model, observation, settings)
     if points is not None:
@@ -57,6 +57,11 @@ def find_pose(
         found = auto_start([model], settings, observation, should_stop)
         return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
     joints = _image_joints(observation)
+    if not joints and model.kind == "body" and not observation.is_empty:
+        raise HandtrackError(
+            f"the model '{model.name}' is found by joints only, in images (ImageKeypoints) or in space (Keypoints), and frame "
+            f"{observation.frame} has none. Add them, or give solver parameters: model.params_from({{'name': value, …}})."
+        )
     if not joints:
         return []
     flips = hands_from_images(model, joints)
@@ -67,26 +72,39 @@ def find_first_pose(
     model: ArticulatedModel,
     observations: Sequence[Observation],
     settings: TrackerSettings = TrackerSettings(),
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> FoundPose:
-    """Return the surest pose of a few frames of a sequence, looked for in the first, the middle and the quarters.
+    """Return a pose of a frame of a sequence to start from: they are looked at spread over all, until one shows a hand surely;
+    or the surest once four were looked at. While none shows any, the search goes on through all of them (some seconds a frame).
 
-    Raises HandtrackError where no hand is found in any.
+    should_stop: asked between frames and in them. Raises HandtrackError where no hand is found.
     """
     seen = [one for one in observations if not one.is_empty]
-    rows = dict.fromkeys((0, len(seen) // 2, len(seen) // 4, 3 * len(seen) // 4)) if seen else {}
     best: FoundPose | None = None
-    for row in list(rows)[:_TRIED]:
-        found = find_pose(model, seen[row], settings)
+    looked = 0
+    for row in spread_order(range(len(seen))):
+        if should_stop() or (best is not None and (best.confidence >= SURE or looked >= _TRIED)):
+            break
+        looked += 1
+        found = find_pose(model, seen[row], settings, should_stop)
         if found and (best is None or found[0].confidence > best.confidence):
             best = found[0]
-        if best is not None and best.confidence >= SURE:
-            break
     if best is None:
         raise HandtrackError(
-            f"no hand was found in {len(rows)} of {len(seen)} frames that show anything. Is the mask the hand, and do the "
-            "cameras fit it? Else give a start: solver parameters (P,)."
+            f"no hand was found: {looked} of {len(seen)} frames that show anything were looked at. Is the mask the hand, and do "
+            "the cameras fit it? Else give a start: solver parameters (P,)."
         )
     return best
+
+
+def spread_order(frames: range) -> list[int]:
+    """Return the frames in an order whose beginning is spread over all: the first, the middle, the quarters …"""
+    count = len(frames)
+    bits = max(count - 1, 1).bit_length()
+    order = (
+        [int(f"{i:0{bits}b}"[::-1], 2) * count >> bits for i in range(1 << bits)] if count else []
+    )
+    return [frames[i] for i in dict.fromkeys(order)]
 
 
 def _points(

@@ -34,7 +34,7 @@ def main(python: str) -> None:
 def compared(python: str, table: ResultsTable, name: str, folder: Path) -> tuple[str, str]:
     """Return the errors in words, and Blender's version."""
     path, out = folder / f"poses.{name}", folder / "found.npz"
-    export_format(name).write(path, table)
+    export_format(name).write(path, table, up="z")  # as it is in Blender, whose world is then ours
     command = [python, str(INSIDE), str(path), str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if not out.exists():
@@ -51,11 +51,10 @@ def compared(python: str, table: ResultsTable, name: str, folder: Path) -> tuple
 
 
 def worst(found: Floats[*Axes, D3], wanted: Floats[*Axes, D3]) -> float:
-    """Return the largest distance [mm] of points in Blender's world, whose z is up, from ours taken as y up."""
-    upright = np.stack([wanted[..., 0], -wanted[..., 2], wanted[..., 1]], axis=-1)
-    if found.shape != upright.shape:
-        raise RuntimeError(f"{found.shape} points found, {upright.shape} written")
-    return float(1e3 * np.linalg.norm(found - upright, axis=-1).max())
+    """Return the largest distance of points [mm]."""
+    if found.shape != wanted.shape:
+        raise RuntimeError(f"{found.shape} points found, {wanted.shape} written")
+    return float(1e3 * np.linalg.norm(found - wanted, axis=-1).max())
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from tests.golden.meaning import meaning
 from tests.sample_track import hand_track
 
 HERE = Path(__file__).parent
-FOLDER, RECORDING, MEANINGS = HERE / "files", HERE / "recording", HERE / "meanings.json"
+FOLDER, RECORDING, MEANINGS = HERE / "files", HERE / "recorded", HERE / "meanings.json"
 POSES, POSES_2 = "poses.npz", "poses_2.npz"
 TEXTS = ("csv", "csv-long", "trc", "mot", "bvh", "urdf", "osim", "openpose", "mediapipe", "anipose")
 OTHERS = tuple(known.name for known in FORMATS if known.name not in TEXTS)

@@ -16,9 +16,10 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose.first_pose_search import find_first_poses, spread_order
+from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
+from handtrack.tracking.find_pose import spread_order
 from handtrack.tracking.frame.settings import TrackerSettings
 from tests.session.small_session import edit, keypoints, make_session
 

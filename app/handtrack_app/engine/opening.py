@@ -83,7 +83,7 @@ def near_first_pose(run: TrackingRun, first: FirstPose | None) -> tuple[int, Flo
             return frame, model.clipped(placed_on_points(model, seen, model.rest))
     if first is not None and first.parameters:
         known = {n: v for n, v in first.parameters.items() if n in model.parameter_names}
-        return frame, model.params_from(known)
+        return frame, model.params_from(known, nearest=True)
     return frame, placed_in_view(run)
 
 

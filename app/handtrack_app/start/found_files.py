@@ -8,8 +8,8 @@ from pathlib import Path
 from handtrack.capture.calibration.formats.given_rig import GivenRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named
+from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.errors import HandtrackError
-from handtrack_app.commands.new_session.project import is_project, read_project
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
 _CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
@@ -36,7 +36,7 @@ def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
 
     Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
     """
-    if is_project(folder):
+    if is_pose2sim(folder):
         return _project(folder, calibration)
     if not folder.is_dir():
         raise HandtrackError(
@@ -66,7 +66,7 @@ def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
 
 
 def _project(folder: Path, calibration: Path | None) -> FoundFiles:
-    project = read_project(folder, calibration)
+    project = read_pose2sim(folder, calibration)
     cameras = list(project.keypoints)
     given, _ = named(read_calibration([project.calibration]), cameras, str(project.calibration))
     return FoundFiles(dict(project.videos), project.calibration, given, (), folder)

@@ -98,7 +98,7 @@ LAYOUTS: dict[str, Layout] = {
         26,
         {**_COCO, "head_top": 17, "neck": 18, "pelvis": 19} | _both({"toe": (20, 21)}),
     ),
-    "coco133": Layout(_BODY, 133, _COCO | _both({"toe": (17, 20)})),
+    "coco133": Layout(_BODY, 133, _COCO | _both({"toe": (17, 20), "index": (96, 117), "pinky": (108, 129)})),
     "mediapipe33": Layout(
         _BODY,
         33,
@@ -107,6 +107,7 @@ LAYOUTS: dict[str, Layout] = {
             {
                 "shoulder": (11, 12), "elbow": (13, 14), "wrist": (15, 16),
                 "hip": (23, 24), "knee": (25, 26), "ankle": (27, 28), "toe": (31, 32),
+                "index": (19, 20), "pinky": (17, 18),
             }
         ),
     ),

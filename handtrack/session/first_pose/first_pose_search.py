@@ -18,12 +18,11 @@ from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_b
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.seen_keypoints import NO_JOINTS, of_model
 from handtrack.session.session import Session
+from handtrack.tracking.find_pose import SURE, spread_order
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
 
-SURE = 0.7
-"""how surely a pose must be the right one of those found, for no other frame to be tried"""
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
 _USUAL = 0.02  # a size that differs by no more from the one in use is not worth a word
@@ -143,14 +142,6 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
     joints = row.model.keypoints21(row.model.bones(row.params))
     given = FirstPose(row.frame, {}, joints, CONVENTIONS[0])
     return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
-
-
-def spread_order(frames: range) -> list[int]:
-    """Return the frames in an order whose beginning is spread over all: the first, the middle, the quarters …"""
-    count = len(frames)
-    bits = max(count - 1, 1).bit_length()
-    order = [int(f"{i:0{bits}b}"[::-1], 2) * count >> bits for i in range(1 << bits)]
-    return [frames[i] for i in dict.fromkeys(order)]
 
 
 def no_hand_found(run: TrackingRun) -> HandtrackError:

@@ -82,6 +82,16 @@ class FrameTerms:
         cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
         return self if cloud is self.cloud else replace(self, cloud=cloud)
 
+    def coarser(self, times: float) -> FrameTerms:
+        """Return the terms as if the joints that images show were known so many times as badly."""
+        points = tuple(
+            replace(term, observed=replace(term.observed, sigma_px=times * term.observed.sigma_px))
+            if isinstance(term.observed, ImageKeypoints)
+            else term
+            for term in self.keypoints
+        )
+        return replace(self, keypoints=points)
+
     @property
     def stages(self) -> int:
         """How many bands the schedule has; one for the 2007 field, or where only keypoints are given."""

@@ -24,12 +24,13 @@ from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.evidence import Evidence, Observe, new_share
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.several import Way, several_ways
 from handtrack.tracking.whole.ways import Ways
 
 _BESIDE = 7
@@ -97,6 +98,7 @@ def refined(
     around = dict(zip(numbers, poses, strict=True))
     keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
     evidence = Evidence(model, settings, observe, around, seconds, silent=lost, keyframes=keyframes)
+    evidence = replace(evidence, new=new_share(evidence, numbers, poses))
     ways = Ways(evidence, tracked, poses, control)
     lattice = ways.gathered()
     if lattice is None:
@@ -139,6 +141,12 @@ def refined(
             )
             if again is None or found.costs.mean() - again.costs.mean() > asked:
                 found = again
+    several = list[Way]()
+    if found is not None and settings.tracker.hypotheses > 1:
+        several = several_ways(
+            Way(found, evidence, "followed"), numbers, settings.tracker.hypotheses, control
+        )
+        found, evidence = several[0].found, several[0].evidence
     if found is None or control.should_stop():
         return list(live)
     refinement = Refinement.of(found)
@@ -148,7 +156,7 @@ def refined(
         model = who.build(refinement.scale)
         evidence = evidence.by(model, dict(zip(numbers, found.poses, strict=True)))
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
-    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses)
+    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses, several)
     return [result for result in results if result.frame not in held]
 
 

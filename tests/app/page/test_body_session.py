@@ -138,22 +138,26 @@ def pulled(model, params, name, target):
     return reach(model, params, model.joint_bone[joint], model.joint_point[joint], target)
 
 
-@pytest.mark.parametrize("tip", ["left_wrist", "right_ankle"])
-def test_a_wrist_or_ankle_is_pulled_by_its_own_limb(tip):
-    assert stem_bones(BODY) == ("pelvis", "spine")
-    params = BODY.rest_params()
-    joint = BODY.joint_names.index(tip)
-    target = BODY.joint_positions(BODY.bones(params))[joint] + [0.05, 0.12, 0.15]
-    moved = pulled(BODY, params, tip, target)
-    found = BODY.joint_positions(BODY.bones(moved))[joint]
+@pytest.mark.parametrize(
+    ("name", "tip"), [("body34", "left_wrist"), ("body34", "right_ankle"), ("body38", "left_pinky")]
+)
+def test_a_limbs_end_is_pulled_by_its_own_limb(name, tip):
+    body = load_model(name)
+    assert stem_bones(body) == ("pelvis", "spine")
+    params = body.rest_params()
+    joint = body.joint_names.index(tip)
+    target = body.joint_positions(body.bones(params))[joint] + [0.05, 0.12, 0.15]
+    moved = pulled(body, params, tip, target)
+    found = body.joint_positions(body.bones(moved))[joint]
     assert np.linalg.norm(found - target) < 0.005
     changed = {
         name
-        for name, a, b in zip(BODY.parameter_names, params, moved, strict=True)
+        for name, a, b in zip(body.parameter_names, params, moved, strict=True)
         if abs(a - b) > 1e-9
     }
-    limb = limb_of(tip)
+    limb = limb_of(body.skeleton.bone_names[body.joint_bone[joint]])
     assert {limb_of(name) for name in changed} == {limb}
+    assert ("left_wrist_flex" in changed) == (name == "body38")
 
 
 @pytest.mark.parametrize("coupling", ["26", "21", "18"])

@@ -1,4 +1,4 @@
-"""A walking person's 2D joints, made by body34 and a camera, in the orders and the files of detectors of bodies."""
+"""A walking person's 2D joints, made by body38 and a camera, in the orders and the files of detectors of bodies."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ FRAMES = 12
 
 @cache
 def names() -> tuple[str, ...]:
-    return load_model("body34").joint_names
+    return load_model("body38").joint_names
 
 
 @cache
 def places(motion: str = "greet", frames: int = FRAMES) -> Floats[F, J, D3]:
     """Return joints world [m] of a body about the origin, upright."""
-    model = load_model("body34")
+    model = load_model("body38")
     poses = body_motion(model, motion, frames, np.random.default_rng(3))
     bones = [model.bones(model.transform.solver_params(pose)) for pose in poses]
     return np.stack([model.joint_positions(one) for one in bones])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -53,7 +52,9 @@ def usual_model(kind: Subject) -> str:
     return _USUAL[kind]
 
 
-def tracking_of(subject: GivenSubject, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
+def tracking_of(
+    subject: GivenSubject, sizes: Mapping[str, tuple[int, int]]
+) -> Mapping[str, object]:
     """Return [tracking] of what is tracked: of a body as coarse as it is large. sizes: of cameras' images [px]."""
     if subject.kind is not BODY:
         return {}

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.joints.pose2sim import Pose2SimProject
 from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
@@ -29,7 +30,7 @@ from handtrack.session.session_file import (
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
 from handtrack_app.commands.new_session.given_model import given_model, tracking_of, usual_model
 from handtrack_app.commands.new_session.joints import CameraJoints, Wished, given_subject
-from handtrack_app.commands.new_session.project import Project, with_project
+from handtrack_app.commands.new_session.project import with_project
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
@@ -176,7 +177,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _wished(args: argparse.Namespace, kind: Subject | None, project: Project | None) -> Wished:
+def _wished(
+    args: argparse.Namespace, kind: Subject | None, project: Pose2SimProject | None
+) -> Wished:
     said = None if project is None else project.layout
     return Wished(args.side, kind, args.layout, args.person, said)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -77,10 +77,16 @@ class _Carried:
     spacing_m: float
     """about how far the points are from each other"""
 
+    _textures: dict[float, Texture] = field(init=False, repr=False, default_factory=dict)
+    """by smoothing: all hypotheses of a frame look at the same"""
+
     def texture(self, smoothing_px: float) -> Texture:
         """Return the points with the colours that the smoothed image has there."""
-        image = smooth_image(self.pixels, smoothing_px, self.pixel)
-        return Texture(self.camera, self.bone, self.local, image.look_up(self.pixel)[0])
+        if smoothing_px not in self._textures:
+            image = smooth_image(self.pixels, smoothing_px, self.pixel)
+            colours = image.look_up(self.pixel)[0]
+            self._textures[smoothing_px] = Texture(self.camera, self.bone, self.local, colours)
+        return self._textures[smoothing_px]
 
 
 @dataclass(frozen=True, eq=False)
