@@ -12,8 +12,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
+_BUILDERS = (("uv", "build"), ("build",))
+"""modules that build sdist and wheel; both take the tree, and `-o FOLDER`"""
 _REPOSITORY = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")
 
@@ -54,6 +57,15 @@ def main() -> int:
     parser.add_argument("source", help="such as https://HOST/OWNER/handtrack/blob/v0.1.0")
     parser.add_argument("--out", type=Path, default=Path("dist"))
     args = parser.parse_args()
+    builder = next(
+        ([sys.executable, "-m", *words] for words in _BUILDERS if find_spec(words[0])), None
+    )
+    if builder is None:
+        print(
+            "docs.release: nothing here builds packages; `pip install uv` (or `build`).",
+            file=sys.stderr,
+        )
+        return 2
     with tempfile.TemporaryDirectory(prefix="handtrack_release_") as place:
         tree = Path(place) / "handtrack"
         for file in tracked_files():
@@ -62,9 +74,9 @@ def main() -> int:
         for name, change in (("README.md", absolute), ("pyproject.toml", with_urls)):
             text = (tree / name).read_text(encoding="utf-8")
             (tree / name).write_text(change(text, args.source.rstrip("/")), encoding="utf-8")
-        uv = Path(sys.executable).with_name("uv")
-        command = [str(uv), "build", str(tree), "--out-dir", str(args.out.resolve())]
-        return subprocess.run(command, check=False).returncode
+        return subprocess.run(
+            [*builder, str(tree), "-o", str(args.out.resolve())], check=False
+        ).returncode
 
 
 if __name__ == "__main__":
