@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 from tests.conftest import REPOSITORY
+from tests.mutation.broken_parts import breaks, named_tests
 
 ROWS = [
     [cell.strip() for cell in line.split(" | ")]
@@ -20,12 +22,11 @@ def test_every_part_has_one_row():
 
 
 def test_the_tests_that_are_named_exist():
-    for row in ROWS:
-        tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", row[-1])
-        assert tests, row[0]
-        for file, name in tests:
+    for part, tests in named_tests().items():
+        assert tests, part
+        for file, name in (test.split("::") for test in tests):
             text = (REPOSITORY / file).read_text(encoding="utf-8")
-            assert re.search(rf"^def {name}\(", text, re.MULTILINE), f"{row[0]}: {file}::{name}"
+            assert re.search(rf"^def {name}\(", text, re.MULTILINE), f"{part}: {file}::{name}"
 
 
 def test_the_files_that_are_named_exist():
@@ -37,3 +38,16 @@ def test_the_files_that_are_named_exist():
                 row[0],
                 name,
             )
+
+
+def test_each_part_can_still_be_broken_in_two_ways_or_more():
+    """The changes of tests/mutation/parts/*.toml: what they replace stands in its file, once."""
+    listed = breaks()
+    for broken in listed:
+        text = (REPOSITORY / broken.file).read_text(encoding="utf-8")
+        assert text.count(broken.old) == 1, f"{broken.part}, {broken.what}: {broken.file}"
+        assert broken.new != broken.old, broken.what
+    parts = [row[0].lstrip("| ") for row in ROWS]
+    ways = Counter(broken.part for broken in listed)
+    assert set(ways) == set(parts) == set(named_tests())
+    assert min(ways.values()) >= 2

@@ -80,6 +80,11 @@ class Keypoints:
         """Take lists for arrays. Raises HandtrackError where they do not fit together."""
         _check_points(self, "positions", 3, self.sigma_m)
 
+    @property
+    def count(self) -> int:
+        """How many are known."""
+        return int(np.isfinite(self.positions).all(axis=1).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class ImageKeypoints:

@@ -64,6 +64,13 @@ def test_rows_say_what_was_done(scene, rows):
     alone = sampled(scene, "start", "", lambda: scene.start[None], 1).row
     assert (alone.samples, alone.minima) == (1, 1)
     np.testing.assert_allclose([alone.distance_raw, alone.std_raw, alone.cost_raw], 0.0, atol=1e-9)
+    twice = sampled(scene, "start", "", lambda: np.stack([scene.start] * 2), 1).row
+    assert (twice.samples, twice.minima) == (2, 1)
+    off = scene.start + 1e-3 * np.sqrt(np.diag(scene.covariance))
+    near = sampled(scene, "near", "", lambda: off[None], 1).row
+    assert near.distance_raw == pytest.approx(np.linalg.norm(off - scene.start))
+    root = np.linalg.cholesky(np.linalg.inv(scene.covariance))
+    assert near.std_raw == pytest.approx(np.linalg.norm(root.T @ (off - scene.start)), rel=1e-3)
     leaves = scene.tree(EVERYTHING).params
     assert len(leaves) > len(scene.tree(KJS1))
     assert angle_distance(scene.start, leaves).max() > 0.3

@@ -17,6 +17,7 @@ from handtrack import (
     JointPositionTerm,
     Keypoints,
     Observation,
+    Silhouette,
     Tracker,
     TrackerState,
     bundled_session,
@@ -142,7 +143,14 @@ def test_values_that_follow_need_not_be_given_and_may_not_contradict():
 def test_nothing_to_find():
     assert find_pose(HAND, Observation(0, 0.0)) == []
     with pytest.raises(HandtrackError, match="is no whole hand.*model.params_from"):
-        find_pose(load_model("body34"), Observation(0, 0.0))
+        find_pose(load_model("ball6"), Observation(0, 0.0))
+    body, mask = (
+        load_model("body34"),
+        Silhouette(CAMERAS["cam0"], np.ones(CAMERAS["cam0"].size[::-1])),
+    )
+    assert find_pose(body, Observation(0, 0.0)) == []
+    with pytest.raises(HandtrackError, match="'body34' is found by joints only.*frame 0 has none"):
+        find_pose(body, Observation(0, 0.0, (mask,)))
     with pytest.raises(HandtrackError, match="no hand was found: 0 of 0 frames"):
         track(HAND, [Observation(0, 0.0)])
 

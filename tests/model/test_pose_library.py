@@ -143,6 +143,25 @@ def test_where_letters_put_the_thumb(side):
             assert (reach > 0.075) == (letter in "ly"), letter
 
 
+@pytest.mark.parametrize("letter", ["s", "i"])
+def test_a_fist_is_closed_beneath_its_thumb(hand, letter):
+    """The index was left half open where the thumb passes: it lies in the fist as its neighbour does."""
+    index, middle = (at(hand, f"lsf_{letter}", f"{finger}_pip") for finger in ("index", "middle"))
+    assert abs((index - middle)[1]) < 0.012
+    thumb, before = (at(hand, f"lsf_{letter}", name) for name in ("thumb_tip", "middle_pip"))
+    assert thumb[2] < before[2] - 0.01
+
+
+def test_q_points_down():
+    hand = load_model()
+    joint = named_pose(hand, "lsf_q")
+    joint[3:6] = pose_turn("lsf_q")
+    places = dict(zip(hand.joint_names, hand.joint_positions(hand.bones(joint)), strict=True))
+    for finger, knuckle in (("index", "mcp"), ("thumb", "cmc")):
+        along = places[f"{finger}_tip"] - places[f"{finger}_{knuckle}"]
+        assert along[1] < -0.8 * np.linalg.norm(along), finger
+
+
 def test_letters_that_look_alike_differ_as_they_are_described(hand):
     """French manual alphabet: F has the thumb outside of the bent index, at its middle joint, T inside; others are splayed. A has
     the thumb out, S before the fingers (above). J is I with the thumb out. X bends two fingers. E's thumb touches none."""

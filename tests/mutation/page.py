@@ -26,10 +26,10 @@ class Outcome:
 def written(page: Path, outcome: Outcome, seed: int) -> None:
     """Write a module's section anew; judgements stay with the line and the change that they are about."""
     text = page.read_text(encoding="utf-8")
-    head = f"## {outcome.module}\n"
+    head = f"### {outcome.module}\n"
     before, found, rest = text.partition(head)
-    old, _, after = rest.partition("\n## ") if found else ("", "", "")
-    after = f"\n## {after}" if after else ""
+    old, _, after = rest.partition("\n### ") if found else ("", "", "")
+    after = f"\n### {after}" if after else ""
     known = {
         (m["line"], m["change"]): m["judgement"] for m in map(_ROW.match, old.split("\n")) if m
     }

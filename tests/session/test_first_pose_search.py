@@ -137,9 +137,9 @@ def test_frames_are_tried_all_over_the_range():
         assert sorted(spread_order(range(count))) == list(range(count))
 
 
-def test_what_is_no_hand_is_refused(session):
+def test_a_body_without_joints_is_refused(session):
     run = TrackingRun.open(session, {"model.name": "body34"}, use_init=False)
-    with pytest.raises(HandtrackError, match="'body34' is no hand"):
+    with pytest.raises(HandtrackError, match="found by 2D joints only"):
         find_first_poses(run, 0)
 
 

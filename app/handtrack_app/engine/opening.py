@@ -126,7 +126,8 @@ _BY_HAND = (
 NO_POSE = {
     "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
     + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": _BY_HAND.format(kind="body", pose="Pose"),
+    "body": "Press 'Find the body', where a detector saw its joints. Or pose it: "
+    + _BY_HAND.format(kind="body", pose="Pose"),
 }
 """what to do where nobody said where the hand or the body is, by kind of model"""
 

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import matrix_from_quaternion
+from handtrack_app.engine.document_snapshots import pose_snapshot
+from handtrack_app.page.scene.model_view import update_hand
+from handtrack_app.page.state import Display
 from handtrack_app.protocol import commands, snapshots
 from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
@@ -29,6 +35,27 @@ def test_the_hand_stands_where_the_model_says(bench: Workbench) -> None:
     posed = document.model.flesh["fine"].posed(bones)
     np.testing.assert_allclose(bench.stage.hand.flesh.batched_positions, posed.centre, atol=1e-6)
     np.testing.assert_allclose(bench.stage.hand.flesh.batched_scales, posed.radii, atol=1e-6)
+
+
+def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench: Workbench) -> None:
+    document, stage = bench.worker.document, bench.stage
+    assert document is not None and stage.hand is not None and stage.cameras is not None
+    bones = document.model.bones(document.model.transform.solver_params(document.start))
+    posed = document.model.flesh["fine"].posed(bones)
+    turned = matrix_from_quaternion(np.array(stage.hand.flesh.batched_wxyzs, float))
+    np.testing.assert_allclose(turned, posed.rotation, atol=1e-6)
+    for camera in document.run.session.rig.cameras:
+        drawn = stage.cameras.frusta[camera.name]
+        turned = matrix_from_quaternion(np.array(drawn.wxyz))
+        np.testing.assert_allclose(turned, camera.rotation.T, atol=1e-6)
+        np.testing.assert_allclose(drawn.position, camera.centre, atol=1e-6)
+    drawn = SimpleNamespace(visible=True)
+    view = replace(stage.hand, bones=drawn, joints=drawn)
+    update_hand(view, pose_snapshot(document), Display())
+    names = document.model.skeleton.bone_names
+    ends = drawn.batched_positions[len(names) :]  # of each bone, after where it begins
+    knuckle, next_one = names.index("index_proximal"), names.index("index_intermediate")
+    np.testing.assert_allclose(ends[knuckle], bones.position[next_one], atol=1e-6)
 
 
 def test_every_parameter_has_a_slider_with_its_limits(bench: Workbench) -> None:
