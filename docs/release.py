@@ -18,6 +18,7 @@ from pathlib import Path
 _BUILDERS = (("uv", "build"), ("build",))
 """modules that build sdist and wheel; both take the tree, and `-o FOLDER`"""
 _REPOSITORY = Path(__file__).resolve().parents[1]
+_DISTRIBUTION = "handtrack3d"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")
 
 
@@ -30,6 +31,12 @@ def absolute(text: str, source: str) -> str:
         return f"{picture}[{words}]({raw if picture else source}/{target})"
 
     return _LINK.sub(led, text)
+
+
+def readme(text: str, source: str) -> str:
+    """Return README.md for a registry's page: links lead to `source`, and what is there to install comes first."""
+    install = f"## Start\n\n```sh\npip install {_DISTRIBUTION} && handtrack demo\n```\n\nFrom its source: it"
+    return absolute(text.replace("## Start\n\nIt", install, 1), source)
 
 
 def with_urls(project: str, source: str) -> str:
@@ -71,7 +78,7 @@ def main() -> int:
         for file in tracked_files():
             (tree / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(_REPOSITORY / file, tree / file)
-        for name, change in (("README.md", absolute), ("pyproject.toml", with_urls)):
+        for name, change in (("README.md", readme), ("pyproject.toml", with_urls)):
             text = (tree / name).read_text(encoding="utf-8")
             (tree / name).write_text(change(text, args.source.rstrip("/")), encoding="utf-8")
         return subprocess.run(
