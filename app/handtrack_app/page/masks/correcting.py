@@ -32,7 +32,6 @@ class CorrectingWidgets:
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
         self._strokes = count(1)
         self._stroke, self._last = 0, None
-        self._painting = False
         gui = page.gui
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")
@@ -92,7 +91,6 @@ class CorrectingWidgets:
             self.stage.look(self.page.state.look(event.client_id).through, event.client)
 
     def _show_painting(self, on: bool) -> None:
-        self._painting = on
         put(self.paint, visible=not on)
         put(self.done, visible=on)
 
