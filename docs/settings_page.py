@@ -15,7 +15,7 @@ PAGE = Path(__file__).resolve().with_name("settings.md")
 _HEAD = """# Settings
 
 Every setting of the tracker, by its dotted name, printed from the program (`python docs/settings_page.py`). Those for users stand on the workbench's
-page too. For one run, and for good in `session.toml`:
+page too, the method and the merged surface's shape in a folder for experts. For one run, and for good in `session.toml`:
 
 ```sh
 handtrack track my_recording --set solver.iterations=20 --set silhouettes.bands_mm=6,3,1

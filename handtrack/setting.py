@@ -25,7 +25,7 @@ class Setting:
     label: str = ""
     """beside its widget"""
     level: Literal["user", "expert"] = "expert"
-    """user: stands on the page; expert: only `--set` and session.toml have it"""
+    """user: stands on the page; expert: for `--set` and session.toml; on the page, in a folder of its own, where it has a label"""
     unit: str = ""
     low: float = -math.inf
     """least value; of each number, where there are several"""
@@ -38,6 +38,8 @@ class Setting:
     """what 1 on the page is, in the setting's own unit"""
     words: Mapping[str, str] = field(default_factory=dict)
     """the page's words for values to choose from"""
+    told: Mapping[str, str] = field(default_factory=dict)
+    """a sentence on each of these values, shown below the widget for the one chosen"""
     about: Literal["hand", "body", ""] = ""
     """the only kind of model for which it means anything"""
     name: str = ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +18,26 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 
-# title; what is set [°]; the angle that is written below; from which side one looks: the palm, or the thumb's side
+# title; what is set before, and after [°]; the angle that is written below; from which side one looks: the palm, or the thumb's side
 PANELS = (
-    ("wrist: flexion", {"wrist_flex": 35}, "wrist_flexion", "thumb"),
-    ("wrist: ulnar deviation", {"wrist_abd": -25}, "wrist_ulnar_deviation", "palm"),
-    ("finger: flexion", {"index_mcp_flex": 50, "index_pip_flex": 40}, "index_mcp_flexion", "thumb"),
-    ("finger: ulnar deviation", {"little_mcp_abd": 25}, "little_mcp_ulnar_deviation", "palm"),
-)
+    ("wrist: flexion", {}, {"wrist_flex": 35}, "wrist_flexion", "thumb"),
+    ("wrist: ulnar deviation", {}, {"wrist_abd": -25}, "wrist_ulnar_deviation", "palm"),
+    ("finger: flexion", {}, {"index_mcp_flex": 50, "index_pip_flex": 40}, "index_mcp_flexion", "thumb"),
+    ("finger: ulnar deviation", {}, {"little_mcp_abd": 25}, "little_mcp_ulnar_deviation", "palm"),
+    ("thumb's base: flexion", {"thumb_cmc_abd": 18}, {"thumb_cmc_abd": 18, "thumb_cmc_flex": 40}, "thumb_cmc_flexion", "palm"),
+    ("thumb's base: adduction", {"thumb_cmc_abd": 55}, {}, "thumb_cmc_adduction", "thumb"),
+)  # fmt: skip
 _AXES = (("X palm", "#d62728", (0, 0, -1)), ("Y body", "#2ca02c", (0, -1, 0)), ("Z thumb", "#1f77b4", (-1, 0, 0)))  # fmt: skip
 _ARROW_M = 0.035
 
 
 def draw() -> Any:
     """Return the figure: a row for each hand, grey at rest, drawn where the angle is positive."""
-    figure, axes = pyplot().subplots(2, len(PANELS), figsize=(10, 6.4))
+    figure, axes = pyplot().subplots(2, len(PANELS), figsize=(14, 6.4))
     for row, side in zip(axes, ("right", "left"), strict=True):
         model = load_model("hand26", side=side, forearm=True)
-        for axis, (title, turned, name, seen) in zip(row, PANELS, strict=True):
-            rest = _bones(model, {})
-            moved = _bones(model, {k: float(np.deg2rad(v)) for k, v in turned.items()})
+        for axis, (title, start, turned, name, seen) in zip(row, PANELS, strict=True):
+            rest, moved = _bones(model, start), _bones(model, turned)
             _hand(axis, model, rest, seen, "0.85", "0.7")
             _hand(axis, model, moved, seen, "#e8c3a4", "#7a4a2a")
             _segment_axes(axis, model, moved, seen, name)
@@ -43,7 +45,7 @@ def draw() -> Any:
                 np.rad2deg(isb_angles(model, b.T_world_bone[None])[name][0]) for b in (rest, moved)
             )
             axis.set_title(f"{side} {title}", fontsize=9)
-            axis.text(0.5, -0.02, f"{name}: {before:.0f}° → {after:.0f}°", transform=axis.transAxes, ha="center", fontsize=8)  # fmt: skip
+            axis.text(0.5, -0.02, f"{name}: {round(before)}° → {round(after)}°", transform=axis.transAxes, ha="center", fontsize=8)  # fmt: skip
             axis.set_aspect("equal")
             axis.set_axis_off()
     for label, colour, _ in _AXES:
@@ -53,9 +55,9 @@ def draw() -> Any:
     return figure
 
 
-def _bones(model: ArticulatedModel, values: dict[str, float]) -> BonePoses:
-    """Return a pose with the forearm upright, wherever the hand turns."""
-    bones = model.bones(model.params_from(values))
+def _bones(model: ArticulatedModel, values: Mapping[str, float]) -> BonePoses:
+    """Return a pose [°] with the forearm upright, wherever the hand turns."""
+    bones = model.bones(model.params_from({k: float(np.deg2rad(v)) for k, v in values.items()}))
     turn = bones.rotation[model.skeleton.bone("forearm")] @ np.diag([-1.0, -1.0, 1.0])
     position = (bones.position - bones.position[0]) @ turn
     return BonePoses(position[0], turn.T @ bones.rotation, position)
@@ -84,7 +86,12 @@ def _hand(
 def _segment_axes(
     axis: Any, model: ArticulatedModel, bones: BonePoses, seen: str, name: str
 ) -> None:
-    distal = {"wrist": "middle_metacarpal", "index": "index_proximal", "little": "little_proximal"}
+    distal = {
+        "wrist": "middle_metacarpal",
+        "index": "index_proximal",
+        "little": "little_proximal",
+        "thumb": "thumb_metacarpal",
+    }
     bone = model.skeleton.bone(distal[name.split("_", maxsplit=1)[0]])
     thumbwards = 1.0 if model.side == "right" else -1.0
     for label, colour, direction in _AXES:

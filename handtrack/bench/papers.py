@@ -6,15 +6,17 @@ data (HANDTRACK_DATA) are left out where that is absent. Run: handtrack bench pa
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import Floats, N
 from handtrack.bench.clouds import poor_clouds
-from handtrack.bench.jumps import dance_appearance, minima
+from handtrack.bench.jumps import dance_appearance, minima, real_person
 from handtrack.bench.measuring import data_folder, mean_mm, recording
 from handtrack.bench.silhouettes import binary_fist, field_recovery
 from handtrack.diagnostics.metrics import evaluate
@@ -60,6 +62,7 @@ def papers(frames: int = 25, poses: int = 40) -> Figures:
         "paper2004_real_stereo": lambda: stereo("d405_real_stereo", frames),
         "paper2003_table1": table1,
         "paper2003_dance": lambda: dance(frames),
+        "paper2003_person": lambda: person(frames),
     }
     figures: Figures = {}
     for name, part in parts.items():
@@ -211,3 +214,9 @@ def dance(frames: int) -> Figures:
             f"{way}_error_mm": float(found.error_mm.mean()),
         }
     return figures
+
+
+def person(frames: int) -> Figures:
+    """Return errors of a real person in one camera's video, by edges and intensity."""
+    with tempfile.TemporaryDirectory() as folder:
+        return real_person.figures(Path(folder), frames)

@@ -47,6 +47,7 @@ _LONG = {
     "combined": "clouds.combined",
     "forearms": "silhouettes.forearms",
     "jumps": "jumps.minima",
+    "failing_leaves": "jumps.failing_leaves",
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
     "recovery": "starts.recovery",

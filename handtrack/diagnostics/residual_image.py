@@ -1,20 +1,22 @@
 """Predicted images of a silhouette term and their difference to the mask, as arrays and pictures.
 
-Blue: the model covers, the mask does not. Orange: the mask, not the model. Both are told apart by colour-blind eyes.
+Blue: the model covers, the mask does not; or the way from a joint that was seen to the model's. Orange: the mask, not the model; or a joint. Both are told apart by colour-blind eyes.
 Plain NumPy, pixel by pixel: independent of the terms' run sums.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Bytes, E, Floats, H, N, W
+from handtrack.arrays import D2, D3, Array, Bytes, E, Floats, H, J, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Silhouette
+from handtrack.observation.observation import ImageKeypoints, Silhouette
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 
@@ -22,6 +24,9 @@ MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)
 UNKNOWN_TINT = (204, 121, 167)
 _DARKER = 0.35
+_DOT = (
+    1 / 600
+)  # half a dot's radius, of the image's longer side: seen on a thumbnail, and smaller than a detector's error
 OUTLINE = (255, 194, 10)
 
 
@@ -89,6 +94,29 @@ def residual_picture(
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
     return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+
+
+def joint_pairs(
+    seen: ImageKeypoints, names: Sequence[str], places: Floats[J, D3]
+) -> Floats[N, D2, D2]:
+    """Return where a camera's joints were seen and where the model has them [px], of those that both have.
+
+    names, places: of the model's joints, world [m].
+    """
+    known = [i for i, name in enumerate(seen.names) if name in names]
+    known = [i for i in known if np.isfinite(seen.pixels[i]).all()]
+    there = places[[names.index(seen.names[i]) for i in known]].reshape(-1, 3)
+    return np.stack([seen.pixels[known].reshape(-1, 2), seen.camera.project(there)], axis=1)
+
+
+def joints_picture(image: Bytes[H, W, D3], pairs: Floats[N, D2, D2]) -> Bytes[H, W, D3]:
+    """Return the picture RGB with a dot where each joint was seen, and a line from there to where the model has it."""
+    picture = np.ascontiguousarray(image).copy()
+    size = max(round(max(image.shape[:2]) * _DOT), 1)
+    for seen, there in np.rint(pairs).astype(int)[np.isfinite(pairs).all(axis=(1, 2))]:
+        cv2.line(picture, seen.tolist(), there.tolist(), MODEL_ONLY, size, cv2.LINE_AA)
+        cv2.circle(picture, seen.tolist(), 2 * size, MASK_ONLY, -1, cv2.LINE_AA)
+    return picture
 
 
 def mask_picture(image: Bytes[H, W, D3], silhouette: Silhouette) -> Bytes[H, W, D3]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +16,10 @@ if TYPE_CHECKING:  # the list alone is wanted by the page, which solves nothing
 
 Write = Callable[[Path, "ResultsTable"], list[Path]]
 """writes a file, and those that belong to it beside; returns them, the one asked for first. Raises HandtrackError."""
+
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""of the world, one of which points up: nobody can tell from a calibration which"""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class ExportFormat:
     """packages that are not installed with handtrack"""
     has_parts: bool = False
     """whether the files beside it are needed, and do not merely explain it"""
+    up: str = ""
+    """the axis that its readers take for up, one of AXES; empty: they ask for none"""
     one_skeleton: bool = False
     """whether all frames share one skeleton, which angles move: takes of hands of different sizes do not fit into it"""
 
@@ -42,16 +48,33 @@ class ExportFormat:
         """The file's suffix, whatever it is called."""
         return Path(f"poses{self.ending}").suffix
 
-    def write(self, path: Path, table: ResultsTable) -> list[Path]:
-        """Write the file and what belongs to it; return them. Raises HandtrackError."""
+    def write(self, path: Path, table: ResultsTable, up: str = "") -> list[Path]:
+        """Write the file and what belongs to it; return them. Raises HandtrackError.
+
+        up: which axis of the recording's world points up, one of AXES: the world is turned so that it does for those who
+        read the file. Empty: nothing is turned.
+        """
         missing = [name for name in self.needs if find_spec(name.replace("-", "_")) is None]
         if missing:
             raise HandtrackError(
                 f"--to {self.name}: needs {' and '.join(missing)}, which is not installed. Install with `pip install "
                 f"{' '.join(missing)}`, or choose another format."
             )
+        if up:
+            table = self._standing(table, up)
         write: Write = import_module(f"handtrack.export.{self.module}").write
         return write(path, table)
+
+    def _standing(self, table: ResultsTable, up: str) -> ResultsTable:
+        from handtrack.export.upright import upright
+
+        if not self.up:
+            turned = ", ".join(known.name for known in FORMATS if known.up)
+            raise HandtrackError(
+                f"--up {up}: {self.name} keeps the world's axes, as the calibration has them: its readers ask for none that points "
+                f"up. Those that do: {turned}. Leave --up away."
+            )
+        return replace(table, track=upright(table.track, up, self.up))
 
 
 FORMATS: tuple[ExportFormat, ...] = (
@@ -61,14 +84,14 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("keypoints", "_keypoints.npz", "Joint positions alone, in the form of a session's truth.npz.", "tables.keypoints"),
     ExportFormat("openpose", "_openpose.json", "Keypoints in space in OpenPose's order (hands 21, bodies BODY_25), all frames in one file.", "tables.openpose"),
     ExportFormat("mediapipe", "_mediapipe.json", "Landmarks in MediaPipe's order (hands 21, bodies 33), all frames in one file.", "tables.mediapipe"),
-    ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True),
-    ExportFormat("glb", ".glb", "A skinned, animated mesh for Blender, game engines and viewers on the web.", "shown.glb", one_skeleton=True),
-    ExportFormat("trc", ".trc", "Joints as markers for OpenSim and Pose2Sim.", "motion.trc"),
-    ExportFormat("mot", ".mot", "Joint angles as motion of the OpenSim model that `--to osim` writes.", "motion.mot", one_skeleton=True),
+    ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True, up="y"),
+    ExportFormat("glb", ".glb", "A skinned, animated mesh for Blender, game engines and viewers on the web.", "shown.glb", one_skeleton=True, up="y"),
+    ExportFormat("trc", ".trc", "Joints as markers for OpenSim and Pose2Sim.", "motion.trc", up="y"),
+    ExportFormat("mot", ".mot", "Joint angles as motion of the OpenSim model that `--to osim` writes.", "motion.mot", one_skeleton=True, up="y"),
     ExportFormat("osim", ".osim", "The model itself for OpenSim: bones, joints with limits, markers.", "motion.osim", one_skeleton=True),
-    ExportFormat("c3d", ".c3d", "Joints as markers for motion capture programs (Vicon Nexus, Visual3D, Mokka).", "motion.c3d", ("ezc3d",)),
-    ExportFormat("urdf", ".urdf", "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.", "motion.urdf", has_parts=True, one_skeleton=True),
-    ExportFormat("mcap", ".mcap", "Joint states and the root's pose as ROS 2 messages, for Foxglove and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True),
+    ExportFormat("c3d", ".c3d", "Joints as markers for motion capture programs (Vicon Nexus, Visual3D, Mokka).", "motion.c3d", ("ezc3d",), up="z"),
+    ExportFormat("urdf", ".urdf", "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.", "motion.urdf", has_parts=True, one_skeleton=True, up="z"),
+    ExportFormat("mcap", ".mcap", "Joint states and the root's pose as ROS 2 messages, for Foxglove and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True, up="z"),
     ExportFormat("anipose", "_anipose.csv", "Joints as Anipose's 3D table [mm]; `movement` reads it.", "tables.anipose"),
     ExportFormat("netcdf", ".nc", "Labelled arrays with units and standard deviations, for xarray, MATLAB, R.", "tables.netcdf"),
     ExportFormat("nwb", ".nwb", "Joints for neuroscience archives: Neurodata Without Borders with ndx-pose.", "tables.nwb", ("pynwb", "ndx-pose")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -24,6 +25,9 @@ HAND_PARTS: tuple[str, ...] = (*FINGERS, "forearm")
 BODY_PARTS: tuple[str, ...] = (
     "trunk", "head", "clavicles", "upper_arms", "forearms", "hands", "thighs", "shins", "feet"
 )  # fmt: skip
+
+
+_CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
 
 
 @dataclass(frozen=True)
@@ -173,14 +177,30 @@ class ArticulatedModel:
             )
         return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
 
-    def params_from(self, values: dict[str, float]) -> Floats[P]:
-        """Return solver parameters from joint parameters by name [m, rad]; missing ones are 0."""
+    def params_from(self, values: Mapping[str, float], nearest: bool = False) -> Floats[P]:
+        """Return solver parameters from joint parameters by name [m, rad]. Those that are not given follow those that are, where
+        the coupling ties them together, and are 0 elsewhere.
+
+        Raises HandtrackError for an unknown name, and for values that the coupling does not allow together. nearest: then the
+        pose that it allows with the least squares of what it has to change.
+        """
         joint = np.zeros(len(self.parameter_names))
+        given = np.zeros(len(joint), bool)
         for name, value in values.items():
             if name not in self.parameter_names:
                 raise unknown_name("parameter", name, self.parameter_names)
-            joint[self.parameter_names.index(name)] = value
-        return self.transform.solver_params(joint)
+            at = self.parameter_names.index(name)
+            joint[at], given[at] = value, True
+        params = self.transform.solver_params(joint, given)
+        off = np.where(given, np.abs(self.joint_params(params) - joint), 0.0)
+        if not nearest and off.max() > _CONTRADICTION:
+            at = int(off.argmax())
+            raise HandtrackError(
+                f"the coupling '{self.coupling}' of '{self.name}' does not allow {self.parameter_names[at]} = {joint[at]:.4g} together "
+                f"with the other values: it would be {self.joint_params(params)[at]:.4g} at the nearest. Leave out what follows from "
+                "others, load the model without the coupling, or ask for the nearest pose (nearest=True)."
+            )
+        return params
 
 
 def keypoint_names() -> tuple[str, ...]:

@@ -5,7 +5,8 @@ What the numbers mean stands at the head of definitions/hand26.toml and body34.t
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NotRequired, TypedDict
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, NotRequired, TypedDict, TypeGuard
 
 from msgspec import Meta
 
@@ -83,3 +84,32 @@ class Definition(TypedDict):
     narrowing: NotRequired[Narrowing]
     proportion: NotRequired[list[Proportion]]
     superquadric: NotRequired[list[dict[str, Any]]]
+
+
+def extended(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a definition's tables as another one changes and adds to them: what `extends` means.
+
+    Tables are merged key by key; rows that have a name (bones, freedoms, proportions) row by row, new ones at the end. All else
+    that `more` has takes the place of what was there: numbers, texts, rows without a name such as ellipsoids.
+    """
+    merged = dict(base)
+    for key, value in more.items():
+        before = merged.get(key)
+        if isinstance(before, Mapping) and isinstance(value, Mapping):
+            merged[key] = extended(before, value)
+        elif _are_named(before) and _are_named(value):
+            rows = {row["name"]: row for row in before}
+            for row in value:
+                rows[row["name"]] = extended(rows.get(row["name"], {}), row)
+            merged[key] = list(rows.values())
+        else:
+            merged[key] = value
+    return merged
+
+
+def _are_named(rows: Any) -> TypeGuard[Sequence[Mapping[str, Any]]]:
+    return (
+        isinstance(rows, list)
+        and bool(rows)
+        and all(isinstance(row, Mapping) and "name" in row for row in rows)
+    )

@@ -20,7 +20,7 @@ from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
-from handtrack.model.definition import Definition
+from handtrack.model.definition import Definition, Narrowing, extended
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.others.read_other import OTHERS, read_other
@@ -28,9 +28,10 @@ from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.surfaces.superquadrics import read_superquadrics
 from handtrack.model.transform import Follows, build_transform
 
-MODELS = ("hand26", "glove9", "ball6", "body34")
+MODELS = ("hand26", "glove9", "ball6", "body34", "body38")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
+_FIXED: Narrowing = {"pairs": [], "at_deg": 90.0, "to": 1.0}
 _FARTHEST_OFFSET_MM = 100.0  # half a hand: beyond, a file is not meant
 
 
@@ -150,18 +151,32 @@ def scale_table(scale: HandScale) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _read_definition(name: str) -> dict[str, Any]:
-    if name in MODELS:
-        shipped = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml")
-        table = tomllib.loads(shipped.read_text(encoding="utf-8"))
-    else:
-        table = read_definition(Path(name))
-    return _checked(table, name)
+    return _checked(_shipped(name) if name in MODELS else read_definition(Path(name)), name)
 
 
-def read_definition(path: Path) -> dict[str, Any]:
-    """Return the tables of a definition file, or those made of another program's (URDF, BVH). Raises HandtrackError."""
+def _shipped(name: str) -> dict[str, Any]:
+    file = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml")
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    base = table.pop("extends", None)
+    return table if base is None else extended(_shipped(base), table)
+
+
+def read_definition(path: Path, within: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return the tables of a definition file, with those that it extends, or those made of another program's (URDF, BVH).
+
+    within: the files that extend this one. Raises HandtrackError.
+    """
     if path.is_file() and path.suffix.lower() == ".toml":
-        return read_toml(path, "a model's definition")
+        table = read_toml(path, "a model's definition")
+        base, here = table.pop("extends", None), (*within, path.resolve())
+        if base is None or base in MODELS:
+            return table if base is None else extended(_shipped(base), table)
+        if not isinstance(base, str) or (path.parent / base).resolve() in here:
+            raise HandtrackError(
+                f"{path}: extends = {base!r}: expected one of {', '.join(MODELS)}, or the path of another definition that does "
+                "not extend this one."
+            )
+        return extended(read_definition(path.parent / base, here), table)
     if path.is_file() and path.suffix.lower() in OTHERS:
         return read_other(path)
     raise HandtrackError(
@@ -181,6 +196,10 @@ def _checked(table: Any, name: str) -> dict[str, Any]:
     for bone in used:
         if bone not in bones:
             raise unknown_name("bone", bone, bones, f"the model definition {name}")
+    turns = [turn["name"] for bone in definition["bone"] for turn in bone.get("freedoms", [])]
+    for turn in (n for pair in definition.get("narrowing", _FIXED)["pairs"] for n in pair):
+        if turn not in turns:
+            raise unknown_name("freedom", turn, turns, f"narrowing in the model definition {name}")
     return dict(definition)
 
 
@@ -253,7 +272,7 @@ def _build(
     )
     rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
     held = np.deg2rad([f.get("stabilise_deg", np.inf) for _, f in hinges])
-    narrowing = table.get("narrowing", {"pairs": [], "at_deg": 90.0, "to": 1.0})
+    narrowing = table.get("narrowing", _FIXED)
     pairs = np.array(
         [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
     ).reshape(-1, 2)

@@ -16,8 +16,14 @@ _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Vi
 _ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
 # a detector's points lie 10 to 15 mm from the joints at the thumb's base and the knuckles, less elsewhere (measured with
-# MediaPipe's on real hands): 10 mm root mean square, in three directions
-_OFFSET_SIGMA_M = 0.010 / np.sqrt(3.0)
+# MediaPipe's on real hands): 10 mm root mean square, in three directions. OpenPose's and two others' lie 16 to 50 mm from the joint centres
+# that markers say, farthest at hip and knee (Needham et al. 2021, "The accuracy of several pose estimation methods for 3D joint
+# centre localisation", Sci. Rep. 11): 30 mm
+_OFFSET_SIGMAS_M = {"hand": 0.010 / np.sqrt(3.0), "body": 0.030 / np.sqrt(3.0)}
+_ACROSS = {
+    "left_": -1.0,
+    "right_": 1.0,
+}  # which way x goes in the bones of a side; the middle plane has x = 0
 _SEGMENT_SIGMA = 0.06  # a segment's share of stature: about ±4 % (de Leva 1996), and markers differ
 
 _PARTS = {
@@ -46,13 +52,18 @@ class SizeParameters:
     model: ArticulatedModel
     """of any size; others are described by how much they have grown from it"""
     seen: tuple[str, ...] = ()
-    """joints whose offsets are among the deviations"""
+    """joints whose offsets are among the deviations: a body's of left and right are mirror images, and one of its middle plane stays in it"""
 
     @property
     def names(self) -> tuple[str, ...]:
         """(N,)"""
-        offsets = (f"{joint} {axis}" for joint in self.seen for axis in "xyz")
+        offsets = (f"{joint} {axis}" for joint in self._offset_of for axis in "xyz")
         return ("overall", *self._sigmas, *self.model.proportion_names, *offsets)
+
+    @property
+    def offset_count(self) -> int:
+        """How many of the deviations are of offsets: the last."""
+        return 3 * len(self._offset_of)
 
     @property
     def units(self) -> Floats[N]:
@@ -60,7 +71,7 @@ class SizeParameters:
         whole = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
         own = [1.0] * len(self.model.proportion_names)
         return np.array(
-            [whole, *self._sigmas.values(), *own, *[_OFFSET_SIGMA_M] * (3 * len(self.seen))]
+            [whole, *self._sigmas.values(), *own, *[self._offset_sigma_m] * self.offset_count]
         )
 
     def deviations(self, scale: HandScale) -> Floats[N]:
@@ -68,20 +79,25 @@ class SizeParameters:
         logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
         logs += [scale.proportions.get(n, 0.0) for n in self.model.proportion_names]
-        offsets = [scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint in self.seen]
-        return np.concatenate([logs, np.ravel(offsets) * 1e-3 / _OFFSET_SIGMA_M])
+        offsets = [
+            np.mean([m * scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint, m in same.items()], axis=0)
+            for same in self._offset_of.values()
+        ]  # fmt: skip
+        return np.concatenate([logs, np.ravel(offsets) * 1e-3 / self._offset_sigma_m])
 
     def scale(self, deviations: Floats[N]) -> HandScale:
         """Return the person that is so many standard deviations from the mean adult."""
-        deviations, offsets = np.split(deviations, [len(deviations) - 3 * len(self.seen)])
+        deviations, offsets = np.split(deviations, [len(deviations) - self.offset_count])
         split = 1 + len(self._sigmas)
         sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
         factors = np.exp(deviations[:split] * sigmas).tolist()
         moved = dict(zip(self.model.proportion_names, deviations[split:].tolist(), strict=True))
-        places = (offsets * _OFFSET_SIGMA_M * 1e3).reshape(-1, 3).tolist()
-        seen = self.model.scale.offsets_mm | {
-            joint: (x, y, z) for joint, (x, y, z) in zip(self.seen, places, strict=True)
-        }
+        places = (offsets * self._offset_sigma_m * 1e3).reshape(-1, 3)
+        seen = dict(self.model.scale.offsets_mm)
+        for place, same in zip(places, self._offset_of.values(), strict=True):
+            for joint, mirror in same.items():
+                x, y, z = (mirror * place).tolist()
+                seen[joint] = (x, y, z)
         return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved, seen)
 
     def grown(self, deviations: Floats[N]) -> ArticulatedModel:
@@ -104,12 +120,14 @@ class SizeParameters:
         """By how much each of the deviations moves the points that a detector sees, in their bones' frames, before these grow [m]."""
         model = self.model
         moves = np.zeros((len(model.joint_names), 3, len(self.names)))
-        mirror = np.array([-1.0 if model.side == "left" else 1.0, 1.0, 1.0])
-        for k, name in enumerate(self.seen):
-            joint = model.joint_names.index(name)
-            factor = model.scale.factor(model.groups[model.joint_bone[joint]])
-            first = len(self.names) - 3 * (len(self.seen) - k)
-            moves[joint, :, first : first + 3] = np.diag(_OFFSET_SIGMA_M * factor * mirror)
+        side = np.array([-1.0 if model.side == "left" else 1.0, 1.0, 1.0])
+        first = len(self.names) - self.offset_count
+        for k, same in enumerate(self._offset_of.values()):
+            at = slice(first + 3 * k, first + 3 * k + 3)
+            for name, mirror in same.items():
+                joint = model.joint_names.index(name)
+                factor = model.scale.factor(model.groups[model.joint_bone[joint]])
+                moves[joint, :, at] = np.diag(self._offset_sigma_m * factor * side * mirror)
         return moves
 
     def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
@@ -138,6 +156,21 @@ class SizeParameters:
     def _proportions(self) -> slice:
         first = 1 + len(self._sigmas)
         return slice(first, first + len(self.model.proportion_names))
+
+    @cached_property
+    def _offset_of(self) -> dict[str, dict[str, Floats[D3]]]:
+        """By offset, the joints that have it, each with what mirrors it (x to the other side)."""
+        found: dict[str, dict[str, Floats[D3]]] = {}
+        for joint in self.seen:
+            side = "" if self._is_hand else next((s for s in _ACROSS if joint.startswith(s)), "")
+            across = 1.0 if self._is_hand else _ACROSS.get(side, 0.0)
+            alike = found.setdefault(joint.removeprefix(side), {})
+            alike[joint] = np.array([across, 1.0, 1.0])
+        return found
+
+    @property
+    def _offset_sigma_m(self) -> float:
+        return float(_OFFSET_SIGMAS_M[self.model.kind])
 
     @property
     def _is_hand(self) -> bool:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, P, S
+from handtrack.arrays import D2, Array, Floats, Ints, P, S
 from handtrack.errors import HandtrackError, unknown_name
 
 
@@ -33,9 +33,15 @@ class ParameterTransform:
         """Return the joint parameters of solver parameters."""
         return self.matrix @ params + self.offset
 
-    def solver_params(self, joint_params: Floats[S]) -> Floats[P]:
-        """Return the solver parameters closest, in least squares, to joint parameters."""
-        return np.linalg.lstsq(self.matrix, joint_params - self.offset, rcond=None)[0]
+    def solver_params(self, joint_params: Floats[S], given: Array[S] | None = None) -> Floats[P]:
+        """Return the solver parameters closest, in least squares, to joint parameters.
+
+        given: which of them count; solver parameters that none of those tells of are 0.
+        """
+        matrix, wanted = self.matrix, joint_params - self.offset
+        if given is not None and not given.all():
+            matrix, wanted = matrix * given[:, None], wanted * given
+        return np.linalg.lstsq(matrix, wanted, rcond=None)[0]
 
     def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
         """Return bounds that keep all joint parameters within `bounds`.

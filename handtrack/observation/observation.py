@@ -75,6 +75,11 @@ class Keypoints:
     """world [m], NaN where unknown."""
     sigma_m: float
 
+    @property
+    def count(self) -> int:
+        """How many are known."""
+        return int(np.isfinite(self.positions).all(axis=1).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class ImageKeypoints:

@@ -13,6 +13,8 @@ from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_name
 
 _SAME_POINT_M = 1e-9
 _HELD = -1
+_TO_FLIP = 2  # freedoms that move a link's end anywhere on its sphere (2003 paper, §3.1)
+_LIMBS = {"arm": ("shoulder", "elbow", "wrist", "hand"), "leg": ("hip", "knee", "ankle", "toe")}
 
 
 @dataclass(frozen=True)
@@ -78,14 +80,23 @@ def chains_of(model: ArticulatedModel) -> tuple[Chain, ...]:
     offered = [(finger, names[4 * i : 4 * i + 4]) for i, finger in enumerate(FINGERS)]
     offered.append(("neck", ("neck", "head_top")))
     for side in ("left", "right"):
-        arm, leg = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
-        offered.append((f"{side}_arm", tuple(f"{side}_{joint}" for joint in arm)))
-        offered.append((f"{side}_leg", tuple(f"{side}_{joint}" for joint in leg)))
+        for limb, joints in _LIMBS.items():
+            named = tuple(f"{side}_{joint}" for joint in joints)
+            there = tuple(joint for joint in named if joint in model.joint_names)
+            if there[:3] == named[:3]:
+                offered.append((f"{side}_{limb}", _flipping(model, there)))
     return tuple(
         chain_along(model, name, joints)
         for name, joints in offered
         if set(joints) <= set(model.joint_names)
     )
+
+
+def _flipping(model: ArticulatedModel, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return a limb's joints without those at its end that fewer than two hinges of their own swing: they cannot flip."""
+    moved = moved_joints(model)[[model.joint_names.index(joint) for joint in joints]]
+    swung = (moved[1:] & ~moved[:-1]).sum(axis=1) >= _TO_FLIP
+    return joints[: 2 + int(np.flatnonzero(swung)[-1])] if swung.any() else joints[:2]
 
 
 def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Chain:

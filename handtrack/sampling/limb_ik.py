@@ -1,4 +1,4 @@
-"""Joint angles from joint positions: closed form along a chain, descent where that fails."""
+"""Joint angles from joint positions, in closed form along a chain."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, Ints, J, K, L, M, N, P, S
+from handtrack.arrays import D2, D3, Array, Floats, Ints, K, L, M, N, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
-from handtrack.observation.observation import Keypoints
 from handtrack.sampling.chains import PreparedChain
 from handtrack.sampling.limb_ik_kernels import grow
-from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
-from handtrack.solver.problem import FreeProblem, Problem
-from handtrack.terms.keypoints import KeypointTerm
 
 REACHED_M = 1e-9
 """an end this close to its target is on it"""
-_FOLLOWED_SIGMA_M = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,25 +91,6 @@ def extended(
     return Branches(
         rotation[:kept], end[:kept], angles[:kept], branches.source[parent], choice, exact
     )
-
-
-def fit_positions(
-    model: ArticulatedModel,
-    params: Floats[P],
-    free: Sequence[str],
-    joints: Sequence[str],
-    positions: Floats[J, D3],
-    settings: SolverSettings | None = None,
-) -> SolveSummary:
-    """Return the pose within limits that comes closest to joint positions, by damped Gauss-Newton.
-
-    For chains that the closed form cannot do: looped ones (a hand on the hip), missed rays, limits in the way. Only
-    the solver parameters named `free` move; two chains that form a loop are named together. 2003 paper, §3.2.
-    """
-    seen = Keypoints(tuple(joints), np.asarray(positions, dtype=float), _FOLLOWED_SIGMA_M)
-    moves = np.isin(model.transform.names, free)
-    problem = FreeProblem(Problem(model, [KeypointTerm(model, seen)]), moves, params)
-    return solve(problem, params, settings or SolverSettings(iterations=50, damping=1e-3))
 
 
 def bounds_of_many(limits: Limits, joint_params: Floats[N, S]) -> Floats[N, S, D2]:

@@ -98,8 +98,9 @@ class TrackingRun:
 
     @property
     def sees_joints(self) -> bool:
-        """Whether a detector's joints of a whole hand are looked at."""
-        if self.settings.keypoints.weight == 0 or not self.model.has_keypoints21:
+        """Whether a detector's joints of a whole hand, or of a body, are looked at."""
+        whole = self.model.has_keypoints21 or self.model.kind == "body"
+        if self.settings.keypoints.weight == 0 or not whole:
             return False
         return any(view.keypoint_files is not None for view in self.session.views)
 
@@ -331,7 +332,7 @@ def _model(
         coupling=chosen.coupling,
         forearm=forearm,
         spread=chosen.spread,
-        narrowing=chosen.narrowing,
+        narrowing=settings.traits.narrowing,
     )
 
 
@@ -347,13 +348,13 @@ def _first_params(model: ArticulatedModel, first: FirstPose, settings: TrackerSe
                 f"first pose: 21 keypoints are a hand's, but the model is '{model.name}'; give a body's pose by "
                 "parameters, as the workbench saves it."
             )
-        return model.params_from(dict(first.parameters))
+        return model.params_from(first.parameters, nearest=True)
     if not model.has_keypoints21:  # a simpler hand stands where the whole one would
         whole = _whole(model)
         return carried_over(whole, _first_params(whole, first, settings), model)
     if first.xyz is not None:
         return fit_keypoints(model, _keypoints(first, settings))
-    return model.params_from(dict(first.parameters))
+    return model.params_from(first.parameters, nearest=True)
 
 
 def _whole(model: ArticulatedModel) -> ArticulatedModel:
@@ -369,11 +370,6 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
         return read_scale(given)
     if given != "fit":
         return HandScale(float(given))
-    if _model(session, settings, HandScale(), False).kind == "body":
-        raise HandtrackError(
-            f'{session.folder}: scale = "fit" is for hands; give a body\'s size as a factor on 1.75 m, or the path of '
-            "a saved body."
-        )
     if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
         return first.scale if first is not None and first.scale is not None else HandScale()
     seen = _keypoints(first, settings)

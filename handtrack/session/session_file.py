@@ -95,7 +95,8 @@ class CameraSettings:
     keypoints: _Text | None = None
     """a pattern of numbered files of 2D joints, as OpenPose writes them."""
     keypoint_layout: Annotated[str, one_of(tuple(LAYOUTS))] | None = None
-    """which of their points are which joints: body_25, body_25b, hand_left, hand_right or mediapipe21."""
+    """which of their points are which joints: of bodies body_25, body_25b, coco17, coco18, halpe26, coco133, mediapipe33 or body22,
+    of hands hand_left, hand_right or mediapipe21."""
     fps: Annotated[float, above(0, "1/s")] | None = None
     """the camera's frames a second, where they are not the session's: its frames are then taken by time."""
     lag_s: Annotated[float, _FINITE_S] | None = None

@@ -14,11 +14,13 @@ BODY_POSES: dict[str, dict[str, float]] = {
         "left_shoulder_abd": 150, "left_shoulder_flex": -15, "left_elbow_flex": 15,
         "right_shoulder_abd": 100, "right_shoulder_flex": -30, "right_elbow_flex": 40,
         "right_hip_flex": 10, "right_hip_abd": 15, "spine_lean": -12, "neck_twist": 20,
+        "left_wrist_flex": -40, "left_wrist_abd": 10, "right_wrist_flex": 35,
     },
     "lunge": {
         "left_hip_flex": 75, "left_knee_flex": 80, "left_ankle_flex": 5, "right_hip_flex": -20,
         "right_knee_flex": 25, "right_ankle_flex": -25, "left_shoulder_abd": 70, "left_shoulder_flex": 40,
         "right_shoulder_abd": 75, "right_shoulder_flex": -45, "spine_twist": -15,
+        "left_wrist_flex": 50, "right_wrist_flex": -30, "right_wrist_abd": -20,
     },
     "kick": {
         "right_hip_flex": 80, "right_knee_flex": 25, "right_ankle_flex": -30, "left_knee_flex": 15,
@@ -31,7 +33,7 @@ BODY_POSES: dict[str, dict[str, float]] = {
         "right_shoulder_flex": -35,
     },
 }  # fmt: skip
-"""degrees that differ from rest"""
+"""degrees that differ from rest; those of wrists are for bodies that have them"""
 
 BODY_MOTIONS: dict[str, tuple[str, ...]] = {
     "dance": ("stand", "reach", "lunge", "stand", "kick", "bow", "stand"),
@@ -49,7 +51,8 @@ def body_pose(model: ArticulatedModel, name: str) -> Floats[S]:
         raise unknown_name("pose of a body", name, tuple(BODY_POSES))
     joint = model.rest.copy()
     for parameter, degrees in BODY_POSES[name].items():
-        joint[model.skeleton.parameter(parameter)] = np.deg2rad(degrees)
+        if "wrist" not in parameter or parameter in model.parameter_names:
+            joint[model.skeleton.parameter(parameter)] = np.deg2rad(degrees)
     return joint
 
 

@@ -51,7 +51,7 @@ class Simulation:
     size: tuple[int, int] = (640, 480)
     motion: str = "open_fist_open"
     model: str = "hand26"
-    """or body34, with a motion of a body"""
+    """or body34 or body38, with a motion of a body"""
     side: str = "right"
     scale: float = 1.0
     forearm: bool = False

@@ -5,25 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel, keypoint_names
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
-from handtrack.tracking.search.keypoint_start import (
-    ENOUGH_IN_SPACE,
-    hands_from_images,
-    triangulated,
-)
+from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
 
 SURE = 0.7
 """from which confidence on no other frame is tried: as the search of sessions has it"""
 _TRIED = 4
-"""frames of a sequence in which a hand is looked for"""
+"""frames of a sequence in which a surer pose is looked for than the best so far"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +42,26 @@ def find_pose(
     """Return the poses that a frame may show, the surest first; empty where no hand can be seen in it.
 
     Points in space come first, then joints on which two images agree, then silhouettes and cloud, which are searched for an
-    open or half-open hand (some seconds); last the joints of one image, which leave several poses open. Raises HandtrackError
-    for a model that is no hand with 21 keypoints, where there are no points in space.
+    open or half-open hand (some seconds); last the joints of one image, which leave several poses open. A body is found by points
+    and joints only. Raises HandtrackError for a simpler hand, where there are no points in space, and for a body without joints.
     """
     points = _points(model, observation, settings)
     if points is not None:
         return [FoundPose(observation.frame, fit_keypoints(model, points), 1.0, "points")]
-    if not model.has_keypoints21:
+    if model.kind == "hand" and not model.has_keypoints21:
         raise HandtrackError(
-            f"the model '{model.name}' is no whole hand: a first pose is found by itself for hands only. Give one as solver "
+            f"the model '{model.name}' is no whole hand: a first pose is found by itself for whole hands and bodies only. Give one as solver "
             "parameters: model.params_from({'name': value, …}), or model.rest_params()."
         )
-    if observation.silhouettes or observation.cloud is not None:
+    if model.kind == "hand" and (observation.silhouettes or observation.cloud is not None):
         found = auto_start([model], settings, observation, should_stop)
         return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
     joints = _image_joints(observation)
+    if not joints and model.kind == "body" and not observation.is_empty:
+        raise HandtrackError(
+            f"the model '{model.name}' is found by joints only, in images (ImageKeypoints) or in space (Keypoints), and frame "
+            f"{observation.frame} has none. Add them, or give solver parameters: model.params_from({{'name': value, …}})."
+        )
     if not joints:
         return []
     flips = hands_from_images(model, joints)
@@ -73,26 +72,39 @@ def find_first_pose(
     model: ArticulatedModel,
     observations: Sequence[Observation],
     settings: TrackerSettings = TrackerSettings(),
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> FoundPose:
-    """Return the surest pose of a few frames of a sequence, looked for in the first, the middle and the quarters.
+    """Return a pose of a frame of a sequence to start from: they are looked at spread over all, until one shows a hand surely;
+    or the surest once four were looked at. While none shows any, the search goes on through all of them (some seconds a frame).
 
-    Raises HandtrackError where no hand is found in any.
+    should_stop: asked between frames and in them. Raises HandtrackError where no hand is found.
     """
     seen = [one for one in observations if not one.is_empty]
-    rows = dict.fromkeys((0, len(seen) // 2, len(seen) // 4, 3 * len(seen) // 4)) if seen else {}
     best: FoundPose | None = None
-    for row in list(rows)[:_TRIED]:
-        found = find_pose(model, seen[row], settings)
+    looked = 0
+    for row in spread_order(range(len(seen))):
+        if should_stop() or (best is not None and (best.confidence >= SURE or looked >= _TRIED)):
+            break
+        looked += 1
+        found = find_pose(model, seen[row], settings, should_stop)
         if found and (best is None or found[0].confidence > best.confidence):
             best = found[0]
-        if best is not None and best.confidence >= SURE:
-            break
     if best is None:
         raise HandtrackError(
-            f"no hand was found in {len(rows)} of {len(seen)} frames that show anything. Is the mask the hand, and do the "
-            "cameras fit it? Else give a start: solver parameters (P,)."
+            f"no hand was found: {looked} of {len(seen)} frames that show anything were looked at. Is the mask the hand, and do "
+            "the cameras fit it? Else give a start: solver parameters (P,)."
         )
     return best
+
+
+def spread_order(frames: range) -> list[int]:
+    """Return the frames in an order whose beginning is spread over all: the first, the middle, the quarters …"""
+    count = len(frames)
+    bits = max(count - 1, 1).bit_length()
+    order = (
+        [int(f"{i:0{bits}b}"[::-1], 2) * count >> bits for i in range(1 << bits)] if count else []
+    )
+    return [frames[i] for i in dict.fromkeys(order)]
 
 
 def _points(
@@ -100,16 +112,13 @@ def _points(
 ) -> Keypoints | None:
     """Return what says in space where the model's joints are; None where too little does."""
     for given in seen.keypoints:
-        if isinstance(given, Keypoints) and np.isfinite(given.positions).all(axis=1).sum() >= FEWEST:  # fmt: skip
+        if isinstance(given, Keypoints) and given.count >= FEWEST:
             rows = [i for i, name in enumerate(given.names) if name in model.joint_names]
             return replace(
                 given, names=tuple(given.names[i] for i in rows), positions=given.positions[rows]
             )
     images = _image_joints(seen)
-    points = triangulated(images) if images and model.has_keypoints21 else np.empty((0, 3))
-    if np.isfinite(points).all(axis=1).sum() < ENOUGH_IN_SPACE:
-        return None
-    return Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
+    return in_space(model, images, settings.keypoints.sigma_mm * 1e-3) if images else None
 
 
 def _image_joints(seen: Observation) -> list[ImageKeypoints]:

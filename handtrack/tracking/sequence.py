@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 
+import numpy as np
+
 from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
@@ -15,7 +17,11 @@ from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.evidence import Evidence, new_share
 from handtrack.tracking.whole.refined import refined, refined_near
+
+_MOSTLY_NEW = 0.5
+"""share of a frame from which it isn't worth another pass: its joints' errors are correlated by less than a third"""
 
 
 def track_recording(
@@ -39,7 +45,41 @@ def track_recording(
         yield result
     if tracker.settings.refines and control.refines and not control.should_stop():
         tracked = [found[frame] for frame in sorted(found)]
+        again = with_share(tracker, new_share_of(tracker, observe, tracked))
+        if again is not tracker:
+            # as a pass of its own: nothing of it is kept, and nobody looks at it
+            quiet = Control(control.should_stop, waits=control.waits)
+            other = list(track_frames(again, observe, start_frame, start_params, frames, quiet))
+            if len(other) == len(tracked):
+                tracked = sorted(other, key=lambda result: result.frame)
         yield from refine_recording(tracker, observe, tracked, control, who=who)
+
+
+def new_share_of(tracker: Tracker, observe: Observe, tracked: Sequence[FrameResult]) -> float:
+    """Return which share of what one camera's joints say of a frame is new in it (`whole.evidence.new_share`), as tracked frames tell;
+    1 where anything else was seen, or there is one hypothesis.
+    """
+    model, settings = tracker.model, tracker.settings
+    if settings.tracker.hypotheses < 2 or settings.traits.closest_prior:
+        return 1.0
+    posed = [result for result in tracked if result.status != Status.LOST]
+    poses = np.array([model.transform.solver_params(r.parameters) for r in posed])
+    frames = [result.frame for result in posed]
+    around = dict(zip(frames, poses, strict=True))
+    return new_share(Evidence(model, settings, observe, around, 1.0), frames, poses)
+
+
+def with_share(tracker: Tracker, share: float) -> Tracker:
+    """Return a tracker that counts one camera's joints so often, where most of what they say was said before; else the same.
+
+    Hypotheses that each frame weighs as if it were the first are given up too surely: of a real person before one camera those
+    with the right limbs were.
+    """
+    if share > _MOSTLY_NEW:
+        return tracker
+    settings = tracker.settings
+    traits = replace(settings.traits, new_share=share)
+    return replace(tracker, settings=replace(settings, traits=traits))
 
 
 def refine_recording(

@@ -49,7 +49,9 @@ def track(
     frames = range(int(numbers[0]), int(numbers[-1]) + 1)
     first, params = frames.start, start
     if params is None:
-        found = find_first_pose(model, [by_frame[number] for number in numbers], settings)
+        found = find_first_pose(
+            model, [by_frame[number] for number in numbers], settings, control.should_stop
+        )
         first, params = found.frame, found.params
 
     def observe(frame: int, bones: BonePoses | None = None) -> Observation:

@@ -16,6 +16,7 @@ from handtrack_app.start.found_files import find_files
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.rig_view import first_image
 from handtrack_app.start.start_page import StartPage
+from tests.app.commands.test_new_project import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.conftest import REPOSITORY
@@ -91,7 +92,7 @@ def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_
             and "a calibration.toml" in start.calibration.value
         )
         eventually(lambda: drawn(client) >= {"/rig/cam0", "/rig/cam1", "/rig/cam2"}, "the rig")
-        client.set_value(start.side, "left")
+        client.set_value(start.tracked, "a left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
         eventually(lambda: start.chosen is not None, "made", 60.0)
@@ -120,3 +121,19 @@ def test_a_video_that_is_none_has_no_picture(tmp_path: Path) -> None:
     assert first_image(tmp_path / "cam0.mp4", "cam0") is None
     image = first_image(next(BUNDLED.glob("*.mp4")), "cam0")
     assert image is not None and image.shape[0] == 240 and image.dtype == np.uint8
+
+
+def test_a_pose2sim_project_is_known(
+    start: StartPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has no videos here: joints alone will do."""
+    trial = project(tmp_path / "p")
+    start.folder.value = str(trial)
+    start.look()
+    assert "a Pose2Sim project" in start.found.content
+    asked: list[list[str]] = []
+    monkeypatch.setattr(start, "_run", lambda args, _then: asked.append(args))
+    start.make_session()
+    (words,) = asked
+    assert words[words.index("--project") + 1] == str(trial)
+    assert "--video" not in words

@@ -64,7 +64,7 @@ def test_layouts_name_each_point_once():
         (
             '{"people": [{"hand_left_keypoints_2d": []}]}',
             "person 0 has no 'pose_keypoints_2d'. Another keypoint_layout may fit: "
-            "body_25, body_25b, hand_left, hand_right, mediapipe21.",
+            "body_25, body_25b, coco18, coco17, halpe26, coco133, mediapipe33, body22, hand_left, hand_right, mediapipe21.",
         ),
         (
             '{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}',

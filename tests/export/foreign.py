@@ -21,7 +21,7 @@ from tests.conftest import REPOSITORY
 from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 BOUNDS_MM = {
-    "trc": 0.1, "mot": 0.1, "bvh": 0.05, "glb": 0.1, "urdf": 0.05, "mcap": 0.05, "c3d": 0.1, "anipose": 0.1,
+    "trc": 0.1, "mot": 0.1, "bvh": 0.05, "glb": 0.1, "urdf": 0.05, "urdf in MuJoCo": 0.05, "mcap": 0.05, "c3d": 0.1, "anipose": 0.1,
     "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "mediapipe": 0.1,
 }  # fmt: skip
 """of issue 15 where it says one, else 0.1 mm"""
@@ -136,6 +136,29 @@ def urdf(kind: str, folder: Path) -> float:
     rows = pandas.read_csv(states)
     assert len(rows) == len(table.track)
     return _robot_error(robot, table, [(i, row.to_dict()) for i, row in rows.iterrows()])
+
+
+def mujoco(kind: str, folder: Path) -> float:
+    """MuJoCo's kinematics, from the joint states in the CSV beside."""
+    library("mujoco")
+    import mujoco as engine
+
+    pandas = library("pandas")
+    table, (path, states) = written(kind, "urdf", folder)
+    track, robot = table.track, engine.MjModel.from_xml_path(str(path))
+    data = engine.MjData(robot)
+    assert robot.ngeom == len(table.model.flesh["fine"].bone)  # it shows them
+    taken, found = set(track.bone_names), np.zeros_like(track.joint_positions)
+    for i, row in pandas.read_csv(states).iterrows():
+        for name in track.parameter_names[6:]:
+            data.joint(name).qpos[0] = row[name]
+        engine.mj_forward(robot, data)
+        turn = Rotation.from_quat([row[f"root_q{axis}"] for axis in "xyzw"]).as_matrix()
+        base = np.array([row[f"root_{axis}_m"] for axis in "xyz"])
+        for j, name in enumerate(track.joint_names):
+            place = data.body(f"{name}_point" if name in taken else name).xpos
+            found[i, j] = base + turn @ place
+    return _worst(found, track.joint_positions)
 
 
 def _robot_error(robot, table: ResultsTable, rows: list[tuple[int, dict]]) -> float:
@@ -329,7 +352,7 @@ def nwb(kind: str, folder: Path) -> float:
 
 
 READERS: dict[str, Callable[[str, Path], float]] = {
-    "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "mcap": mcap, "c3d": c3d,
+    "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "urdf in MuJoCo": mujoco, "mcap": mcap, "c3d": c3d,
     "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "mediapipe": mediapipe,
 }  # fmt: skip
 

@@ -85,7 +85,8 @@ def test_tidy_tables_have_a_row_a_joint_an_angle_a_bone(kind, tmp_path):
     assert np.deg2rad(float(own[-1]["value_deg"])) == pytest.approx(track.parameters[-1, -1])
     assert np.deg2rad(float(own[-1]["std_deg"])) == pytest.approx(track.parameter_std[-1, -1])
     isb = [row for row in rows_of(angles) if row["convention"] == "isb"]
-    assert len(isb) == (len(track) * 42 if model.has_keypoints21 else 0)
+    assert len(isb) == (len(track) * 45 if model.has_keypoints21 else 0)
+    assert all(row["std_deg"] for row in isb)
     turned = rows_of(bones)[-1]
     quaternion = np.array([float(turned[f"q{axis}"]) for axis in "wxyz"])
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)

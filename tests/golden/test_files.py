@@ -1,26 +1,60 @@
-"""Golden files: a saved result opens, and exports of it are what they were, to the seventh digit."""
+"""Golden files: what was written once opens, and the same is written today, to the seventh digit."""
 
 from __future__ import annotations
 
-import math
-import re
+import json
+from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.export.registry import export_format
+from handtrack.model.model_file import read_scale
+from handtrack.session import layout
+from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.formats.tables import read_npz
-from handtrack.version import VERSION
-from tests.golden.files import FOLDER, FRAMES, POSES, TEXTS, written
+from handtrack.session.session import Session
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    read_session_file,
+)
+from handtrack.store.store import Store
+from handtrack_app.commands.batch.outcome import read_ledger
+from tests.golden import recording
+from tests.golden.files import (
+    AGAIN,
+    FOLDER,
+    FRAMES,
+    MEANINGS,
+    OTHERS,
+    POSES,
+    POSES_2,
+    RECORDING,
+    TEXTS,
+    exported,
+    written,
+)
+from tests.golden.meaning import differences, meaning
 from tests.sample_track import hand_track
 
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
-CLOSE = 1e-6
+PICTURES = (".png",)
+"""of a recording: they are what was seen, not what we write"""
 
 
-def parts(text: str) -> tuple[list[str], list[float]]:
-    """Return what stands between a text's numbers, and the numbers."""
-    text = text.replace(VERSION, "VERSION")
-    return NUMBER.split(text), [float(number) for number in NUMBER.findall(text)]
+def files_of(folder: Path) -> set[str]:
+    """Return every file of a folder but pictures, by its path there."""
+    paths = (path for path in folder.rglob("*") if path.is_file() and path.suffix not in PICTURES)
+    return {str(path.relative_to(folder)) for path in paths}
+
+
+def assert_the_same(before: object, after: object, name: str) -> None:
+    """Fail naming the first places where two meanings differ."""
+    found = list(differences(before, after, name))
+    assert not found, f"{AGAIN}:\n" + "\n".join(found[:10])
 
 
 @pytest.fixture(scope="module")
@@ -29,21 +63,107 @@ def now(tmp_path_factory):
     return {file.name: file for file in written(FOLDER / POSES, folder)}
 
 
-def test_a_saved_result_opens():
+@pytest.fixture(scope="module")
+def recorded_now(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recording")
+    recording.written(folder)
+    return folder
+
+
+def test_a_saved_result_of_format_1_opens():
     saved, made = read_npz(FOLDER / POSES), hand_track(FRAMES)
     assert saved.parameter_names == made.parameter_names
     assert saved.joint_names == made.joint_names
     np.testing.assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
 
 
-def test_the_same_files_are_written(now):
+def test_a_saved_result_of_format_2_opens():
+    saved, made = read_npz(RECORDING / POSES_2), recording.sample()
+    assert saved.definition is not None
+    assert saved.reason is not None
+    assert made.reason is not None
+    assert saved.reason.tolist() == made.reason.tolist()
+    assert saved.hand_length_mm == 181.5
+    np.testing.assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
+
+
+def test_a_saved_recording_opens(tmp_path):
+    folder = recording.copied(RECORDING, tmp_path)
+    session = Session.open(folder)
+    assert (session.name, session.fps, session.camera_names) == ("simulated still", 25.0, ("cam0", "cam1"))  # fmt: skip
+    assert read_rig(folder / layout.CALIBRATION_FILE)["cam1"].size == (64, 48)
+    first = read_first_pose(folder / layout.INIT_FILE).xyz
+    assert first is not None
+    assert first.shape == (21, 3)
+    assert read_first_pose(folder / "init_parameters.json").parameters == {"root_tx": 0.1, "index_mcp_flex": 0.3}  # fmt: skip
+    assert read_scale(folder / layout.HAND_FILE) == recording.SCALE
+    assert session.pins.frames == [0]
+    assert [pin.joint or pin.bone for pin in session.pins.of(0)] == ["index_tip", "middle_metacarpal"]  # fmt: skip
+
+
+def test_a_saved_session_file_with_every_key_opens():
+    path = RECORDING / "session" / "session_everything.toml"
+    assert read_session_file(path) == recording.EVERYTHING
+    text = path.read_text(encoding="utf-8")
+    for table in (RecordingSettings, HandSettings, CameraSettings):
+        assert not [entry.name for entry in fields(table) if f"{entry.name} = " not in text]
+
+
+def test_a_saved_take_opens(tmp_path):
+    store = Store(recording.copied(RECORDING, tmp_path) / layout.TRACKS_FOLDER)
+    (take,) = store.takes()
+    assert take.is_finished
+    assert not store.damage()
+    assert len(take.steps()) == len(recording.sample())
+    track = store.current_track()
+    assert track is not None
+    np.testing.assert_allclose(track.joint_positions, recording.sample().joint_positions, atol=1e-9)
+    assert [action.words for action in store.actions()] == ["handtrack track"]
+    assert store.known_files() == {"5be36c545ed450b44477e102644e4b27"}
+
+
+def test_a_saved_ledger_opens():
+    assert tuple(read_ledger(RECORDING / "batch" / "ledger.jsonl")) == recording.OUTCOMES
+
+
+def test_the_same_files_are_written(now, recorded_now):
     assert sorted(now) == sorted(file.name for file in FOLDER.iterdir() if file.name != POSES)
     assert len(now) > len(TEXTS)
+    assert files_of(recorded_now) == files_of(RECORDING)
 
 
 @pytest.mark.parametrize("name", sorted(f.name for f in FOLDER.iterdir() if f.name != POSES))
-def test_exports_are_what_they_were(now, name):
-    before, after = (parts(f.read_text(encoding="utf-8")) for f in (FOLDER / name, now[name]))
-    assert before[0] == after[0], "words or columns changed: a promise; tell it in the changelog"
-    close = [math.isclose(a, b, rel_tol=CLOSE, abs_tol=CLOSE) for a, b in zip(before[1], after[1], strict=True)]  # fmt: skip
-    assert all(close)
+def test_exports_of_text_are_what_they_were(now, name):
+    assert_the_same(meaning(FOLDER / name), meaning(now[name]), name)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_exports_say_what_they_said(tmp_path, name):
+    for package in (*export_format(name).needs, *(("mcap_ros2",) if name == "mcap" else ())):
+        pytest.importorskip(package.replace("-", "_"), reason="pip install -e '.[formats]'")
+    before = json.loads(MEANINGS.read_text(encoding="utf-8"))
+    assert_the_same(before[name], exported(name, tmp_path), name)
+
+
+@pytest.mark.parametrize("name", sorted(files_of(RECORDING)))
+def test_a_recordings_files_are_what_they_were(recorded_now, name):
+    if name.endswith(".log"):  # a segment of a log is read as the folder that it lies in
+        before, after = ((place / name).parent for place in (RECORDING, recorded_now))
+    else:
+        before, after = RECORDING / name, recorded_now / name
+    assert_the_same(meaning(before), meaning(after), name)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ({"a": 1}, {"a": 1, "b": 2}, "x: 'b' is new"),
+        ({"a": 1.0}, {"a": 1.00001}, "x/a: 1.00001, 1.0 before"),
+        ("tx 0.5 m", "tx 0.5 mm", "x: 'tx 0.5 mm', 'tx 0.5 m' before"),
+        ("tx 0.5 m", "tx 0.6 m", "x/0: 0.6, 0.5 before"),
+        ([1, 2], [1], "x: 1 entries, 2 before"),
+    ],
+)
+def test_a_difference_is_found_and_named(before, after, told):
+    assert list(differences(before, after, "x")) == [told]
+    assert not list(differences(before, before, "x"))

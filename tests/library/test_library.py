@@ -16,6 +16,7 @@ from handtrack import (
     JointPositionTerm,
     Keypoints,
     Observation,
+    Silhouette,
     Tracker,
     TrackerState,
     bundled_session,
@@ -26,6 +27,7 @@ from handtrack import (
 )
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.find_pose import find_first_pose
 from tests.conftest import REPOSITORY
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
@@ -106,11 +108,49 @@ def test_a_pose_from_joints_in_two_images():
     assert np.abs(HAND.keypoints21(HAND.bones(found[0].params)) - at).max() < 3e-3
 
 
+def test_all_frames_are_looked_at_until_one_shows_a_hand():
+    """The only one that says enough is neither the first, nor the middle, nor a quarter."""
+    params = posed(0.7)
+    tip = (HAND.joint_names.index("index_tip"),)
+    one = Keypoints(("index_tip",), HAND.joint_positions(HAND.bones(params))[list(tip)], 0.003)
+    seen = [Observation(frame, frame / 30, keypoints=(one,)) for frame in range(16)]
+    with pytest.raises(HandtrackError, match="no hand was found: 16 of 16 frames that show anything"):  # fmt: skip
+        find_first_pose(HAND, seen)
+    seen[11] = points(params, 11)
+    assert find_first_pose(HAND, seen).frame == 11
+    with pytest.raises(HandtrackError, match="0 of 16 frames"):
+        find_first_pose(HAND, seen, should_stop=lambda: True)
+
+
+def test_values_that_follow_need_not_be_given_and_may_not_contradict():
+    coupled = load_model("hand26", coupling="21")
+
+    def joint(params: np.ndarray, name: str) -> float:
+        return float(coupled.joint_params(params)[coupled.parameter_names.index(name)])
+
+    bent = coupled.params_from({"index_pip_flex": 0.6})
+    assert joint(bent, "index_pip_flex") == pytest.approx(0.6)
+    assert joint(bent, "index_dip_flex") == pytest.approx(0.4)
+    assert joint(coupled.params_from({"index_dip_flex": 0.4}), "index_pip_flex") == pytest.approx(0.6)  # fmt: skip
+    against = {"index_pip_flex": 0.6, "index_dip_flex": 0.0}
+    with pytest.raises(HandtrackError, match=r"the coupling '21' of 'hand26' does not allow index_.*nearest=True"):  # fmt: skip
+        coupled.params_from(against)
+    nearest = joint(coupled.params_from(against, nearest=True), "index_pip_flex")
+    assert nearest == pytest.approx(0.6 / (1 + 4 / 9))
+
+
 def test_nothing_to_find():
     assert find_pose(HAND, Observation(0, 0.0)) == []
     with pytest.raises(HandtrackError, match="is no whole hand.*model.params_from"):
-        find_pose(load_model("body34"), Observation(0, 0.0))
-    with pytest.raises(HandtrackError, match="no hand was found in 0 of 0 frames"):
+        find_pose(load_model("ball6"), Observation(0, 0.0))
+    body, mask = (
+        load_model("body34"),
+        Silhouette(CAMERAS["cam0"], np.ones(CAMERAS["cam0"].size[::-1])),
+    )
+    assert find_pose(body, Observation(0, 0.0)) == []
+    with pytest.raises(HandtrackError, match="'body34' is found by joints only.*frame 0 has none"):
+        find_pose(body, Observation(0, 0.0, (mask,)))
+    with pytest.raises(HandtrackError, match="no hand was found: 0 of 0 frames"):
         track(HAND, [Observation(0, 0.0)])
 
 

@@ -43,6 +43,16 @@ def test_a_body_offers_neck_arms_and_legs():
     assert arm.link.tolist() == [0, 0, 1, 1]  # the twist leaves the elbow and moves the wrist
 
 
+def test_an_arm_with_a_wrist_has_an_end_effector():
+    """A ball, a hinge and two freedoms more: the 2003 paper's three-joint limb; a foot's one hinge is no link that flips."""
+    model = load_model("body38")
+    chains = {chain.name: chain for chain in chains_of(model)}
+    arm = prepare(model, chains["left_arm"])
+    assert arm.chain.joints == ("left_shoulder", "left_elbow", "left_wrist", "left_hand")
+    assert arm.link.tolist() == [0, 0, 1, 1, 2, 2]
+    assert chains["left_leg"].joints == ("left_hip", "left_knee", "left_ankle")
+
+
 def test_the_trunks_twist_is_not_the_necks():
     model = load_model("body34")
     neck = chains_of(model)[0]

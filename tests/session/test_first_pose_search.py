@@ -16,9 +16,10 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose.first_pose_search import find_first_poses, spread_order
+from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
+from handtrack.tracking.find_pose import spread_order
 from handtrack.tracking.frame.settings import TrackerSettings
 from tests.session.small_session import edit, keypoints, make_session
 
@@ -136,9 +137,9 @@ def test_frames_are_tried_all_over_the_range():
         assert sorted(spread_order(range(count))) == list(range(count))
 
 
-def test_what_is_no_hand_is_refused(session):
+def test_a_body_without_joints_is_refused(session):
     run = TrackingRun.open(session, {"model.name": "body34"}, use_init=False)
-    with pytest.raises(HandtrackError, match="'body34' is no hand"):
+    with pytest.raises(HandtrackError, match="found by 2D joints only"):
         find_first_poses(run, 0)
 
 

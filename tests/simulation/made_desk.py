@@ -175,7 +175,10 @@ def compare(folder: Path, poses: Path) -> dict[str, float]:
 def triangulated_joints(session: Session, frames: Sequence[int]) -> Floats:
     """Return where a detector's joints, seen by several cameras, are in space (F, 21, 3) [m]; NaN where too few see one."""
     return np.stack(
-        [triangulated([p for v in session.views for p in v.keypoints(f, 1.0)]) for f in frames]
+        [
+            triangulated([p for v in session.views for p in v.keypoints(f, 1.0)], keypoint_names())
+            for f in frames
+        ]
     )
 
 

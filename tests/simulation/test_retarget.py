@@ -10,7 +10,7 @@ from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Keypoints
 from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
+from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_WRIST_JOINTS
 from handtrack.simulation.retarget import body_problem, fitted_model, retarget, retarget_errors
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.size.sized_problem import fit_size
@@ -107,3 +107,21 @@ def test_the_dance_is_fitted_to_half_a_centimetre(data_dir):
     errors = retarget_errors(model, clip.names, positions, retarget(model, clip.names, positions))
     assert np.median(errors) < 0.007
     assert np.percentile(errors, 95) < 0.03
+
+
+def test_wrists_follow_captured_hands():
+    """A CMU file tells of hands: body38 follows them where body34, whose wrists are stiff, cannot."""
+    names = tuple(CMU_WRIST_JOINTS)
+    hands = load_model("body38")
+    joint = hands.rest.copy()
+    for side, flex in (("left", 0.9), ("right", -0.7)):
+        joint[hands.skeleton.parameter(f"{side}_wrist_flex")] = flex
+        joint[hands.skeleton.parameter(f"{side}_elbow_flex")] = 1.0
+    places = joints_of(hands, joint[None], names)
+    errors = {}
+    for name in ("body34", "body38"):
+        model = load_model(name)
+        found = retarget(model, names, places)
+        errors[name] = retarget_errors(model, names, places, found)[0].max()
+    assert errors["body38"] < 0.003
+    assert errors["body34"] > 0.01

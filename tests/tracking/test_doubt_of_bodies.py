@@ -10,9 +10,16 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.observation.observation import (
+    ImageKeypoints,
+    ImageView,
+    Keypoints,
+    Observation,
+    Silhouette,
+)
 from handtrack.sampling.chains import chain_along
 from handtrack.sampling.interpretation_tree import interpretation_tree
+from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.doubt.mirrored import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
@@ -64,6 +71,26 @@ def test_an_arm_that_is_flipped_lies_within_what_is_stated():
     covariance = mirrored_covariance(_terms(_seen(true, FRONT), wrong), wrong)[WRIST]
     along = off / np.linalg.norm(off)
     assert np.linalg.norm(off) < 2.0 * np.sqrt(along @ covariance @ along)
+
+
+def test_one_camera_s_mask_or_image_leaves_flips_open_and_two_cameras_do_not():
+    """A limb's outline is nearly its flip's: what is stated contains it, and the frame is no tracked one."""
+    pose = _stepping()
+    mask = np.zeros(FRONT.size[::-1], np.float32)
+    mask[400:1500, 400:700] = 1.0
+    image = np.zeros((*FRONT.size[::-1], 3), np.uint8)
+    by_mask = Observation(0, 0.0, silhouettes=(Silhouette(FRONT, mask),))
+    by_image = Observation(0, 0.0, images=(ImageView(FRONT, image),))
+    edges = TrackerSettings().with_values({"edges.weight": 1.0})
+    for seen, settings in ((by_mask, TrackerSettings()), (by_image, edges)):
+        terms = frame_terms(BODY, settings, seen, BODY.bones(pose), None)
+        spread = np.sqrt(np.trace(mirrored_covariance(terms, pose)[WRIST]))
+        assert spread > 0.1
+        result = judged(terms, pose, 1.0, {}, np.zeros((len(BODY.joint_names), 3, 3)), ())
+        assert result.status != Status.TRACKED
+        beside = replace(seen, silhouettes=(*seen.silhouettes, Silhouette(SIDE, mask)))
+        terms = frame_terms(BODY, settings, beside, BODY.bones(pose), None)
+        assert not mirrored_covariance(terms, pose).any()
 
 
 @pytest.mark.parametrize("seen", ["two cameras", "points in space"])

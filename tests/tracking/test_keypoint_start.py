@@ -40,9 +40,10 @@ def error_mm(params, points):
 
 def test_two_cameras_give_points_in_space(rng):
     points = points_of(posed("rest", [0.3, 0.5, -0.2]))
-    found = triangulated(seen_by(CAMERAS[:2], points, rng, 0.0))
+    found = triangulated(seen_by(CAMERAS[:2], points, rng, 0.0), keypoint_names())
     assert found == pytest.approx(points, abs=1e-9)
-    assert np.isnan(triangulated(seen_by(CAMERAS[:1], points, rng))).all(), "one is not enough"
+    alone = triangulated(seen_by(CAMERAS[:1], points, rng), keypoint_names())
+    assert np.isnan(alone).all(), "one is not enough"
 
 
 def test_a_wrong_view_of_a_point_is_dropped(rng):
@@ -50,8 +51,10 @@ def test_a_wrong_view_of_a_point_is_dropped(rng):
     seen = seen_by(CAMERAS, points, rng, 0.0)
     seen[1].pixels[8] += 150.0
     seen[2].pixels[12] = np.nan
-    assert triangulated(seen) == pytest.approx(points, abs=1e-9)
-    assert np.isnan(triangulated(seen[:2])[8]).all(), "of two that disagree, neither is believed"
+    assert triangulated(seen, keypoint_names()) == pytest.approx(points, abs=1e-9)
+    assert np.isnan(triangulated(seen[:2], keypoint_names())[8]).all(), (
+        "of two that disagree, neither is believed"
+    )
 
 
 @pytest.mark.parametrize("turn", [[0.3, 0.5, -0.2], [0.0, 2.6, 0.4], [-1.3, 0.2, 2.0]])

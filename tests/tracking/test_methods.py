@@ -150,12 +150,13 @@ def ball_cloud():
     return points[points[:, 2] > 0.0]  # seen from one side
 
 
-@pytest.mark.parametrize(("distance", "beta"), [("d1", None), ("d2", None), ("d3", 400.0)])
+@pytest.mark.parametrize(("distance", "beta"), [("d1", 1.0), ("d2", 1.0), ("d3", 0.4)])
 def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     """F = K Σ d(X)² + (1 − K) Σ D(Y)² in square millimetres, halved: each point 1, no matter how far, on the whole surface."""
-    chosen = settings("paper2004", **{"cloud.balance": 0.3})
-    traits = replace(chosen.traits, distance=distance, sharpness_per_m=beta)
-    chosen = replace(chosen, traits=traits)
+    chosen = settings(
+        "paper2004",
+        **{"cloud.balance": 0.3, "cloud.distance": distance, "cloud.sharpness_per_mm": beta},
+    )
     behind = np.array([[0.0, -2.0, 0.0]])  # a view that sees none of what was measured
     points = np.concatenate([ball_cloud, ball_cloud[:5] + [0.0, 0.0, 0.05]])
     seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(behind,))
@@ -164,10 +165,10 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     assert found is not None
     assert found.prepared.count == len(points)  # 10 cm around
     cloud_side, model_side = cloud_terms(found, BALL, chosen, 1.2)
-    surface = MetaballSurface.of(BALL, beta or 1000.0, distance)
+    surface = MetaballSurface.of(BALL, 1e3 * beta, distance)
     e1 = float((merged(surface, bones, points)[0] ** 2).sum())
     assert cloud_side.cost(bones) == pytest.approx(0.5 * 0.3 * 1e6 * e1, rel=1e-6)
-    mesh = carried_mesh(BALL, bones, beta or 1000.0, distance)
+    mesh = carried_mesh(BALL, bones, 1e3 * beta, distance)
     e2 = float((cdist(mesh.vertices, points).min(axis=1) ** 2).sum())
     # by a map of 4 mm voxels, so within some percent
     assert model_side.cost(bones) == pytest.approx(0.5 * 0.7 * 1e6 * e2, rel=0.04)

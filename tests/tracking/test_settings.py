@@ -14,7 +14,7 @@ from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import NotAcceptedError, declared, setting
 from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED, REPLACED
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
-from handtrack_app.page.panels.controls import CONTROLS
+from handtrack_app.page.panels.controls import CONTROLS, EXPERT
 
 CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
             "solver.iterations", "tracker.jumps", "tracker.smoothing")  # fmt: skip
@@ -33,7 +33,9 @@ def test_there_are_no_more_settings_than_people_can_use():
 
 def test_page_and_docs_show_what_is_declared_and_nothing_else():
     on_page = [known.name for folder in CONTROLS.values() for known in folder]
-    assert sorted(on_page) == sorted(n for n, known in SETTINGS.items() if known.level == "user")
+    assert sorted(on_page) == sorted(n for n, known in SETTINGS.items() if known.label)
+    assert all(s.level == "user" for title, own in CONTROLS.items() for s in own if title != EXPERT)
+    assert all(s.level == "expert" for s in CONTROLS[EXPERT])
     in_docs = re.findall(r"^\| `([a-z_.]+)` \| (user|expert)", settings_page(), re.MULTILINE)
     assert dict(in_docs) == {n: s.level for n, s in (SETTINGS | CLOUD_SETTINGS).items()}
     assert len(in_docs) == len(SETTINGS) + len(CLOUD_SETTINGS)
@@ -47,8 +49,9 @@ def test_a_declaration_is_whole(name):
         assert known.accept(known.default) == known.default
     if known.choices and known.words:
         assert set(known.words) == set(known.choices)
-    if known.level == "user":
-        assert known.label
+    assert set(known.told) in (set(), set(known.choices))
+    assert known.label or known.level == "expert"
+    if known.label and name in SETTINGS:  # those of [clouds] have widgets of their own
         assert known.words or known.kind is bool or known.slider
     if known.slider is not None:
         low, high, _ = (end * known.page_unit for end in known.slider)
@@ -118,10 +121,10 @@ def test_what_is_no_setting_any_more_is_told_and_changes_nothing(name):
 
 
 def test_what_means_nothing_to_the_model_is_told():
-    settings = TrackerSettings().with_values({"prior.collision": False, "model.narrowing": False})
+    settings = TrackerSettings().with_values({"prior.collision": False, "model.fit_size": "later"})
     assert not settings.without_effect("hand")
     assert settings.without_effect("body") == [
-        "model.narrowing = false has no effect: it is about a hand, and the model is a body."
+        "model.fit_size = later has no effect: it is about a hand, and the model is a body."
     ]
 
 

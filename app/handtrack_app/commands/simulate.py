@@ -14,7 +14,8 @@ from handtrack_app.commands.terminal.output import check_new, new_folder
 from handtrack_app.commands.terminal.progress import progress_bar
 
 _LARGEST_IMAGE = 8192
-_USUAL = {"hand26": ("open_fist_open", 0.5), "body34": ("dance", 3.5)}
+_HAND, _BODY = ("open_fist_open", 0.5), ("dance", 3.5)
+_USUAL = {"hand26": _HAND, "body34": _BODY, "body38": _BODY}
 """motion and the cameras' distance [m] of a model"""
 _SCALES = (0.3, 3.0)
 _MOST_NOISE_MM = 100.0
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Raise HandtrackError for numbers that Simulation.check lets pass."""
-    known = tuple(BODY_MOTIONS if args.model == "body34" else MOTIONS)
+    known = tuple(MOTIONS if _USUAL[args.model] is _HAND else BODY_MOTIONS)
     if args.motion not in known:
         raise unknown_name("motion", args.motion, known, "--motion")
     if max(args.size) > _LARGEST_IMAGE:

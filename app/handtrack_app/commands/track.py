@@ -15,6 +15,7 @@ from pathlib import Path
 from handtrack.capture.images.frame_notes import listed
 from handtrack.diagnostics.review import queue_words, worth_a_look
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
 from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -40,7 +41,7 @@ from handtrack_app.commands.terminal.progress import (
     Stop,
     say,
     saying_compiling,
-    sizing_bar,
+    share_bar,
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
@@ -152,9 +153,10 @@ def _opened(
 ) -> TrackingRun | None:
     """Return the run with its hand, None when the user stopped it."""
     if fits:
-        say("fitting the hand's size …")
+        chosen = session.settings.with_values(overrides).model.name
+        say(f"fitting the {load_model(chosen or session.hand_model).kind}'s size …")
     try:
-        with sizing_bar() as tell:
+        with share_bar("sizing") as tell:
             run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
     except KeyboardInterrupt:
         return None

@@ -160,6 +160,8 @@ class Document:
             for kind, name in (keys.parts(key),)
             if kind == keys.SETTING and (value is not None or name in self.own_settings)
         }
+        if "method" in settings:  # the state says itself what that sets, and what was changed since
+            settings = run.settings.flat() | settings
         if settings:
             run = run.with_values(settings)
         if keys.SIZE in values:

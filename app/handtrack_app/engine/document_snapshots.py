@@ -19,10 +19,15 @@ from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
 from handtrack_app.engine.review.glance import numbers_of, queue, take_spans
+from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
     BEFORE,
+    CLOUD,
     HAND_REACH_M,
+    IMAGES,
+    KEYPOINTS,
+    SILHOUETTES,
     CameraCard,
     PartCard,
     PoseSnapshot,
@@ -31,6 +36,7 @@ from handtrack_app.protocol.snapshots import (
     TimelineSnapshot,
     WorkSnapshot,
 )
+from handtrack_app.protocol.timeline import PROBABILITY
 
 _BODY_REACH_M = 0.9
 _PART_GRID = (20, 16)  # points around and steps along a part that is drawn
@@ -88,6 +94,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         poses=pose_titles(model),
         model=model_words(model),
         kind=model.kind,
+        seen=seen_kinds(session),
         parts=part_cards(model),
         reach_m=model_reach(model),
         live=session.live is not None,
@@ -96,6 +103,20 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         offered_size=None if offered is None else offered.overall,
         offered_words="" if offered is None else hand_words(document.run.with_scale(offered).model),
     )
+
+
+def seen_kinds(session: RunSession) -> frozenset[str]:
+    """Return what a recording has of what can be seen of the model."""
+    cameras = [view.settings for view in session.views]
+    there = {
+        SILHOUETTES: any(
+            view.settings.masks is not None or view.corrections.frames for view in session.views
+        ),
+        CLOUD: session.has_clouds,
+        KEYPOINTS: any(camera.keypoints is not None for camera in cameras),
+        IMAGES: session.live is not None or any(camera.images is not None for camera in cameras),
+    }
+    return frozenset(kind for kind, is_there in there.items() if is_there)
 
 
 def work_snapshot(document: Document, saved: str) -> WorkSnapshot:
@@ -164,7 +185,8 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.is_found(frame))
     terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
-    lanes = {word: row.copy() for word, row in rows.lanes.items() if np.isfinite(row).any()}
+    told = {word: row for word, row in rows.lanes.items() if _is_told(document, word)}
+    lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
         document.accepted, queue(document), take_spans(document),
@@ -181,7 +203,7 @@ def timeline_change(document: Document) -> TimelineChange:
         if frame in document.by_hand:
             error[n] = _given_error(document, frame)
     terms = {word: values[row] for word, values in rows.terms.items()}
-    lanes = {word: values[row] for word, values in rows.lanes.items()}
+    lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
     return TimelineChange(
         document.frames, row, rows.status[row], rows.energy[row], error, terms, lanes
     )
@@ -293,3 +315,8 @@ def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
     vertices = np.split(mesh.local, len(parts))
     faces = mesh.faces[: len(mesh.faces) // len(parts)]
     return tuple(PartCard(int(b), v, faces) for b, v in zip(parts.bone, vertices, strict=True))
+
+
+def _is_told(document: Document, lane: str) -> bool:
+    """Whether a lane says something of the model: that a joint is 25 mm off is much for a hand, and usual for a body."""
+    return lane != PROBABILITY or document.model.kind == "hand"

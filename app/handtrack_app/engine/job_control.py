@@ -58,8 +58,8 @@ _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
     "preparing": "Preparing the first frame …",
-    "sizing": "Fitting the hand's size (once a session) …",
-    "finding": "Looking for the hand …",
+    "sizing": "Fitting the size (once a session) …",
+    "finding": "Looking for it in the images …",
     "carrying": "Carrying corrected masks on …",
     "refining": "Refining all frames together …",
 }
@@ -148,7 +148,7 @@ class JobControl:
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
         if document.live_scale is not None and order.anew and not document.by_hand:
-            self._store.do("Size of the hand as before refining", edits.size(document.live_scale))
+            self._store.do("Size as before refining", edits.size(document.live_scale))
         later = document.run.settings.model.fit_size == "later"
         if document.size_pending and not later and len(frames) > 1:
             document.begin_at(order.first)
@@ -218,7 +218,7 @@ class JobControl:
             raise HandtrackError(
                 "No size was fitted since the last tracking: there is none to take."
             )
-        self._store.do("Size of the hand", edits.size(document.offered_scale))
+        self._store.do("Size", edits.size(document.offered_scale))
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
         self.track(Track(document.frames.start, document.frames.stop, first, anew))
@@ -320,7 +320,7 @@ class JobControl:
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:
         document = self._document
         if not isinstance(job, SizingJob) or not job.is_late:
-            self._store.do("Size of the hand", edits.size(sized.scale))
+            self._store.do("Size", edits.size(sized.scale))
             self._publish(session_snapshot(document))
             self._publish(pose_snapshot(document))
         elif (

@@ -330,7 +330,7 @@ class SizingJob(BackgroundJob):
             self.post(Sized(self.number, scale))
 
     def _tell(self, share: float, words: str) -> None:
-        self.tell(share, f"Fitting the hand's size: {words}")
+        self.tell(share, f"Fitting the size: {words}")
 
 
 class FindingJob(BackgroundJob):

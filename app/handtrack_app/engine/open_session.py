@@ -11,6 +11,7 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
     read_more,
+    seen_kinds,
     session_snapshot,
     timeline_snapshot,
     work_snapshot,
@@ -142,10 +143,8 @@ class OpenSession:
             self._tuning.serve(request)
         elif isinstance(request, ReviewRequest):
             self._review.serve(request)
-        elif isinstance(request, CloudChange):
-            self._tuning.followed(lambda: self._clouds.serve(request))
-        elif isinstance(request, MaskChange):
-            self._tuning.followed(lambda: self._masks.serve(request))
+        elif isinstance(request, CloudChange | MaskChange):
+            self._see_otherwise(request)
         elif isinstance(request, Report):
             self._take(request)
         else:
@@ -250,6 +249,16 @@ class OpenSession:
             self._masks.tell()
             self._tuning.say_notes(known)
         self._show_all()
+
+    def _see_otherwise(self, change: CloudChange | MaskChange) -> None:
+        """Change clouds or masks; the page learns where there are some for the first time, or none any more."""
+        known = seen_kinds(self.document.run.session)
+        if isinstance(change, CloudChange):
+            self._tuning.followed(lambda: self._clouds.serve(change))
+        else:
+            self._tuning.followed(lambda: self._masks.serve(change))
+        if seen_kinds(self.document.run.session) != known:
+            self._show_session()
 
     def _say_warnings(self, *more: str) -> None:
         for warning in filter(None, (*more, *self.document.run.session.warnings)):
@@ -370,5 +379,5 @@ class OpenSession:
         if document.first_frame not in document.frames:
             raise HandtrackError(
                 f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
-                f"{len(document.frames) - 1} only. Pose the hand in one of these, and save the first-frame pose anew."
+                f"{len(document.frames) - 1} only. Pose the {document.model.kind} in one of these, and save the first-frame pose anew."
             )

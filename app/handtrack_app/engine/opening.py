@@ -83,7 +83,7 @@ def near_first_pose(run: TrackingRun, first: FirstPose | None) -> tuple[int, Flo
             return frame, model.clipped(placed_on_points(model, seen, model.rest))
     if first is not None and first.parameters:
         known = {n: v for n, v in first.parameters.items() if n in model.parameter_names}
-        return frame, model.params_from(known)
+        return frame, model.params_from(known, nearest=True)
     return frame, placed_in_view(run)
 
 
@@ -126,7 +126,8 @@ _BY_HAND = (
 NO_POSE = {
     "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
     + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": _BY_HAND.format(kind="body", pose="Pose"),
+    "body": "Press 'Find the body', where a detector saw its joints. Or pose it: "
+    + _BY_HAND.format(kind="body", pose="Pose"),
 }
 """what to do where nobody said where the hand or the body is, by kind of model"""
 

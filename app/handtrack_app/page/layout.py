@@ -69,7 +69,7 @@ class PageLayout:
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
         page.on(self.again, lambda _: page.send(StartAgain()))
         tabs = gui.add_tab_group()
-        self.keys = Keys(gui)
+        self.keys = Keys(gui, page.words)
         self.help = Help(page, self.keys)
         self.room = Room(page, self.keys)
         zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls, self.keys)
@@ -127,6 +127,7 @@ class PageLayout:
     def fit(self, session: SessionSnapshot) -> None:
         """Make all panels fit a session."""
         self.snapshot = session
+        self.page.words.fit(session)
         for panel in (
             self.session,
             self.pose,

@@ -17,6 +17,7 @@ import viser
 from viser._messages import GuiUpdateMessage
 
 from handtrack_app.page.state import UserState
+from handtrack_app.page.worded import Worded
 from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ class Page:
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
     everyones: set[str] = field(default_factory=set)
     """ids of commands that also a page may give that looks on"""
+    words: Worded = field(default_factory=Worded)
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
@@ -202,6 +204,7 @@ class Keys:
     """Registers commands with their keys; the palette (Ctrl-K) has them too."""
 
     gui: viser.GuiApi
+    words: Worded = field(default_factory=Worded)
     known: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
 
@@ -210,7 +213,8 @@ class Keys:
     ) -> str:
         """Let a key do something, or the palette alone (None); `action` gets viser's event. Return the command's id."""
         hotkey = cast("HotkeyKey | None", key)
-        command = self.gui.add_command(words, hotkey=hotkey, modifier=modifier)
+        command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
+        self.words.on(command, label=words)
         command.on_trigger(action)
         if key is not None:
             shown = _KEY_WORDS.get(key, key)
@@ -221,7 +225,7 @@ class Keys:
         """Return the list of keys for the page."""
         rows = "".join(
             f"<tr><td style='white-space:nowrap;padding-right:1em'><kbd>{html.escape(key)}</kbd></td>"
-            f"<td style='opacity:.8'>{html.escape(words)}</td></tr>"
+            f"<td style='opacity:.8'>{html.escape(self.words.of(words))}</td></tr>"
             for key, words in (*self.known, ("Ctrl K", "All commands, by name"))
         )
         return (

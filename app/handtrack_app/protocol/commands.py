@@ -174,6 +174,8 @@ class Export:
 
     kind: str
     client_id: int
+    up: str = ""
+    """which of the world's axes points up, for formats whose readers take one for it; empty: nothing is turned"""
 
 
 @dataclass(frozen=True)

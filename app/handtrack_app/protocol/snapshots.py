@@ -53,6 +53,11 @@ class CameraCard:
         return cls(camera.name, camera.size, camera.matrix.copy(), rotation, camera.centre.copy())
 
 
+SILHOUETTES, CLOUD, KEYPOINTS, IMAGES = "silhouettes", "cloud", "keypoints", "images"
+SEEN = frozenset({SILHOUETTES, CLOUD, KEYPOINTS, IMAGES})
+"""kinds of what a recording can show of the model"""
+
+
 @dataclass(frozen=True)
 class SessionSnapshot:
     """What is open: everything the page is built from."""
@@ -90,6 +95,8 @@ class SessionSnapshot:
     """the pose library"""
     kind: str = "hand"
     """`hand` or `body`"""
+    seen: frozenset[str] = SEEN
+    """of SEEN, what there is in the recording"""
     parts: tuple[PartCard, ...] = ()
     """what is drawn of a body instead of ellipsoids"""
     reach_m: float = HAND_REACH_M

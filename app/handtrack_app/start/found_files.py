@@ -7,6 +7,8 @@ from pathlib import Path
 
 from handtrack.capture.calibration.formats.given_rig import GivenRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
+from handtrack.capture.calibration.formats.settle import named
+from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.errors import HandtrackError
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
@@ -25,6 +27,8 @@ class FoundFiles:
     """its cameras, in its own unit"""
     unused: tuple[Path, ...]
     """videos of no camera"""
+    project: Path | None = None
+    """the folder, where it is a Pose2Sim project: `new` finds videos and 2D joints in it"""
 
 
 def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
@@ -32,6 +36,8 @@ def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
 
     Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
     """
+    if is_pose2sim(folder):
+        return _project(folder, calibration)
     if not folder.is_dir():
         raise HandtrackError(
             f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
@@ -57,6 +63,13 @@ def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
     by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
     unused = tuple(path for path in videos if path not in by_camera.values())
     return FoundFiles(by_camera, calibration, given, unused)
+
+
+def _project(folder: Path, calibration: Path | None) -> FoundFiles:
+    project = read_pose2sim(folder, calibration)
+    cameras = list(project.keypoints)
+    given, _ = named(read_calibration([project.calibration]), cameras, str(project.calibration))
+    return FoundFiles(dict(project.videos), project.calibration, given, (), folder)
 
 
 def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:

@@ -31,7 +31,13 @@ _MASKS = {
     "background": "background_median",
     "none": "none",
 }
-_AS_SEEN = "as it is seen"
+_TRACKED: dict[str, tuple[str, ...]] = {
+    "as it is seen": (),
+    "a right hand": ("--side", "right"),
+    "a left hand": ("--side", "left"),
+    "a body": ("--model", "body34"),
+}
+"""words → what `new` is told"""
 _LINES = 14
 """of a command are shown"""
 
@@ -118,9 +124,12 @@ class StartPage:
             for name, path in found.videos.items()
         )
         unused = "".join(f"<div>not used: {html.escape(path.name)}</div>" for path in found.unused)
+        family = found.given.family if found.given else ""
+        if found.project is not None:
+            family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
         self.found.content = (
             f"<div style='padding:.2em .9em;font-size:.8em'><table>{rows}</table>{unused}"
-            f"<div style='opacity:.7'>{html.escape(found.given.family if found.given else '')}</div></div>"
+            f"<div style='opacity:.7'>{html.escape(family)}</div></div>"
         )
         self.make.visible = self.out.visible = True
         self._show_rig(found)
@@ -144,11 +153,13 @@ class StartPage:
             raise HandtrackError("first look into a folder with videos and a calibration.")
         out = Path(self.out.value.strip()).expanduser()
         args = ["new", "--out", str(out), "--calibration", str(found.calibration)]
-        for name, path in found.videos.items():
+        if found.project is not None:
+            args += ["--project", str(found.project)]
+        for name, path in found.videos.items() if found.project is None else ():
             args += ["--video", f"{name}={path}"]
         masks = _MASKS[self.masks.value]
         args += [] if masks is None else ["--masks", masks]
-        args += [] if self.side.value == _AS_SEEN else ["--side", self.side.value]
+        args += _TRACKED[self.tracked.value]
         unit = self.unit.value.strip()
         args += [f"--world-unit-m={unit}"] if unit else []
         for option, box in (
@@ -181,19 +192,21 @@ class StartPage:
         )
         self._on(gui.add_button("Look into it", icon=viser.Icon.SEARCH), self.look)
         self.found = gui.add_html("")
-        self.side = gui.add_dropdown(
-            "Hand", (_AS_SEEN, "right", "left"), hint="Seen by the hand detector, where its weights are installed; else right.",
+        self.tracked = gui.add_dropdown(
+            "Tracked", tuple(_TRACKED),
+            hint="As it is seen: a body where the 2D joints are a body's; else a hand, right or left as the hand detector sees it "
+            "where its weights are installed, else right.",
         )  # fmt: skip
         self.unit = gui.add_text(
             "Unit in metres",
             "",
             hint="Of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
-            "counted in squares. Empty: as its form says, or as fits a hand.",
+            "counted in squares. Empty: as its form says, or as fits what is tracked.",
         )
         self.masks = gui.add_dropdown(
             "Masks by",
             tuple(_MASKS),
-            hint="How the hand is told from the rest of the image; to be changed later.",
+            hint="How the hand or body is told from the rest of the image; to be changed later.",
         )
         self.scaled = gui.add_checkbox(
             "Videos are scaled",
@@ -208,7 +221,7 @@ class StartPage:
         self.track = gui.add_checkbox(
             "Track it, too",
             False,
-            hint="Finds the hand in the images, where the detector's weights are installed, and tracks all frames.",
+            hint="Finds the hand in the images, where the detector's weights are installed, or the body by its 2D joints, and tracks all frames.",
         )
         self.out = gui.add_text("Make it in", "", visible=False)
         self.make = gui.add_button("Make it and open", icon=viser.Icon.WAND, visible=False)

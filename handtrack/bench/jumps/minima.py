@@ -6,17 +6,18 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, M, N, P
+from handtrack.arrays import Array, Floats, M, N, P
 from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import Tails, covariance_scaled, projected, spherical
 from handtrack.sampling.hypotheses import MERGED_RAD, distinct
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
+from handtrack.sampling.polish import Polished
 from handtrack.simulation.scenes.jump_scene import (
     KJS1,
     KJS2,
@@ -31,6 +32,7 @@ SCALES: tuple[tuple[float, Tails], ...] = (
     (1.0, "gaussian"), (4.0, "gaussian"), (8.0, "gaussian"), (16.0, "gaussian"), (1.0, "cauchy"),
 )  # fmt: skip
 EVERYTHING = ("neck", *LIMBS)
+GOOD_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,9 @@ class Row:
     """share of samples that reach a minimum: gradient below tolerance, Hessian positive on the free directions"""
     seconds: float
     """drawing and polishing, processor time of one thread"""
+    good: int = 0
+    """of the minima: those that cost no more than GOOD_SIGMAS standard deviations above the least that any row found"""
+    good_at_equal: int = 0
 
     @property
     def minima_per_second(self) -> float:
@@ -70,6 +75,10 @@ class Sampled:
     raw: Floats[N, P]
     found: Floats[M, P]
     """distinct minima"""
+    cost: Floats[M]
+    """theirs"""
+    cost_at_equal: Floats[M]
+    """of those among the first few samples"""
 
 
 def sampled(
@@ -82,17 +91,24 @@ def sampled(
     seconds = time.process_time() - begin
     good = ends.is_minimum
     assert np.allclose(ends.params, projected(scene.model, ends.params)), "a minimum beyond limits"
-    found = ends.params[good][distinct(ends.params[good], ends.cost[good])]
-    few = good & (np.arange(len(raw)) < equal)
+    found, cost = _different(ends, good)
+    _, cost_at_equal = _different(ends, good & (np.arange(len(raw)) < equal))
     costs = scene_costs(scene, np.concatenate([raw, found])) - scene.start_cost
     far = parameter_distance(scene, np.concatenate([raw, found]))
     deep = std_distance(scene, np.concatenate([raw, found]))
     medians = [_medians(each, len(raw)) for each in (far, deep, costs)]
     row = Row(
-        name, scale, len(raw), len(found), len(distinct(ends.params[few], ends.cost[few])),
+        name, scale, len(raw), len(found), len(cost_at_equal),
         *medians[0], *medians[1], *medians[2], float(good.mean()), seconds,
     )  # fmt: skip
-    return Sampled(row, raw, found)
+    return Sampled(row, raw, found, cost, cost_at_equal)
+
+
+def _different(ends: Polished, rows: Array[N]) -> tuple[Floats[M, P], Floats[M]]:
+    """Return the different minima among rows of where samples ended, and their costs."""
+    params, cost = ends.params[rows], ends.cost[rows]
+    chosen = distinct(params, cost)
+    return params[chosen], cost[chosen]
 
 
 def _medians(values: Floats, count: int) -> tuple[float, float]:
@@ -120,10 +136,19 @@ def std_distance(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
     return np.sqrt(np.einsum("np,np->n", off, np.linalg.solve(scene.covariance, off.T).T))
 
 
-def table(scene: JumpScene, samples: int = SAMPLES, seed: int = 0) -> list[Sampled]:
-    """Return the rows: KJS1, KJS2, all chains at once, covariance-scaled and spherical samples at all scales."""
-    equal = len(scene.tree(KJS1))
-    jumps = {"KJS1": KJS1, "KJS2": KJS2, "KJS all": EVERYTHING}
+def table(
+    scene: JumpScene,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    whole: Sequence[str] = EVERYTHING,
+    like: Sequence[str] = KJS1,
+) -> list[Sampled]:
+    """Return the rows: KJS1, KJS2, the chains `whole` at once, covariance-scaled and spherical samples at all scales.
+
+    like: the chains whose leaves are as many as the first samples that are counted too.
+    """
+    equal = len(scene.tree(like))
+    jumps = {"KJS1": KJS1, "KJS2": KJS2, "KJS all": whole}
     rows = [
         sampled(scene, name, "", lambda limbs=limbs: scene.tree(limbs).params, equal)
         for name, limbs in jumps.items()
@@ -138,7 +163,18 @@ def table(scene: JumpScene, samples: int = SAMPLES, seed: int = 0) -> list[Sampl
 
             shown = f"{scale:g}" if tails == "gaussian" else f"{scale:g}/HT"
             rows.append(sampled(scene, name, shown, draw, equal))
-    return rows
+    most = min(row.cost.min(initial=np.inf) for row in rows) + 0.5 * GOOD_SIGMAS**2
+    return [
+        replace(
+            each,
+            row=replace(
+                each.row,
+                good=int((each.cost <= most).sum()),
+                good_at_equal=int((each.cost_at_equal <= most).sum()),
+            ),
+        )
+        for each in rows
+    ]
 
 
 @dataclass(frozen=True)
@@ -213,12 +249,13 @@ def measure(samples: int = SAMPLES, poses: int = POSES) -> dict[str, Any]:
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table as text."""
     lines = [
-        "| | scale | samples | minima | in the first few | distance raw | found | std raw | found | cost raw | found | minima/s |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| | scale | samples | minima | in the first few | good | in the first few | distance raw | found | std raw | found | cost raw | found | minima/s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         lines.append(
             f"| {row.name} | {row.scale} | {row.samples} | {row.minima} | {row.minima_at_equal} | "
+            f"{row.good} | {row.good_at_equal} | "
             f"{row.distance_raw:.2f} | {row.distance_found:.2f} | {row.std_raw:.1f} | {row.std_found:.1f} | "
             f"{row.cost_raw:.4g} | {row.cost_found:.3g} | {row.minima_per_second:.3g} |"
         )

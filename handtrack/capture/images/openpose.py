@@ -35,6 +35,19 @@ def _both(rows: Mapping[str, tuple[int, int]]) -> dict[str, int]:
     }
 
 
+_BODY = ("pose_keypoints_2d",)
+_COCO = {"nose": 0} | _both(
+    {
+        "shoulder": (5, 6), "elbow": (7, 8), "wrist": (9, 10),
+        "hip": (11, 12), "knee": (13, 14), "ankle": (15, 16),
+    }
+)  # fmt: skip
+_LIMBS = ("shoulder", "elbow", "wrist", "hand", "hip", "knee", "ankle", "toe")
+_BODY_JOINTS = (
+    *("pelvis", "chest", "neck", "head", "nose", "head_top"),
+    *(f"{side}_{joint}" for side in ("left", "right") for joint in _LIMBS),
+)
+"""all joints of body34: what named points are written as"""
 _LEFT, _RIGHT = "hand_left_keypoints_2d", "hand_right_keypoints_2d"
 _FINGERS = {
     "thumb": ("cmc", "mcp", "ip", "tip"),
@@ -47,7 +60,7 @@ _HAND = {"wrist": 0} | {
 }
 LAYOUTS: dict[str, Layout] = {
     "body_25": Layout(
-        ("pose_keypoints_2d",),
+        _BODY,
         25,
         {"nose": 0, "neck": 1, "pelvis": 8}
         | _both(
@@ -58,7 +71,7 @@ LAYOUTS: dict[str, Layout] = {
         ),
     ),
     "body_25b": Layout(
-        ("pose_keypoints_2d",),
+        _BODY,
         25,
         {"nose": 0, "neck": 17, "head_top": 18}
         | _both(
@@ -68,10 +81,61 @@ LAYOUTS: dict[str, Layout] = {
             }
         ),
     ),
+    "coco18": Layout(
+        _BODY,
+        18,
+        {"nose": 0, "neck": 1}
+        | _both(
+            {
+                "shoulder": (5, 2), "elbow": (6, 3), "wrist": (7, 4),
+                "hip": (11, 8), "knee": (12, 9), "ankle": (13, 10),
+            }
+        ),
+    ),
+    "coco17": Layout(_BODY, 17, _COCO),
+    "halpe26": Layout(
+        _BODY,
+        26,
+        {**_COCO, "head_top": 17, "neck": 18, "pelvis": 19} | _both({"toe": (20, 21)}),
+    ),
+    "coco133": Layout(_BODY, 133, _COCO | _both({"toe": (17, 20), "index": (96, 117), "pinky": (108, 129)})),
+    "mediapipe33": Layout(
+        _BODY,
+        33,
+        {"nose": 0}
+        | _both(
+            {
+                "shoulder": (11, 12), "elbow": (13, 14), "wrist": (15, 16),
+                "hip": (23, 24), "knee": (25, 26), "ankle": (27, 28), "toe": (31, 32),
+                "index": (19, 20), "pinky": (17, 18),
+            }
+        ),
+    ),
+    "body22": Layout(_BODY, 22, {name: row for row, name in enumerate(_BODY_JOINTS)}),
     "hand_left": Layout((_LEFT,), 21, _HAND),
     "hand_right": Layout((_RIGHT,), 21, _HAND),
     "mediapipe21": Layout((_RIGHT, _LEFT), 21, _HAND),
 }  # fmt: skip
+
+
+def is_body(layout: Layout) -> bool:
+    """Return whether a layout is a body's, not a hand's."""
+    return layout.keys == _BODY
+
+
+def body_points(path: Path) -> list[Floats[K, D3]]:
+    """Return column and row [px] and confidence of all people of a file, in whatever order of points; without those that have none.
+
+    Points that were not found are NaN with confidence 0. Raises HandtrackError.
+    """
+    people = []
+    for number, person in enumerate(_read(path)):
+        values = person.get(_BODY[0]) if isinstance(person, Mapping) else None
+        if isinstance(values, list) and values:
+            points = _points(values, len(values) // 3, f"{path}: '{_BODY[0]}' of person {number}")
+            if points is not None:
+                people.append(points)
+    return people
 
 
 def read_openpose(path: Path, layout: Layout) -> Floats[K, D3] | None:
@@ -96,16 +160,21 @@ def _people(path: Path, layout: Layout) -> Iterator[Floats]:
         key, values = _values(person, layout, f"{path}: person {number}")
         if len(values) == 0:
             continue
-        if len(values) != 3 * layout.count or not all(isinstance(v, (int, float)) for v in values):
-            raise HandtrackError(
-                f"{path}: '{key}' of person {number} has {len(values)} values; expected {layout.count} times "
-                "x, y, confidence."
-            )
-        points = np.array(values, dtype=float).reshape(layout.count, 3)
-        missing = ~np.isfinite(points).all(axis=1) | (points[:, 2] <= 0)
-        points[missing] = (np.nan, np.nan, 0.0)
-        if not missing.all():
+        points = _points(values, layout.count, f"{path}: '{key}' of person {number}")
+        if points is not None:
             yield points
+
+
+def _points(values: Sequence[Any], count: int, who: str) -> Floats[K, D3] | None:
+    """Return (count, 3); None where no point was found. Raises HandtrackError for other numbers."""
+    if len(values) != 3 * count or not all(isinstance(v, (int, float)) for v in values):
+        raise HandtrackError(
+            f"{who} has {len(values)} values; expected {count} times x, y, confidence."
+        )
+    points = np.array(values, dtype=float).reshape(count, 3)
+    missing = ~np.isfinite(points).all(axis=1) | (points[:, 2] <= 0)
+    points[missing] = (np.nan, np.nan, 0.0)
+    return None if missing.all() else points
 
 
 def _values(person: Any, layout: Layout, who: str) -> tuple[str, Sequence[Any]]:
@@ -127,16 +196,21 @@ def _values(person: Any, layout: Layout, who: str) -> tuple[str, Sequence[Any]]:
 
 
 def write_hand(path: Path, points: Floats[K, D3] | None, side: str, writer: str) -> None:
-    """Write one hand's 21 points, or that none was found, as OpenPose does.
+    """Write one hand's 21 points, or that none was found, as OpenPose does. side: right or left."""
+    write_points(path, points, LAYOUTS[f"hand_{side}"], writer)
 
-    points: column and row [px], confidence; where that is 0 the point counts as missing. side: right or left.
-    writer: a mark that `written_by` finds again.
+
+def write_points(path: Path, points: Floats[K, D3] | None, layout: Layout, writer: str) -> None:
+    """Write one hand's or person's points, or that none was found, as OpenPose does.
+
+    points: column and row [px], confidence; where that is 0 the point counts as missing. writer: a mark that `written_by`
+    finds again.
     """
     people = []
     if points is not None:
         rows = np.where(points[:, 2:] > 0, points, 0.0)
         numbers = [round(float(value), 4) for value in rows.reshape(-1)]
-        people = [{_RIGHT if side == "right" else _LEFT: numbers}]
+        people = [{layout.keys[0]: numbers}]
     table = {"version": 1.3, "writer": writer, "people": people}
     replace_text(path, json.dumps(table) + "\n")
 

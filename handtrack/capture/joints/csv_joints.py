@@ -10,7 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from handtrack.arrays import D3, F, Floats, M, N
 from handtrack.capture.images.frames import frame_number
+from handtrack.capture.joints.body_names import body_of, cleaned, is_numbered, named_bodies
+from handtrack.capture.joints.body_points import NAMED, BodyPoints, GivenBodies, checked_bodies
 from handtrack.capture.joints.given_joints import (
     GivenJoints,
     Hand,
@@ -88,8 +91,19 @@ def table_joints(
     family: str, names: Sequence[str], columns: np.ndarray[tuple[int, int, int], np.dtype[np.float64]],
     frames: Sequence[int], where: str, layout: str | None = None,
 ) -> GivenJoints:  # fmt: skip
-    """Return joints from points by name. columns: (F, N, 3), column, row [px], confidence."""
-    sides, unknown = named_points(names, where)
+    """Return joints from points by name: a hand's, a body's, or both. columns: (F, N, 3), column, row [px], confidence.
+
+    Raises HandtrackError where they are neither's.
+    """
+    bodies = bodies_of_table(names, columns[:, None], frames, where)
+    if bodies is not None and bodies.layout is None:  # numbered, and not as a hand's are
+        return GivenJoints(family, {}, layout=layout, bodies=bodies)
+    try:
+        sides, unknown = named_points(names, where)
+    except HandtrackError:
+        if bodies is None:
+            raise
+        return GivenJoints(family, {}, layout=layout, bodies=bodies)
     hands: dict[str, dict[int, Hand]] = {}
     for side, chosen in sides.items():
         points, ours = list(chosen), list(chosen.values())
@@ -102,7 +116,31 @@ def table_joints(
         hands = {"": next(iter(hands.values()))}
     seen = [np.abs(columns[:, list(chosen), :2]) for chosen in sides.values()]
     largest = max((float(np.nanmax(part)) for part in seen if np.isfinite(part).any()), default=0.0)
-    return GivenJoints(family, hands, largest <= _SHARES, layout, unknown)
+    return GivenJoints(family, hands, largest <= _SHARES, layout, unknown, bodies=bodies)
+
+
+def bodies_of_table(
+    names: Sequence[str], columns: Floats[F, M, N, D3], frames: Sequence[int], where: str
+) -> GivenBodies | None:
+    """Return the bodies of several tracks' points by name; None where the names are no body's. Raises HandtrackError.
+
+    Points that are but numbered from 0 are some detector's, as many as there are.
+    """
+    places = named_bodies(names)
+    if places is None and not is_numbered(names):
+        return None
+
+    def body(points: Floats[N, D3]) -> BodyPoints:
+        return cleaned(points) if places is None else body_of(points, places)
+
+    people = {
+        frame: [one for one in map(body, tracks) if (one[:, 2] > 0).any()]
+        for frame, tracks in zip(frames, columns, strict=True)
+    }
+    used = columns[..., list(places), :2] if places else columns[..., :2]
+    largest = float(np.nanmax(np.abs(used))) if np.isfinite(used).any() else 0.0
+    unknown = tuple(name for i, name in enumerate(names) if places and i not in places)
+    return checked_bodies(people, where, largest <= _SHARES, NAMED if places else None, unknown)
 
 
 def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> GivenJoints:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D2, D3, D21, Floats, N
-from handtrack.capture.images.openpose import write_hand
+from handtrack.capture.images.openpose import LAYOUTS, write_points
+from handtrack.capture.joints.body_points import GivenBodies
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.errors import HandtrackError
 
@@ -33,6 +34,12 @@ class GivenJoints:
     unknown: tuple[str, ...] = ()
     """names of points that are none of a hand's 21."""
     notes: tuple[str, ...] = field(default=())
+    bodies: GivenBodies | None = None
+
+    @property
+    def has_hand(self) -> bool:
+        """Whether a hand is in some frame."""
+        return any(self.hands.values())
 
     def hand(self, side: str | None, where: str) -> tuple[str, Mapping[int, Hand]]:
         """Return the side and the frames of the hand asked for; where nothing is asked for, of the one that is there.
@@ -99,7 +106,7 @@ def frame_of(value: float, where: str) -> int:
     return int(value)
 
 
-def in_pixels(hand: Hand, size: tuple[int, int]) -> Hand:
+def in_pixels(hand: Floats[N, D3], size: tuple[int, int]) -> Floats[N, D3]:
     """Return points given as shares of an image, from edge to edge, in pixels, which count from the first one's centre.
 
     size: width, height [px].
@@ -109,8 +116,9 @@ def in_pixels(hand: Hand, size: tuple[int, int]) -> Hand:
     return points
 
 
-def write_joints(frames: Mapping[int, Hand], side: str, folder: Path) -> None:
-    """Write a file a frame, as a session reads them, to a new folder. frames: in pixels."""
+def write_joints(frames: Mapping[int, Floats[N, D3]], layout: str, folder: Path) -> None:
+    """Write a file a frame, as a session reads them by a `keypoint_layout`, to a new folder. frames: in pixels."""
     folder.mkdir(parents=True)
-    for frame, hand in frames.items():
-        write_hand(folder / f"{frame:06d}.json", np.nan_to_num(hand), side, "handtrack new")
+    for frame, points in frames.items():
+        path = folder / f"{frame:06d}.json"
+        write_points(path, np.nan_to_num(points), LAYOUTS[layout], "handtrack new")

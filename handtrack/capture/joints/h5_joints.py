@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.joints.csv_joints import table_joints
+from handtrack.capture.joints.csv_joints import bodies_of_table, table_joints
 from handtrack.capture.joints.given_joints import GivenJoints
 from handtrack.errors import HandtrackError
 
@@ -101,14 +101,17 @@ def _sleap(file: Any, path: Path) -> GivenJoints:
 def _by_names(
     names: list[str], places: np.ndarray, sure: np.ndarray, path: Path, family: str
 ) -> GivenJoints:
-    """places: (tracks, frames, nodes, 2)."""
+    """places: (tracks, frames, nodes, 2). sure: (tracks, frames, nodes)."""
+    every = np.concatenate([places, np.nan_to_num(sure, nan=1.0)[..., None]], axis=-1)
+    bodies = bodies_of_table(names, every.transpose(1, 0, 2, 3), range(every.shape[1]), str(path))
+    if bodies is not None:
+        return GivenJoints(family, {}, bodies=bodies)
     seen = np.isfinite(places).all(axis=-1).sum(axis=(1, 2))
     if (seen > 0).sum() > 1:
         raise HandtrackError(
             f"{path}: {int((seen > 0).sum())} animals or hands (tracks); export one, or name its points by side."
         )
-    best = int(np.argmax(seen))
-    columns = np.concatenate([places[best], np.nan_to_num(sure[best], nan=1.0)[..., None]], axis=-1)
+    columns = every[int(np.argmax(seen))]
     return table_joints(family, names, columns, range(len(columns)), str(path))
 
 

@@ -11,10 +11,13 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.capture.images.frames import frame_number
-from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
+from handtrack.capture.joints.body_names import cleaned
+from handtrack.capture.joints.body_points import BODY_LAYOUTS, BodyPoints, checked_bodies
 from handtrack.capture.joints.given_joints import GivenJoints, Hand, frame_of, hand_of
 from handtrack.capture.joints.joint_names import JOINTS
 from handtrack.errors import HandtrackError
+from handtrack.files.text_files import read_text
 
 _MEDIAPIPE = (
     "hand_landmarks",
@@ -23,8 +26,11 @@ _MEDIAPIPE = (
     "multi_hand_landmarks",
     "multiHandLandmarks",
 )
+_POSE = ("pose_landmarks", "poseLandmarks")
+_POSE_POINTS = BODY_LAYOUTS["mediapipe33"].count
 _SIDES = ("handedness", "handednesses", "multi_handedness", "multiHandedness")
-_WHOLE_BODY = {133: {"left": 91, "right": 112}, 21: {"": 0}}
+_WHOLE = BODY_LAYOUTS["coco133"].count
+_WHOLE_BODY = {_WHOLE: {"left": 91, "right": 112}, 21: {"": 0}}
 """by how many points a person has: where the hands' 21 begin"""
 _MIRRORED = {"left": "right", "right": "left"}
 _SHARES = 2.0  # coordinates up to here are shares of the image: no hand is seen within two pixels
@@ -33,7 +39,7 @@ _SHARES = 2.0  # coordinates up to here are shares of the image: no hand is seen
 def read_json_joints(tree: Any, where: str) -> GivenJoints | None:
     """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
     frames = list(_frames(tree, where))
-    if any(_landmarks(entry) is not None for _, entry in frames):
+    if any(_landmarks(entry) is not None or _pose(entry) for _, entry in frames):
         return _mediapipe(frames, where)
     people = [(frame, person) for frame, entry in frames for person in _people(entry)]
     return _whole_body(people, frames, where) if people else None
@@ -95,7 +101,9 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
     hands: dict[str, dict[int, Hand]] = {}
     for frame, entry in frames:
         labels = _labels(entry)
-        for i, points in enumerate(_hands(_landmarks(entry) or [])):
+        for i, points in enumerate(_lists(_landmarks(entry) or [], len(JOINTS))):
+            if len(points) == _POSE_POINTS:
+                continue
             hand = _landmark_hand(points, f"{where}: frame {frame}")
             said = labels[i] if i < len(labels) else ""
             hands.setdefault(said, {}).setdefault(frame, hand)
@@ -111,18 +119,54 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
         (float(np.nanmax(np.abs(h[:, :2]))) for f in hands.values() for h in f.values()),
         default=0.0,
     )
-    return GivenJoints("MediaPipe's JSON", hands, largest <= _SHARES, "mediapipe21", (), notes)
+    people = {
+        frame: [_pose_person(one, where, frame) for one in _pose(entry)] for frame, entry in frames
+    }
+    seen = [np.abs(person[:, :2]) for found in people.values() for person in found]
+    shares = (
+        max((float(np.nanmax(points)) for points in seen if np.isfinite(points).any()), default=0.0)
+        <= _SHARES
+    )
+    bodies = checked_bodies(people, where, shares, "mediapipe33")
+    return GivenJoints(
+        "MediaPipe's JSON", hands, largest <= _SHARES, "mediapipe21", (), notes, bodies
+    )
 
 
-def _hands(found: list[Any]) -> list[Any]:
-    """Return the hands of a frame: a list of lists of points, or of one hand's points."""
+def _pose(entry: Any) -> list[Any]:
+    """Return the people of a frame, each a list of MediaPipe's 33 points."""
+    if not isinstance(entry, Mapping):
+        return []
+    found = next((entry[k] for k in (*_POSE, *_MEDIAPIPE) if isinstance(entry.get(k), list)), [])
+    if any(k in entry for k in _POSE) and isinstance(entry.get(_POSE[0]), Mapping):
+        found = [entry[_POSE[0]]]
+    return [
+        one
+        for one in _lists(found, _POSE_POINTS)
+        if isinstance(one, list) and len(one) == _POSE_POINTS
+    ]
+
+
+def _pose_person(points: list[Any], where: str, frame: int) -> BodyPoints:
+    try:
+        rows = [
+            [p["x"], p["y"], p.get("visibility", 1.0)] if isinstance(p, Mapping) else [*p[:2], 1.0]
+            for p in points
+        ]
+        return cleaned(np.array(rows, dtype=float).reshape(_POSE_POINTS, 3))
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise HandtrackError(
+            f"{where}: frame {frame}: pose landmarks that are no numbers x, y."
+        ) from None
+
+
+def _lists(found: list[Any], count: int) -> list[Any]:
+    """Return the hands, or people, of a frame: a list of lists of points, or of the `count` points of one."""
     hands = [
         hand.get("landmark", hand.get("landmarks", hand)) if isinstance(hand, Mapping) else hand
         for hand in found
     ]
-    is_one = len(hands) == len(JOINTS) and not any(
-        isinstance(h, list) and len(h) == len(JOINTS) for h in hands
-    )
+    is_one = len(hands) == count and not any(isinstance(h, list) and len(h) == count for h in hands)
     return [found] if is_one else hands
 
 
@@ -166,7 +210,11 @@ def _whole_body(
     people: list[tuple[int, Any]], frames: list[tuple[int, Any]], where: str
 ) -> GivenJoints:
     best: dict[str, dict[int, Hand]] = {}
+    everybody: dict[int, list[BodyPoints]] = {}
     for frame, person in people:
+        body = _body(person, f"{where}: frame {frame}")
+        if body is not None:
+            everybody.setdefault(frame, []).append(body)
         for side, hand in _person(person, f"{where}: frame {frame}").items():
             known = best.setdefault(side, {})
             sure = hand[:, 2].sum()
@@ -181,8 +229,29 @@ def _whole_body(
         best = {
             side: {frame - 1: hand for frame, hand in found.items()} for side, found in best.items()
         }
+        everybody = {frame - 1: found for frame, found in everybody.items()}
         notes = (f"{where}: frames are counted from 1 there, here from 0.",)
-    return GivenJoints("COCO-WholeBody as RTMPose writes it", best, notes=notes)
+    bodies = checked_bodies(everybody, where)
+    family = (
+        "COCO-WholeBody as RTMPose writes it"
+        if bodies is None or bodies.count == _WHOLE
+        else "COCO's JSON"
+    )
+    return GivenJoints(family, best, notes=notes, bodies=bodies)
+
+
+def _body(person: Mapping[str, Any], where: str) -> BodyPoints | None:
+    """Return a person's points, of whatever detector; None where they are a hand's, or none was found."""
+    if "keypoints" not in person:
+        return None
+    points, sure = _points(
+        person["keypoints"], person.get("keypoint_scores", person.get("scores")), where
+    )
+    if len(points) == len(JOINTS):
+        return None
+    body = cleaned(np.column_stack([points, sure]))
+    seen = body[: BODY_LAYOUTS["coco17"].count] if len(body) == _WHOLE else body
+    return body if (seen[:, 2] > 0).any() else None
 
 
 def _person(person: Mapping[str, Any], where: str) -> dict[str, Hand]:
@@ -197,11 +266,7 @@ def _person(person: Mapping[str, Any], where: str) -> dict[str, Hand]:
     points, sure = _points(
         person["keypoints"], person.get("keypoint_scores", person.get("scores")), where
     )
-    if len(points) not in _WHOLE_BODY:
-        raise HandtrackError(
-            f"{where}: a person of {len(points)} points; expected 133 (COCO-WholeBody, hands from 91 on) or a hand's 21."
-        )
-    for side, start in _WHOLE_BODY[len(points)].items():
+    for side, start in _WHOLE_BODY.get(len(points), {}).items():
         part = slice(start, start + len(JOINTS))
         found[side] = hand_of(JOINTS, points[part], sure[part])
     return found
@@ -232,21 +297,25 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
 
 
 def read_openpose_files(files: Mapping[int, Path]) -> GivenJoints:
-    """Return the hands of OpenPose's files by frame. Raises HandtrackError for a file that is none."""
+    """Return the hands and bodies of OpenPose's files by frame. Raises HandtrackError for a first file that is none."""
     hands: dict[str, dict[int, Hand]] = {"left": {}, "right": {}}
+    people: dict[int, list[BodyPoints]] = {}
+    first = next(iter(files))
     for frame, path in files.items():
+        try:
+            people[frame] = body_points(path)
+        except HandtrackError:
+            if frame == first:
+                raise
         for side, found in hands.items():
+            layout = LAYOUTS[f"hand_{side}"]
             try:
-                points = read_openpose(path, LAYOUTS[f"hand_{side}"])
+                points = read_openpose(path, layout)
             except HandtrackError:
-                if (
-                    not found
-                    and frame == next(iter(files))
-                    and side == "right"
-                    and not hands["left"]
-                ):
+                if frame == first and layout.keys[0] in read_text(path, "joints"):
                     raise
                 continue
             if points is not None:
                 found[frame] = points
-    return GivenJoints("OpenPose's JSON", hands)
+    where = str(next(iter(files.values())).parent)
+    return GivenJoints("OpenPose's JSON", hands, bodies=checked_bodies(people, where))

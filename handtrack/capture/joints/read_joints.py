@@ -1,4 +1,4 @@
-"""Anybody's 2D joints: which reader knows a file, by its content, in one place."""
+"""Anybody's 2D joints, of hands and bodies: which reader knows a file, by its content, in one place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from handtrack.files.text_files import read_json, read_text
 _WHAT = "2D joints"
 ACCEPTED = (
     "OpenPose (folder of JSON), MediaPipe (JSON, CSV), RTMPose or COCO-WholeBody (JSON), DeepLabCut (CSV, H5), SLEAP (analysis "
-    "H5, .slp), or a CSV with the columns frame, joint, x, y, confidence"
+    "H5, .slp), of hands or bodies, or a CSV with the columns frame, joint, x, y, confidence"
 )
 
 

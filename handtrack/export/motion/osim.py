@@ -7,7 +7,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, K, N
+from handtrack.arrays import D3, Floats, K
+from handtrack.export.motion.masses import Masses, bone_masses
 from handtrack.export.motion.trc import marker_name
 from handtrack.export.motion.xml_tree import angles_xyz, document, element, numbers
 from handtrack.export.table import ResultsTable
@@ -16,9 +17,6 @@ from handtrack.model.articulated import ArticulatedModel
 
 ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
 """coordinates in place of the root's rotation vector"""
-_DENSITY = 1080.0  # kg/m³ of a hand or forearm: Clauser et al. 1969 have 1,080 to 1,110 for limbs
-_LEAST_MASS_KG = 1e-4  # OpenSim refuses bodies without mass: a carpal that has no flesh of its own
-_LEAST_INERTIA = 1e-9  # kg m²
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
@@ -40,8 +38,9 @@ def osim_text(model: ArticulatedModel) -> str:
     element(top, "force_units", "N")
     bodies = element(element(top, "BodySet", name="bodyset"), "objects")
     joints = element(element(top, "JointSet", name="jointset"), "objects")
+    masses = bone_masses(model)
     for bone in range(model.skeleton.bone_count):
-        _body(bodies, model, bone)
+        _body(bodies, model, masses, bone)
         _joint(joints, model, bone)
     markers = element(element(top, "MarkerSet", name="markerset"), "objects")
     for name, bone, point in zip(model.joint_names, model.joint_bone, model.joint_point):
@@ -51,7 +50,7 @@ def osim_text(model: ArticulatedModel) -> str:
     return document(root)
 
 
-def _body(bodies: Element, model: ArticulatedModel, bone: int) -> None:
+def _body(bodies: Element, model: ArticulatedModel, masses: Masses, bone: int) -> None:
     name, flesh = model.skeleton.bone_names[bone], model.flesh["fine"]
     body = element(bodies, "Body", name=name)
     own = np.flatnonzero(flesh.bone == bone)
@@ -65,22 +64,10 @@ def _body(bodies: Element, model: ArticulatedModel, bone: int) -> None:
         element(frame, "socket_parent", "..")
         element(frame, "translation", numbers(flesh.centre[k]))
         element(frame, "orientation", numbers(angles_xyz(flesh.rotation[k])))
-    masses = _DENSITY * 4.0 / 3.0 * np.pi * flesh.radii[own].prod(axis=1)
-    mass = max(float(masses.sum()), _LEAST_MASS_KG)
-    centre = masses @ flesh.centre[own] / mass if len(own) else np.zeros(3)
-    element(body, "mass", f"{mass:.6g}")
-    element(body, "mass_center", numbers(centre))
-    inertia = np.diag(_inertia(masses, flesh.centre[own] - centre, flesh.radii[own]))
+    element(body, "mass", f"{masses.mass[bone]:.6g}")
+    element(body, "mass_center", numbers(masses.centre[bone]))
+    inertia = np.diag(masses.inertia[bone])
     element(body, "inertia", numbers(np.concatenate([inertia, np.zeros(3)])))
-
-
-def _inertia(masses: Floats[N], centres: Floats[N, D3], radii: Floats[N, D3]) -> Floats[D3, D3]:
-    """Return the inertia (3, 3) of balls in the place of ellipsoids about their common centre [kg m²]."""
-    total = _LEAST_INERTIA * np.eye(3)
-    for mass, centre, radius in zip(masses, centres, radii, strict=True):
-        ball = 0.4 * float((radius**2).mean()) + centre @ centre
-        total += mass * (ball * np.eye(3) - np.outer(centre, centre))
-    return total
 
 
 def _joint(joints: Element, model: ArticulatedModel, bone: int) -> None:

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import D3, Floats
+from handtrack.export.motion.masses import LEAST_INERTIA, LEAST_MASS_KG, bone_masses
 from handtrack.export.motion.xml_tree import angles_rpy, document, element, numbers
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside, number, write_rows
@@ -44,14 +45,20 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
 
 def urdf_text(model: ArticulatedModel) -> str:
     """Return a model as URDF. Joints have our parameters' names, the links of bones theirs; each named joint or fingertip is a
-    link of its own, on its bone. The base link is the root bone, which is free in the world. Ellipsoids are cylinders to look at.
+    link of its own, on its bone. The base link is the root bone, which is free in the world. Ellipsoids are cylinders to look at,
+    and say what a link weighs: simulators refuse links that move and weigh nothing.
     """
     skeleton, names = model.skeleton, model.skeleton.bone_names
     robot = Element("robot", name=f"{model.name}_{model.side}")
+    # of a URDF's links MuJoCo else keeps those that collide and move: nothing would be seen, and no fingertip have a name
+    keep = {"discardvisual": "false", "fusestatic": "false"}
+    element(element(robot, "mujoco"), "compiler", **keep)
+    masses = bone_masses(model)
     for bone, parent in enumerate(skeleton.parent):
         if parent >= 0:
             _joints(robot, model, bone, names[parent])
-        _link(robot, model, bone)
+        link = _link(robot, model, bone)
+        _weigh(link, masses.mass[bone], masses.centre[bone], masses.inertia[bone])
     taken = set(names)
     for joint, bone, point in zip(model.joint_names, model.joint_bone, model.joint_point):
         place = joint if joint not in taken else f"{joint}_point"
@@ -75,7 +82,8 @@ def _joints(robot: Element, model: ArticulatedModel, bone: int, above: str) -> N
         low, high = model.limits.interval[6 + hinge]
         element(own, "limit", lower=f"{low:.9g}", upper=f"{high:.9g}", effort=_EFFORT, velocity=_VELOCITY)  # fmt: skip
         if not last:
-            element(robot, "link", name=below)
+            between = element(robot, "link", name=below)
+            _weigh(between, LEAST_MASS_KG, np.zeros(3), LEAST_INERTIA * np.eye(3))
         above, place, turn = below, np.zeros(3), np.eye(3)
 
 
@@ -95,7 +103,7 @@ def _joint(
     return joint
 
 
-def _link(robot: Element, model: ArticulatedModel, bone: int) -> None:
+def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
     link, flesh = element(robot, "link", name=model.skeleton.bone_names[bone]), model.flesh["fine"]
     for k in np.flatnonzero(flesh.bone == bone):
         shape = element(link, "visual")
@@ -108,3 +116,14 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> None:
         # as long and thick as to have the ellipsoid's volume: 4/3 π abc = π r² · 4/3 a
         length = 4.0 / 3.0 * flesh.radii[k, long]
         element(element(shape, "geometry"), "cylinder", radius=f"{across:.6g}", length=f"{length:.6g}")  # fmt: skip
+    return link
+
+
+def _weigh(link: Element, mass: float, centre: Floats[D3], inertia: Floats[D3, D3]) -> None:
+    """Say what a link weighs [kg], where [m], and its inertia about that point [kg m²]."""
+    told = element(link, "inertial")
+    element(told, "origin", xyz=numbers(centre), rpy="0 0 0")
+    element(told, "mass", value=f"{mass:.6g}")
+    rows, columns = np.triu_indices(3)
+    named = {f"i{'xyz'[i]}{'xyz'[j]}": f"{inertia[i, j]:.6g}" for i, j in zip(rows, columns)}
+    element(told, "inertia", **named)

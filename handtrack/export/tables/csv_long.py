@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.export.isb import isb_angles
+from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside, number, write_rows
 from handtrack.export.tables.sidecar import write_sidecar
@@ -61,10 +61,12 @@ def _angles(table: ResultsTable) -> Iterator[tuple[int, list[str]]]:
     values, spread = np.rad2deg(track.parameters), np.rad2deg(track.parameter_std)
     try:
         isb = isb_angles(table.model, track.T_world_bone)
+        isb_spread = isb_std(table.model, track.parameters, track.parameter_std)
     except HandtrackError:  # of a program that does not say how its model is built
-        isb = {}
+        isb, isb_spread = {}, {}
     for i in range(len(track)):
         for s, name in own:
             yield i, ["handtrack", name, number(values[i, s]), number(spread[i, s])]
         for name, angle in isb.items():
-            yield i, ["isb", name, number(np.rad2deg(angle[i])), ""]
+            std = np.rad2deg(isb_spread[name][i])
+            yield i, ["isb", name, number(np.rad2deg(angle[i])), number(std)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import Array, Axes
-from handtrack.export.isb import isb_angles
+from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.sidecar import about
 from handtrack.files.atomic import replacing
@@ -22,7 +22,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write arrays with these axes: `time` [s], `space`, `keypoints`, `individuals` (one), `parameter`, `bone`.
 
     `position` and `position_std` (time, space, keypoints, individuals) [m], `confidence` (time, keypoints, individuals); `angle` and
-    `angle_std` (time, parameter) [m, rad]; `isb_angle` (time, isb) [rad]; `T_world_bone` (time, bone, row, column) [m]; `status`,
+    `angle_std` (time, parameter) [m, rad]; `isb_angle` and `isb_angle_std` (time, isb) [rad]; `T_world_bone` (time, bone, row, column) [m]; `status`,
     `frame`, `p_off_25mm`, `p_off_10mm`, `reason`. Positions of lost frames are NaN. What is known beside is attributes.
     """
     from scipy.io import netcdf_file
@@ -69,10 +69,14 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
 
 
 def _isb(file: netcdf_file, table: ResultsTable) -> None:
-    angles = isb_angles(table.model, table.track.T_world_bone)
-    if angles:
-        _labels(file, "isb", tuple(angles))
-        _add(file, "isb_angle", ("time", "isb"), np.stack(list(angles.values()), axis=1), "rad")
+    model, track = table.model, table.track
+    angles = isb_angles(model, track.T_world_bone)
+    if not angles:
+        return
+    spread = isb_std(model, track.parameters, track.parameter_std)
+    _labels(file, "isb", tuple(angles))
+    for name, values in (("isb_angle", angles), ("isb_angle_std", spread)):
+        _add(file, name, ("time", "isb"), np.stack(list(values.values()), axis=1), "rad")
 
 
 def _add(

@@ -18,6 +18,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.seen.seen_keypoints import NO_JOINTS
 from handtrack.session.seen.views import View
 from handtrack.session.side import doubt_of_side
 from handtrack.tracking.frame.result import Status
@@ -43,9 +44,7 @@ def check_init(session: Session) -> Iterator[Finding]:
     """Yield findings about init.json."""
     pose = session.init
     if pose is None:
-        yield note(
-            "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench)."
-        )
+        yield _no_first_pose(session)
         return
     if pose.pixels:
         yield from _check_pixels(session, pose)
@@ -66,6 +65,18 @@ def check_init(session: Session) -> Iterator[Finding]:
         yield ok(f"init.json: {known} at frame {pose.frame}; they fit the cameras.")
 
 
+def _no_first_pose(session: Session) -> Finding:
+    """Return that there is none, and how one is come by: a body is found by joints only."""
+    model = _model(session)
+    if model.kind == "body" and not any(view.keypoint_files for view in session.views):
+        return warning(
+            f"no init.json: tracking needs a first pose. {NO_JOINTS.format(model=model.name)} Or set it in the workbench."
+        )
+    return note(
+        "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench)."
+    )
+
+
 def _joints(session: Session, pose: FirstPose) -> Floats:
     """Return (J, 3) the joints [m] of a pose given by parameters."""
     model = _model(session, pose.scale)
@@ -73,9 +84,10 @@ def _joints(session: Session, pose: FirstPose) -> Floats:
 
 
 def check_model(session: Session) -> Iterator[Finding]:
-    """Yield what hand is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
+    """Yield what hand or body is tracked. Raises HandtrackError for a model or a saved size that cannot be used."""
     model = _model(session)
-    yield ok(f"the model is {model.name}, {model.side}.")
+    side = "" if model.kind == "body" else f", {model.side}"
+    yield ok(f"the model is {model.name}{side}.")
 
 
 def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import D3, Floats, J, P
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -27,7 +27,7 @@ class FirstPoseCandidate:
     note: str
     """in words: how it fits, or how it differs from the surest"""
     model: ArticulatedModel
-    """a whole hand of the size in use, with a forearm where one is seen"""
+    """a whole hand of the size in use, with a forearm where one is seen; or a body"""
     cost: float
     """comparable among the candidates of one frame"""
     given: FirstPose | None = None
@@ -53,10 +53,17 @@ class FirstPoseCandidate:
 
 def differs(best: FirstPoseCandidate, other: FirstPoseCandidate) -> str:
     """Return in words how far a pose is from the best, and how much worse it fits."""
-    here, there = (c.model.keypoints21(c.model.bones(c.params)) for c in (best, other))
+    here, there = (_joints(c.model, c.params) for c in (best, other))
     away = 1e3 * float(np.linalg.norm(here - there, axis=1).mean())
     a, b = (rotation_matrix(c.model.joint_params(c.params)[3:6]) for c in (best, other))
     turned = np.rad2deg(float(turned_by(a, b)))
-    way = f"turned by {turned:.0f}°" if turned > _TURNED_DEG else "fingers bent otherwise"
+    parts = "limbs" if best.model.kind == "body" else "fingers"
+    way = f"turned by {turned:.0f}°" if turned > _TURNED_DEG else f"{parts} bent otherwise"
     worse = other.cost / max(best.cost, 1e-12)
     return f"{way}, joints {away:.0f} mm away on average; fits {worse:.1f} times worse"
+
+
+def _joints(model: ArticulatedModel, params: Floats[P]) -> Floats[J, D3]:
+    """Return the joints by which poses are compared, world [m]: a hand with a forearm has more."""
+    bones = model.bones(params)
+    return model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)

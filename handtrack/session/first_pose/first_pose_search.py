@@ -4,26 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
+import numpy as np
+
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.articulated import HandScale
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
-from handtrack.session.first_pose.image_first_pose import pose_in_space
+from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_by_joints
 from handtrack.session.run import TrackingRun
+from handtrack.session.seen.seen_keypoints import NO_JOINTS, of_model
 from handtrack.session.session import Session
+from handtrack.tracking.find_pose import SURE, spread_order
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
 
-SURE = 0.7
-"""how surely a pose must be the right one of those found, for no other frame to be tried"""
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
 _USUAL = 0.02  # a size that differs by no more from the one in use is not worth a word
 _SEEN_PX = 200  # mask pixels, or points, that may be a hand
+_FEWEST_IN_ONE = 8  # joints of one image that may say how a hand or body is turned: palm or trunk, and two chains
+_SHOWN_BY = {
+    "hand": "hand in silhouettes, cloud or joints",
+    "body": f"body by {_FEWEST_IN_ONE} joints or more",
+}
 
 
 def find_first_poses(
@@ -36,9 +44,10 @@ def find_first_poses(
 
     frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at joints on
     which two cameras agree, the session's or what the hand detector sees in the images, where its weights are there; else at
-    silhouettes and clouds, as far as the settings use them; what init.json says does not matter. Raises HandtrackError for
-    a model that is no hand.
+    silhouettes and clouds, as far as the settings use them; where there are none, and for a body, at the joints of one camera,
+    which leave several poses open. What init.json says does not matter. Raises HandtrackError for a body without joints.
     """
+    _check_that_it_can_be_found(run)
     tell = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
@@ -84,24 +93,26 @@ def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Obser
     if isinstance(frame, int):
         return iter([look(frame)])
     order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
-    opened = map(look, order)
+    opened, may_show = map(look, order), partial(_may_show_a_hand, run)
     if not run.sees_joints and look == run.seen:
-        return islice(filter(_may_show_a_hand, opened), _MOST_TRIED)
-    return islice(_those_with_joints_first(opened), _MOST_TRIED)
+        return islice(filter(may_show, opened), _MOST_TRIED)
+    return islice(_those_with_joints_first(opened, may_show), _MOST_TRIED)
 
 
-def _those_with_joints_first(opened: Iterator[Observation]) -> Iterator[Observation]:
+def _those_with_joints_first(
+    opened: Iterator[Observation], may_show: Callable[[Observation], bool]
+) -> Iterator[Observation]:
     """Yield frames that may show a hand; any without joints in two images once as many were opened as are looked for in."""
     others: list[Observation] = []
     for seen in opened:
         if _has_joints_in_two(seen):
             yield seen
-        elif _may_show_a_hand(seen):
+        elif may_show(seen):
             others.append(seen)
         if len(others) == _MOST_TRIED:
             break
     yield from others
-    yield from filter(_may_show_a_hand, opened)
+    yield from filter(may_show, opened)
 
 
 def _looking(run: TrackingRun) -> Callable[[int], Observation]:
@@ -133,31 +144,22 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
     return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
 
 
-def spread_order(frames: range) -> list[int]:
-    """Return the frames in an order whose beginning is spread over all: the first, the middle, the quarters …"""
-    count = len(frames)
-    bits = max(count - 1, 1).bit_length()
-    order = [int(f"{i:0{bits}b}"[::-1], 2) * count >> bits for i in range(1 << bits)]
-    return [frames[i] for i in dict.fromkeys(order)]
-
-
 def no_hand_found(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
     return HandtrackError(
-        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a hand in silhouettes, "
-        "cloud or joints of two cameras. Look at them with `handtrack doctor`, or pose the hand in the workbench (`handtrack open`)."
+        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a {_SHOWN_BY[run.model.kind]}. "
+        f"Look at them with `handtrack doctor`, or pose the {run.model.kind} in the workbench (`handtrack open`)."
     )
 
 
-def _models(run: TrackingRun) -> list[ArticulatedModel]:
-    """Return whole hands that may explain what is seen: without and with a forearm, as the settings leave open."""
-    models = run.whole_hands()
-    if not all(model.has_keypoints21 for model in models):
-        raise HandtrackError(
-            f"the model '{run.model.name}' is no hand: a first pose is found by itself for hands only. Pose it in the "
-            "workbench, or give one with --init FILE."
-        )
-    return models
+def _check_that_it_can_be_found(run: TrackingRun) -> None:
+    """Raise HandtrackError, which says what is needed, for a body of which no joints are looked at."""
+    if run.model.kind == "hand" or run.sees_joints:
+        return
+    raise HandtrackError(
+        f"{run.session.folder}: {NO_JOINTS.format(model=run.model.name)} Or pose it in the workbench (`handtrack open`), or give a "
+        "pose with --init FILE."
+    )
 
 
 def _found(
@@ -169,11 +171,13 @@ def _found(
 ) -> list[FirstPoseCandidate]:
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
-    models = _models(run if scale == run.scale else run.with_scale(scale))
-    joints = _image_joints(seen)
-    in_space = pose_in_space(run.settings, models[0], seen.frame, joints) if joints else None
-    if in_space is not None:
-        return [in_space]
+    models = (run if scale == run.scale else run.with_scale(scale)).whole_hands()
+    joints = _image_joints(of_model(seen, models[0]))
+    placed = pose_in_space(run.settings, models[0], seen.frame, joints) if joints else None
+    if placed is not None:
+        return [placed]
+    if _is_by_joints_alone(run, seen):
+        return poses_by_joints(models[0], seen.frame, joints)
     found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []
@@ -204,12 +208,25 @@ def _has_joints_in_two(seen: Observation) -> bool:
     return len({joints.camera for joints in _image_joints(seen)}) > 1
 
 
-def _may_show_a_hand(seen: Observation) -> bool:
-    """Return whether a frame has enough to look for a hand in: two silhouettes (one, where there is one camera), joints in
-    two images, or a cloud.
+def _is_by_joints_alone(run: TrackingRun, seen: Observation) -> bool:
+    """Return whether nothing but joints can say where the hand or body is."""
+    return run.model.kind == "body" or not (seen.silhouettes or seen.cloud is not None)
+
+
+def _most_joints(seen: Observation) -> int:
+    """Return how many joints the image shows that shows most."""
+    known = [np.isfinite(joints.pixels).all(axis=1).sum() for joints in _image_joints(seen)]
+    return int(max(known, default=0))
+
+
+def _may_show_a_hand(run: TrackingRun, seen: Observation) -> bool:
+    """Return whether a frame has enough to look for a hand or body in: two silhouettes (one, where there is one camera), joints in
+    two images, or a cloud; joints in one image where there is nothing else.
     """
     if _has_joints_in_two(seen):
         return True
+    if _is_by_joints_alone(run, seen):
+        return _most_joints(seen) >= _FEWEST_IN_ONE
     if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
         return True
     full = sum(int((s.mask > 0.5).sum()) >= _SEEN_PX for s in seen.silhouettes)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.session import Session
@@ -18,12 +16,9 @@ from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.initialize import fit_keypoints
-from handtrack.tracking.search.keypoint_start import (
-    ENOUGH_IN_SPACE,
-    hands_from_images,
-    triangulated,
-)
+from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
 from handtrack.tracking.search.policy import GIVEN_JOINTS
+from handtrack.tracking.search.start_confidence import settled_ways
 
 
 def poses_from_images(
@@ -40,9 +35,9 @@ def poses_from_images(
     Raises HandtrackError for a camera that the session does not have, and for too few joints.
     """
     images = image_keypoints(session, settings, first)
-    in_space = pose_in_space(settings, model, first.frame, images)
-    if in_space is not None:
-        return [in_space]
+    placed = pose_in_space(settings, model, first.frame, images)
+    if placed is not None:
+        return [placed]
     found = hands_from_images(model, images)
     shapes = [
         shape_of(model, model.joint_params(h.params), "given") for h in found[: GIVEN_JOINTS.most]
@@ -56,11 +51,26 @@ def poses_from_images(
         FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
         for c in auto_start((), settings, with_joints, search=GIVEN_JOINTS, found=candidates)
     ]
-    if not rows:
-        rows = [
-            FirstPoseCandidate(first.frame, h.params, h.weight, "", model, h.cost) for h in found
-        ]
-    many = "one camera" if len(images) == 1 else f"{len(images)} cameras"
+    return _noted(rows, images) if rows else poses_by_joints(model, first.frame, images)
+
+
+def poses_by_joints(
+    model: ArticulatedModel, frame: int, images: Sequence[ImageKeypoints]
+) -> list[FirstPoseCandidate]:
+    """Return the poses that joints in a frame's undistorted images may mean, by nothing else, the surest first.
+
+    Raises HandtrackError for too few joints.
+    """
+    found = settled_ways(model, hands_from_images(model, images))
+    rows = [FirstPoseCandidate(frame, h.params, sure, "", model, h.cost) for h, sure in found]
+    return _noted(rows, images)
+
+
+def _noted(
+    rows: Sequence[FirstPoseCandidate], images: Sequence[ImageKeypoints]
+) -> list[FirstPoseCandidate]:
+    cameras = len({joints.camera for joints in images})
+    many = "one camera" if cameras == 1 else f"{cameras} cameras"
     notes = [f"joints seen by {many}", *(differs(rows[0], row) for row in rows[1:])]
     return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
 
@@ -73,16 +83,15 @@ def pose_in_space(
 ) -> FirstPoseCandidate | None:
     """Return the pose that joints in a frame's undistorted images say, where two cameras or more agree on most; else None.
 
-    model: a hand with all joints.
+    model: a hand with all joints, or a body.
     """
-    points = triangulated(images)
-    count = int(np.isfinite(points).all(axis=1).sum())
-    if count < ENOUGH_IN_SPACE:
+    known = in_space(model, images, settings.keypoints.sigma_mm * 1e-3)
+    if known is None:
         return None
-    known = Keypoints(keypoint_names(), points, settings.keypoints.sigma_mm * 1e-3)
-    given = FirstPose(frame, {}, points, CONVENTIONS[0])
-    cameras = len({joints.camera for joints in images})
-    note = f"{cameras} cameras agree on {count} of 21 joints"
+    points = known.positions
+    given = FirstPose(frame, {}, points, CONVENTIONS[0]) if model.has_keypoints21 else None
+    cameras, count = len({joints.camera for joints in images}), known.count
+    note = f"{cameras} cameras agree on {count} of {len(points)} joints"
     return FirstPoseCandidate(frame, fit_keypoints(model, known), 1.0, note, model, 0.0, given)
 
 

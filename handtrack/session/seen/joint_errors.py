@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 
 from handtrack.arrays import Floats, K, N
-from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.seen.seen_keypoints import JointErrors
 from handtrack.session.seen.views import View
@@ -23,7 +22,7 @@ _TAIL = 3.0  # freedoms of Student's distribution: some points are simply elsewh
 
 @lru_cache(maxsize=8)
 def joint_errors(views: tuple[View, ...]) -> JointErrors:
-    """Return the errors; unknown where two cameras do not see enough of a hand's joints.
+    """Return the errors; unknown where two cameras do not see enough joints.
 
     Triangulation takes three of a point's 2 V numbers in V cameras; what it leaves of them, squared and in units of the error, is
     χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. The power with which
@@ -63,7 +62,8 @@ def _likelihood(squares: Floats[N], relative: Floats[N]) -> tuple[float, float]:
 def _squares(seen: Sequence[ImageKeypoints]) -> list[tuple[float, Floats[K]]]:
     """Return the variance [px²] that each point of a frame says, as its median goes, and its confidence in each camera."""
     squares: list[tuple[float, Floats[K]]] = []
-    for name, point in zip(keypoint_names(), triangulated(seen), strict=True):
+    names = tuple(dict.fromkeys(name for one in seen for name in one.names))
+    for name, point in zip(names, triangulated(seen, names), strict=True):
         off, sure = [], []
         for one in seen:
             row = one.names.index(name) if name in one.names else -1

@@ -21,6 +21,11 @@ from handtrack.session.layout import matching_files
 _LEAST, _SURE = (0.3, 0.6)
 _UNSURE = 2.0  # times sigma of points between the two
 _STEPS = 2.0  # in which sigma is graded, for each doubling
+NO_JOINTS = (
+    "a body (model '{model}') is found by 2D joints only, and no camera has any that count. Detect them with a program such as "
+    'OpenPose, and name their files: keypoints = "pose/cam0/*.json" and keypoint_layout = "body_25" in [[camera]] of session.toml.'
+)
+"""what a body's first pose needs, in words"""
 
 
 def of_model(seen: Observation, model: ArticulatedModel) -> Observation:

@@ -83,3 +83,8 @@ CMU_JOINTS: dict[str, str] = {
     ),
 }
 """joints of body34 → bones of the CMU motion capture database whose ends they are"""
+
+CMU_WRIST_JOINTS: dict[str, str] = CMU_JOINTS | _both_sides(
+    {"wrist": ("lwrist", "rwrist"), "hand": ("lfingers", "rfingers")}
+)
+"""the same of body38: a CMU forearm is two bones in line, of which the second only rolls; the wrist bends after it"""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
-from handtrack.arrays import Floats, N, P
+from handtrack.arrays import D2, Floats, J, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -27,7 +28,7 @@ KJS2 = ("left_leg", "right_leg", "right_arm")
 """both calves and the right shoulder"""
 _MEANT = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 SEEN = ("neck", "head", "head_top", *(f"{side}_{j}" for side in ("left", "right") for j in _MEANT))
-"""centres of joints; hand and toes are ends of bones that cannot flip by themselves"""
+"""centres of joints; toes, and hands without wrists, are ends of bones that cannot flip by themselves"""
 NOISE_PX = 1.0
 STEEP, FLAT = 0.9, 0.5
 FULL_SEED = 277
@@ -58,23 +59,42 @@ class JumpScene:
         """Return the minima that descent reaches from starts."""
         return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
 
-    def tree(self, limbs: Sequence[str]) -> InterpretationTree:
-        """Return all flips of limbs at the start that put the seen joints where they are seen."""
+    @property
+    def targets(self) -> Floats[J, D2]:
+        """Where the model's joints are seen [px]; NaN where they are not."""
         targets = np.full((len(self.model.joint_names), 2), np.nan)
         targets[[self.model.joint_names.index(name) for name in self.seen.names]] = self.seen.pixels
-        chains = [limb_chains()[name] for name in limbs]
-        return interpretation_tree(self.model, self.start, chains, self.camera, targets)
+        return targets
+
+    def tree(self, limbs: Sequence[str]) -> InterpretationTree:
+        """Return all flips of limbs at the start that put the seen joints where they are seen."""
+        chains = [limb_chains(self.model)[name] for name in limbs]
+        return interpretation_tree(self.model, self.start, chains, self.camera, self.targets)
 
 
-@lru_cache(maxsize=1)
-def body() -> ArticulatedModel:
-    return load_model("body34")
+@lru_cache(maxsize=4)
+def body(name: str = "body34", limits: bool = True) -> ArticulatedModel:
+    """Return a body; without limits the hinges of its arms and legs turn all the way round."""
+    model = load_model(name)
+    if limits:
+        return model
+    interval = model.limits.interval.copy()
+    for limb in LIMBS:
+        chain = limb_chains(model)[limb]
+        interval[chain.columns[chain.own]] = (-np.pi, np.pi)
+    return replace(model, limits=replace(model.limits, interval=interval))
 
 
-@lru_cache(maxsize=1)
-def limb_chains() -> dict[str, PreparedChain]:
-    """Return the body's chains by name."""
-    return {chain.name: prepare(body(), chain) for chain in chains_of(body())}
+@lru_cache(maxsize=4)
+def limb_chains(model: ArticulatedModel) -> dict[str, PreparedChain]:
+    """Return a body's chains by name."""
+    return {chain.name: prepare(model, chain) for chain in chains_of(model)}
+
+
+def joints_seen(model: ArticulatedModel) -> tuple[str, ...]:
+    """Return the joints that are seen of a body: those of all, and the ends of its limbs where they flip."""
+    ends = (chain.chain.joints[-1] for chain in limb_chains(model).values())
+    return SEEN + tuple(end for end in ends if end not in SEEN)
 
 
 def front_camera() -> Camera:
@@ -84,14 +104,19 @@ def front_camera() -> Camera:
     return Camera("front", (1280, 960), matrix, np.zeros(5), turn, -turn @ [0.0, 0.2, 4.0])
 
 
-def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = STEEP) -> Floats[P]:
+def frontal_pose(
+    model: ArticulatedModel,
+    rng: np.random.Generator,
+    flat: float = FLAT,
+    steep: float = STEEP,
+    flips: Mapping[str, int] = MappingProxyType({}),
+) -> Floats[P]:
     """Return parameters of a body that faces the camera and holds its limbs anyhow within limits.
 
     Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a
     link in that plane has no flip, one along the viewing ray no direction. Trunk, head and shoulders are near rest. No part passes
-    through another.
+    through another. flips: how many of a limb's flips are within limits, at least.
     """
-    model = body()
     through = CollisionTerm.of(model)
     while True:
         params = model.rest_params()
@@ -99,7 +124,10 @@ def frontal_pose(rng: np.random.Generator, flat: float = FLAT, steep: float = ST
         for name, width in _NEAR_REST.items():
             params[model.transform.names.index(name)] += rng.normal(scale=width)
         for limb in LIMBS:
-            _hold(model, limb_chains()[limb], params, rng, flat, steep)
+            chain = limb_chains(model)[limb]
+            _hold(model, chain, params, rng, flat, steep)
+            while limb in flips and not _flips(model, params, chain, flips[limb]):
+                _hold(model, chain, params, rng, flat, steep)
         params = model.clipped(params)
         if through.cost(model.bones(params)) == 0.0:
             return params
@@ -134,21 +162,31 @@ def _hold(
             return
 
 
+def _flips(model: ArticulatedModel, params: Floats[P], chain: PreparedChain, least: int) -> bool:
+    """Return whether at least so many flips of a limb are within limits, and none passes through another part."""
+    through = CollisionTerm.of(model)
+    leaves = interpretation_tree(model, params, [chain], front_camera()).params
+    return len(leaves) >= least and all(through.cost(model.bones(leaf)) == 0.0 for leaf in leaves)
+
+
 def jump_scene(
     seed: int,
     collision: bool = True,
     noise_px: float = NOISE_PX,
     flat: float = FLAT,
     steep: float = STEEP,
+    model: ArticulatedModel | None = None,
+    flips: Mapping[str, int] = MappingProxyType({}),
 ) -> JumpScene:
-    """Return a scene with a random frontal pose; the joints are seen with noise (standard deviation, each axis)."""
+    """Return a scene with a random frontal pose; the joints are seen with noise (standard deviation, each axis). model: body34, unless given."""
     rng = np.random.default_rng(seed)
-    model, camera = body(), front_camera()
-    truth = frontal_pose(rng, flat, steep)
-    chosen = [model.joint_names.index(name) for name in SEEN]
+    model, camera = model or body(), front_camera()
+    truth = frontal_pose(model, rng, flat, steep, flips)
+    names = joints_seen(model)
+    chosen = [model.joint_names.index(name) for name in names]
     points = model.joint_positions(model.bones(truth))[chosen]
-    pixels = camera.project(points) + noise_px * rng.normal(size=(len(SEEN), 2))
-    seen = ImageKeypoints(camera, SEEN, pixels, 1.0)
+    pixels = camera.project(points) + noise_px * rng.normal(size=(len(names), 2))
+    seen = ImageKeypoints(camera, names, pixels, 1.0)
     priors = body_priors(model, collision=collision)
     empty = np.zeros((len(truth), len(truth)))
     scene = JumpScene(model, camera, truth, seen, priors, truth, 0.0, empty)

@@ -24,6 +24,9 @@ FRAMES_AHEAD = 2 * SEARCH_EVERY
 """[frames] solved at most beyond one whose search beside is not done; with half as many the first frames' searches, three in a
 row, halt two cores (`bench frame_p99_vs_median`: 4 to 8, and 1.4 so)"""
 
+FOREARM_SEEN_MM = 100.0
+"""[mm] from the wrist, or to where the mask ends, up to which the forearm is looked at: beyond that there may be a sleeve"""
+
 POINTS_LAST = 0.8
 """correlation of a detector's errors from frame to frame; measured 0.82 with MediaPipe's at 30 frames a second, 0.5 after four frames
 (desk_two_view, what is left over after offsets)"""

@@ -21,6 +21,7 @@ from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracking.frame.constants import FOREARM_SEEN_MM
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
     Before,
@@ -80,6 +81,16 @@ class FrameTerms:
         usual = self.settings.cloud.sigma_mm * _MM
         cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
         return self if cloud is self.cloud else replace(self, cloud=cloud)
+
+    def coarser(self, times: float) -> FrameTerms:
+        """Return the terms as if the joints that images show were known so many times as badly."""
+        points = tuple(
+            replace(term, observed=replace(term.observed, sigma_px=times * term.observed.sigma_px))
+            if isinstance(term.observed, ImageKeypoints)
+            else term
+            for term in self.keypoints
+        )
+        return replace(self, keypoints=points)
 
     @property
     def stages(self) -> int:
@@ -165,7 +176,7 @@ def frame_terms(
     prepared, scales = [], []
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
     for silhouette in weighted:
-        cut = forearm_cut(silhouette, model, start, settings.silhouettes.forearm_seen_mm * _MM)
+        cut = forearm_cut(silhouette, model, start, FOREARM_SEEN_MM * _MM)
         prepared.append(prepare(silhouette, cut))
         scales.append(_pixels_per_m(silhouette, start))
     keypoints = []

@@ -14,16 +14,17 @@ class Traits:
     """each pixel and each point counts 1, squared: no robust loss, no neighbours that err alike, nothing that is near enough"""
     whole_surface: bool = False
     """E2 asks for a cloud on all of the model's surface, not only on what is in view"""
-    distance: str = "d3"
-    """to one ellipsoid: d1, d2 or d3"""
-    sharpness_per_m: float | None = None
-    """β of the metaballs, of a hand of scale 1; None: 1 per millimetre"""
+    narrowing: bool = True
+    """bent fingers spread less: the range of abduction shrinks with flexion"""
     shifts_each_frame: bool = False
     """each frame is solved again from all fingers shifted to either side, and the least energy is taken"""
     joints_begin: bool = False
     """joints seen in images are all that a first frame is fitted to, and no other frame looks at them"""
     closest_prior: bool = False
     """hypotheses descend on what is seen alone, and count by the long-tailed bell of the last frame that is closest to where they end"""
+    new_share: float = 1.0
+    """of what one camera's joints say of a frame to hypotheses, how much earlier frames did not say: measured, where all frames are
+    known"""
     apart_mm: float | None = None
     """by how much hypotheses that are shown differ at least; None: as usual"""
 
@@ -50,7 +51,7 @@ _FRAME_BY_FRAME: dict[str, object] = {
 }
 _OWN_SIZE: dict[str, object] = {"model.fit_size": "false"}
 """the papers set a person's size by hand; here it is that of the first pose's joints, where session.toml says fit"""
-_HAND_ALONE: dict[str, object] = {"model.forearm": "false", "model.narrowing": False, **_OWN_SIZE}
+_HAND_ALONE: dict[str, object] = {"model.forearm": "false", **_OWN_SIZE}
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -73,7 +74,7 @@ METHODS: dict[str, Method] = {
                 **_FRAME_BY_FRAME,
                 "tracker.smoothing": 0.0,
             },
-            Traits(plain_sums=True),
+            Traits(plain_sums=True, narrowing=False),
         ),
         Method(
             "paper2004",
@@ -95,7 +96,7 @@ METHODS: dict[str, Method] = {
                 **_FRAME_BY_FRAME,
                 "tracker.smoothing": 0.0,
             },
-            Traits(plain_sums=True, whole_surface=True, shifts_each_frame=True),
+            Traits(plain_sums=True, narrowing=False, whole_surface=True, shifts_each_frame=True),
         ),
         Method(
             "paper2003",

@@ -6,6 +6,7 @@ from typing import Any
 
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.frame import constants
+from handtrack.tracking.frame.methods import Traits
 
 RENAMED = {"tracker.jumps": "tracker.recovery", "mixture.seed": "tracker.seed"}
 """old name → name; `tracker.jumps` is a name that scripts rely on, and is read for good"""
@@ -33,8 +34,9 @@ CONSTANTS: dict[str, tuple[str, Any]] = {
         ("mixture.descents", "MIXTURE_DESCENTS"),
         ("mixture.merge_deg", "MERGE_DEG"),
         ("mixture.apart_mm", "APART_MM"),
+        ("silhouettes.forearm_seen_mm", "FOREARM_SEEN_MM"),
     )
-}  # fmt: skip
+} | {"model.narrowing": ("Traits.narrowing", Traits.narrowing)}  # fmt: skip
 """old name → the constant that it is now, and its value"""
 
 REPLACED = {"mixture.sequence": 'tracker.estimate = "whole"'}
@@ -48,7 +50,8 @@ def current_name(name: str) -> tuple[str | None, str]:
         return now, f"the setting '{name}' is called '{now}' now; it was read as that."
     if name in CONSTANTS:
         constant, value = CONSTANTS[name]
-        shown = ", ".join(f"{v:g}" for v in (value if isinstance(value, tuple) else (value,)))
+        values = value if isinstance(value, tuple) else (value,)
+        shown = ", ".join(str(v).lower() if isinstance(v, bool) else f"{v:g}" for v in values)
         return (
             None,
             f"'{name}' is no longer a setting but always {shown} ({constant}); what was given for it is not used.",

@@ -16,6 +16,11 @@ from handtrack.tracking.frame.old_settings import current_name
 # beyond that a term drowns all others in rounding: half of a double's 16 digits are left to them
 _WEIGHT = {"level": "user", "low": 0.0, "high": 1e8, "slider": (0.0, 4.0, 0.05)}
 _SPREAD = {"level": "user", "about": "hand", "slider": (-2.0, 3.0, 0.05)}
+_DISTANCES = {
+    "d1": "d1 = (k − 1) · least radius, k the ellipsoid's level: simple, and too short beside its long ends.",
+    "d2": "d2 is measured along the line to the ellipsoid's centre: near the truth outside, without bound inside.",
+    "d3": "d3 is d1 inside and d2 outside: nowhere without bound, and nearest to the truth.",
+}
 _FINGERS = ("index", "middle", "ring", "little")
 
 
@@ -51,12 +56,6 @@ class ModelSettings:
     spread_ring: float = setting(0.6, "Likewise the ring finger's.", label="Ring ×", **_SPREAD)
     spread_little: float = setting(
         1.2, "Likewise the little finger's.", label="Little ×", **_SPREAD
-    )
-    narrowing: bool = setting(
-        True,
-        "Bent fingers spread less: the range of abduction shrinks with flexion.",
-        label="Bent spread less",
-        about="hand",
     )
     fallback: Literal["auto", "glove9", "ball6", "none"] = setting(
         "auto", "What is done while a cloud that alone holds the hand is poor: `auto`, its depths are doubted; `glove9` or "
@@ -100,10 +99,6 @@ class SilhouetteSettings:
     outline_correlation_mm: float = setting(
         10.0, "Along how much of the outline that error stays the same.", unit="mm", above=0.0
     )
-    forearm_seen_mm: float = setting(
-        100.0, "The forearm is looked at up to this far from the wrist, or to where the mask ends; what lies beyond is "
-        "ignored.", unit="mm", low=0.0, about="hand",
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -123,6 +118,14 @@ class CloudTermSettings:
         2.0, "How far a point is from the model's surface: noise, and a hand that is not made of ellipsoids. A cloud that "
         "is found to lie nearer counts for as exact as it lies.", label="Point error mm", level="user", unit="mm",
         above=0.0, slider=(0.2, 10.0, 0.1),
+    )  # fmt: skip
+    distance: Literal["d1", "d2", "d3"] = setting(
+        "d3", "What is taken for the distance of a point to one ellipsoid, of which the merged surface is made.", label="Distance",
+        words={"d1": "d1, by the level", "d2": "d2, along the radius", "d3": "d3, both"}, told=_DISTANCES,
+    )  # fmt: skip
+    sharpness_per_mm: float = setting(
+        1.0, "β of the merged surface, of a hand of mean size: less rounds and thickens the skin between ellipsoids, by log(n)/β where "
+        "n of them are equally close; more lets creases show.", label="β 1/mm", unit="1/mm", above=0.0, slider=(0.2, 4.0, 0.1),
     )  # fmt: skip
     doubt_depth: bool = setting(
         False, "Believe of each point only that the hand lies on its line of sight; its depth is right or anywhere, as where "
@@ -182,12 +185,9 @@ class KeypointSettings:
         label="Point error mm", level="user", unit="mm", above=0.0, slider=(1.0, 30.0, 0.5),
     )  # fmt: skip
     sigma_px: float = setting(
-        5.0,
-        "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
-        "disagree by more.",
-        unit="px",
-        above=0.0,
-    )
+        5.0, "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
+        "disagree by more.", label="Joint error px", level="user", unit="px", above=0.0, slider=(0.5, 40.0, 0.5),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,8 @@ class TrackerSettings:
 
     method: Literal["default", "paper2007", "paper2004", "paper2003"] = setting(
         "default", "Whose method: ours, or one of the three papers' own with its settings (`docs/methods.md`); settings given "
-        "beside it win.",
+        "beside it win.", label="Method", told={name: method.words for name, method in METHODS.items()},
+        words={"default": "ours", "paper2007": "2007, conic fields", "paper2004": "2004, metaballs", "paper2003": "2003, jumps"},
     )  # fmt: skip
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)

@@ -64,13 +64,21 @@ class Eye:
 
     @classmethod
     def of(cls, model: ArticulatedModel, observation: Observation) -> Eye | None:
-        images = [seen for seen in observation.keypoints if isinstance(seen, ImageKeypoints)]
-        if images:
-            best = max(images, key=lambda seen: int(np.isfinite(seen.pixels).all(axis=1).sum()))
-            pixels = np.full((len(model.joint_names), 2), np.nan)
-            for name, place in zip(best.names, best.pixels, strict=True):
-                pixels[model.joint_names.index(name)] = place
-            return cls(best.camera, pixels)
+        pixels: dict[str, Floats[J, D2]] = {}
+        cameras: dict[str, Camera] = {}
+        for seen in observation.keypoints:
+            if not isinstance(seen, ImageKeypoints):
+                continue
+            name = seen.camera.name
+            # sure joints and unsure ones come in sets of their own
+            own = pixels.setdefault(name, np.full((len(model.joint_names), 2), np.nan))
+            cameras[name] = seen.camera
+            for joint, place in zip(seen.names, seen.pixels, strict=True):
+                if np.isfinite(place).all():
+                    own[model.joint_names.index(joint)] = place
+        if pixels:
+            best = max(pixels, key=lambda name: int(np.isfinite(pixels[name]).sum()))
+            return cls(cameras[best], pixels[best])
         views = observation.silhouettes or observation.images
         return cls(views[0].camera, None) if views else None
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from handtrack.arrays import Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.frame_terms import FrameTerms
@@ -30,23 +29,20 @@ def pulled(
     back = np.linalg.pinv(model.transform.matrix)
     information = back.T @ (0.5 * (information + information.T)) @ back
     prior = CorrelatedPrior(model.joint_params(belief.mean), information)
-    return replace(terms, priors=(*without_memory(terms).priors, prior))
+    known = without_memory(terms)
+    return replace(known, priors=(*known.priors, prior))
 
 
 def coarse(terms: FrameTerms) -> FrameTerms:
     """Return the terms as if joints were seen ten times as coarsely in the image: a wide basin."""
-    points = tuple(
-        replace(term, observed=replace(term.observed, sigma_px=_COARSE * term.observed.sigma_px))
-        if isinstance(term.observed, ImageKeypoints)
-        else term
-        for term in terms.keypoints
-    )
-    return replace(terms, keypoints=points)
+    return terms.coarser(_COARSE)
 
 
 def without_memory(terms: FrameTerms) -> FrameTerms:
-    """Return the terms with the static priors as one frame of many counts them."""
-    return replace(terms, priors=tuple(map(_shared_out, terms.priors)))
+    """Return the terms as one frame of many counts them: static priors, and joints in images whose errors last."""
+    share = terms.settings.traits.new_share
+    seen = terms if share == 1.0 else terms.coarser(share**-0.5)
+    return replace(seen, priors=tuple(map(_shared_out, terms.priors)))
 
 
 def _shared_out(prior: ParameterTerm) -> ParameterTerm:

@@ -1,4 +1,4 @@
-"""A hand from joints seen in images: flips in depth are not settled by one camera, so all that may be are returned."""
+"""A hand or body from joints seen in images: flips in depth are not settled by one camera, so all that may be are returned."""
 
 from __future__ import annotations
 
@@ -7,51 +7,67 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats
+from handtrack.arrays import D3, Floats, J, S
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.triangulation import missed_px
 from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import ImageKeypoints
+from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.terms.loss import GemanMcClure
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
+from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
 from handtrack.tracking.search.engine import Candidate, Fit, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.policy import IMAGE_JOINTS
 from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
+from handtrack.tracking.search.start_confidence import model_length
 
-ENOUGH_IN_SPACE = 12
-"""of 21 points, on which two cameras agree; fewer leave fingers open, and lines of sight say more"""
+_ENOUGH_IN_SPACE = 12 / 21
+"""share of the joints on which two cameras agree; fewer leave fingers open, and lines of sight say more"""
 _POSTURES = ("open", "rest", "curl", "fist")
+_BODY_POSTURES: tuple[dict[str, float], ...] = (
+    {},
+    {"shoulder_abd": 90.0},
+    {"shoulder_abd": 150.0},
+    {"hip_flex": 85.0, "knee_flex": 85.0},
+)
+"""degrees that differ from a person's at ease, left and right: hanging, level and raised arms, seated; turned as the search turns them"""
 _ROBUST_SIGMAS = 4.0
 _ALIKE_RAD = 0.15
-_NEAREST_M, _FARTHEST_M = 0.08, 20.0  # of a palm from a camera
+_NEAREST, _FARTHEST = 0.4, 100.0  # from a camera, in lengths of the hand or body
 _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in space
 # of a line of sight from a point, beyond which it is no view of it: px, of the image
 _OFF_PX, _OFF_SHARE = (25.0, 0.04)
 
 
-def triangulated(seen: Sequence[ImageKeypoints]) -> Floats[D21, D3]:
-    """Return the 21 points in space, world [m], that at least two cameras agree on; NaN for the others.
+def joints_sought(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -> tuple[str, ...]:
+    """Return the joints (J,) that place a model: the 21 of a hand, in OpenPose's order; of a body those that were looked for."""
+    if model.has_keypoints21:
+        return keypoint_names()
+    named = dict.fromkeys(name for one in seen for name in one.names)
+    return tuple(name for name in named if name in model.joint_names)
+
+
+def triangulated(seen: Sequence[ImageKeypoints], names: Sequence[str]) -> Floats[J, D3]:
+    """Return the named joints in space, world [m], on which at least two cameras agree; NaN for the others.
 
     Least squares over the lines of sight; the worst line is dropped while more than two are left and it misses the
     point by far.
     """
-    names = keypoint_names()
     cameras = [one.camera for one in seen]
     if len(cameras) < 2:
         return np.full((len(names), 3), np.nan)
     pixels = np.full((len(seen), len(names), 2), np.nan)
     for view, one in zip(pixels, seen, strict=True):
         rows = [row for row, name in enumerate(names) if name in one.names]
-        view[rows] = one.pixels[[one.names.index(names[row]) for row in rows]]
+        if rows:
+            view[rows] = one.pixels[[one.names.index(names[row]) for row in rows]]
     allowed = np.array([_allowed(camera.size) for camera in cameras])
     while True:
         points = lines_meet(cameras, pixels, _LEAST_ANGLE)
@@ -65,20 +81,34 @@ def triangulated(seen: Sequence[ImageKeypoints]) -> Floats[D21, D3]:
         pixels[np.nanargmax(off[:, poor], axis=0), poor] = np.nan
 
 
+def in_space(
+    model: ArticulatedModel, seen: Sequence[ImageKeypoints], sigma_m: float
+) -> Keypoints | None:
+    """Return the model's joints in space where two cameras or more agree on enough of them to place it; else None.
+
+    sigma_m: what they are said to be off by.
+    """
+    names = joints_sought(model, seen)
+    points = triangulated(seen, names)
+    if not names or np.isfinite(points).all(axis=1).mean() < _ENOUGH_IN_SPACE:
+        return None
+    return Keypoints(names, points, sigma_m)
+
+
 def hands_from_images(
     model: ArticulatedModel, seen: Sequence[ImageKeypoints]
 ) -> tuple[Hypothesis, ...]:
-    """Return the hands (P,) that explain joints seen in one or more undistorted images, the best first.
+    """Return the hands or bodies (P,) that explain joints seen in one or more undistorted images, the best first.
 
-    Hands in many attitudes and postures where the joints are seen, polished, then each finger of the best flipped forwards
-    and backwards along the viewing rays and polished again. The weights are shares of exp(−cost).
+    Hands in many attitudes and postures where the joints are seen, polished, then each finger or limb of the best flipped
+    forwards and backwards along the viewing rays and polished again. The weights are shares of exp(−cost).
     Raises HandtrackError where too few joints are seen.
     """
     most = max(seen, key=lambda s: int(np.isfinite(s.pixels).all(axis=1).sum()), default=None)
     count = 0 if most is None else int(np.isfinite(most.pixels).all(axis=1).sum())
     if most is None or count < FEWEST:
         raise HandtrackError(
-            f"first-frame pose: {count} joints are seen in one image, at least {FEWEST} are needed to place the hand. "
+            f"first-frame pose: {count} joints are seen in one image, at least {FEWEST} are needed to place the {model.kind}. "
             "Add points, or pose the hand by parameters."
         )
     landscape = ImageJointLandscape(model, seen, most)
@@ -110,7 +140,7 @@ class ImageJointLandscape:
         return [Candidate(self.model, x, origin=proposer) for x in flips]
 
     def _flips(self, params: Floats) -> list[Floats]:
-        """Return the poses (P,) that look the same with one finger's links bent the other way, finger by finger."""
+        """Return the poses (P,) that look the same with one finger's or limb's links bent the other way, one by one."""
         settings = TreeSettings(failing="nearest")
         camera, chains = self.most.camera, chains_of(self.model)
         trees = [
@@ -126,7 +156,10 @@ class ImageJointLandscape:
             return sorted(candidates, key=lambda c: c.cost)[: fit.iterations]
         settings = PolishSettings(iterations=fit.iterations, gradient_tolerance=1e-3)
         starts = np.array([c.params for c in candidates])
-        priors, loss = pose_priors(self.model, POINTS_REST_RAD), GemanMcClure(_ROBUST_SIGMAS)
+        priors, loss = (
+            pose_priors(self.model, points_rest(self.model)),
+            GemanMcClure(_ROBUST_SIGMAS),
+        )
         found = polish(self.model, starts, self.seen, priors, loss, settings=settings)
         return [
             replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
@@ -157,9 +190,9 @@ def _placed(
     rays = (seen.pixels[known] - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     index = [model.joint_names.index(n) for n, k in zip(seen.names, known, strict=True) if k]
     rotations = spread_rotations(attitudes)
+    near, far = (share * model_length(model) for share in (_NEAREST, _FARTHEST))
     found: list[tuple[Floats, float]] = []
-    for posture in _POSTURES:
-        joint = named_pose(model, posture)
+    for joint in _postures(model):
         bones = model.bones(model.transform.solver_params(joint))
         shape = model.joint_positions(bones)[index] - joint[:3]
         turned = np.einsum("ij,rjk,nk->rni", camera.rotation, rotations, shape)
@@ -170,7 +203,7 @@ def _placed(
             right = rays * points[:, 2:] - points[:, :2]
             place = np.linalg.lstsq(rows.reshape(-1, 3), right.ravel(), rcond=None)[0]
             there = points + place
-            if not _NEAREST_M < np.median(there[:, 2]) < _FARTHEST_M or there[:, 2].min() < 0.02:
+            if not near < np.median(there[:, 2]) < far or there[:, 2].min() < 0.02:
                 continue
             off = (there[:, :2] / there[:, 2:] - rays) * np.diag(camera.matrix)[:2]
             joint[3:6] = rotation_vector(rotation)
@@ -179,7 +212,21 @@ def _placed(
             found.append((start, float((off**2).sum())))
     if not found:
         raise HandtrackError(
-            f"first-frame pose: the joints seen by camera '{camera.name}' cannot be a hand's before it. Are they in "
+            f"first-frame pose: the joints seen by camera '{camera.name}' cannot be a {model.kind}'s before it. Are they in "
             "pixels of the image as it was taken, in OpenPose's order?"
         )
     return found
+
+
+def _postures(model: ArticulatedModel) -> list[Floats[S]]:
+    """Return joint parameters of the postures that are tried, the root at the world's origin."""
+    if model.kind == "hand":
+        return [named_pose(model, posture) for posture in _POSTURES]
+    postures = []
+    for bent in _BODY_POSTURES:
+        joint = model.rest.copy()
+        for row, name in enumerate(model.parameter_names):
+            own = name.partition("_")[2]
+            joint[row] = np.deg2rad(bent[own]) if own in bent else joint[row]
+        postures.append(joint)
+    return postures

@@ -84,7 +84,7 @@ GIVEN_JOINTS = Search(
 )
 IMAGE_JOINTS = Search(
     situation="joints in images alone must give a first pose",
-    when="as before; without silhouettes and cloud this is all",
+    when="as before; without silhouettes and cloud, and of a body, this is all",
     rounds=(
         Round((Propose("attitudes in four postures", 300),), fits=(Fit("cheapest", 48), Fit("polish", 40))),
         Round((Propose("flips in depth of the best", 6),), keep=6, fits=(Fit("polish", 40),)),

@@ -61,7 +61,7 @@ class PersonChange:
         cloud = any(observed.cloud is not None for observed, _ in looks)
         seen = joints_around(looks) if who.offsets else ()
         parameters = SizeParameters(model, seen)
-        split = len(parameters.names) - 3 * len(seen)
+        split = len(parameters.names) - parameters.offset_count
         free = np.ones(len(parameters.names), bool)
         free[:split] = who.sizes and around
         free[0] = who.sizes and (around or cloud)

@@ -60,8 +60,10 @@ def refine_scale(
             _problem(model, settings, band, observed, pose)
             for observed, pose in zip(observations, current, strict=True)
         ]
-        names = SizeParameters(model).names
-        free = [sizes and (parts or name == "overall") for name in names] + [True] * (3 * len(seen))
+        size = SizeParameters(model, seen)
+        lengths = size.names[: len(size.names) - size.offset_count]
+        free = [sizes and (parts or name == "overall") for name in lengths]
+        free += [True] * size.offset_count
         scale, current = fit_size(
             problems, current, np.array(free), solver, should_stop, _LEAST_GAIN, fitted, seen,
             _repeated([observed.frame for observed in observations]),

@@ -18,7 +18,7 @@ def doubt_of_size(
     covariance: of the free deviations. What was not fitted is as uncertain as it came, or as adults differ; empty where nothing
     of the size was fitted.
     """
-    count = len(size.names) - 3 * len(size.seen)
+    count = len(size.names) - size.offset_count
     if not free[:count].any():
         return dict(size.model.scale.std)
     names, units, came = size.names[:count], size.units[:count], size.model.scale.std

@@ -216,7 +216,8 @@ def _system(
     for at, own in systems.own():
         matrix.blocks[at, 0] += own
     for at, seen in systems.seen() if new < 1.0 else ():
-        matrix.blocks[at, 0] -= (1.0 - new) * seen
+        more = np.maximum(systems.share[at], new) - new
+        matrix.blocks[at, 0] -= more[:, None, None] * seen
     motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
     extra = _LEAST * own if damping is None else damping[:, None] * own
@@ -229,9 +230,10 @@ def _system(
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
     alike = swept.alike if new < 1.0 else np.ones_like(swept.alike)
-    border = systems.border * free[:, :, None] * np.sqrt(new / alike)
+    counted = systems.share[:, None, None] if new < 1.0 else 1.0
+    border = systems.border * free[:, :, None] * np.sqrt(new / counted / alike)
     known = swept.shared.known(swept.alike / alike)
-    corner = systems.corner / np.sqrt(np.outer(alike, alike)) + known.hessian
+    corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient
     right = np.where(free, -gradient, 0.0), -pull

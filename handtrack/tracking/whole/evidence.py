@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import F, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -21,6 +21,7 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
@@ -36,6 +37,11 @@ NEW_POSE_S = 0.5
 """[s] after which a hand has another pose, the length of one movement: what is known of poses beforehand counts once in that time,
 for it says the same of each frame"""
 
+_LARGEST = 3.0
+"""sigmas from which a joint was mistaken, and its error is no detector's usual one: where the robust loss lets go"""
+_LONGEST = 0.9
+"""correlation above which few frames can't tell it from 1"""
+
 Observe = Callable[[int, BonePoses | None], Observation]
 """what is seen of a frame; see tracking.pursuit.Observe"""
 
@@ -47,7 +53,9 @@ class FrameSystem:
     whole: JointSystem
     """of P + K numbers: changes of the pose as `motion.moved` makes them, small turns of the root; then the shared ones"""
     seen: Floats[P, P]
-    """the part of its matrix that is of what was seen, without what is known of poses beforehand"""
+    """what the frame alone would say by what was seen: matrix, without what is known of poses beforehand"""
+    share: float = 1.0
+    """of that, how much is in `whole`"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +73,8 @@ class FrameEvidence:
     """what is known of poses beforehand"""
     around: BonePoses
     """where its bands are frozen"""
+    share: float = 1.0
+    """of what was seen, how much counts: less where errors last, and the poses are as wrong as they are"""
 
     @cached_property
     def problem(self) -> Problem:
@@ -102,7 +112,8 @@ class FrameEvidence:
         told = matrix[:size, :size].copy()
         gradient[:size] += known.gradient
         matrix[:size, :size] += known.hessian
-        return FrameSystem(JointSystem(cost + known.cost, gradient, matrix), told)
+        whole = JointSystem(cost + known.cost, gradient, matrix)
+        return FrameSystem(whole, told / self.share, self.share)
 
     def seen_by(self, cameras: Sequence[Camera], pose: Floats[P]) -> tuple[FrameTerms, Problem]:
         """Return the terms and the whole problem where these have taken the place of cameras of their names."""
@@ -133,7 +144,7 @@ class FrameEvidence:
     def at(self, pose: Floats[P]) -> JointSystem:
         """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
         model = self.terms.model
-        terms = self.terms.as_seen_at(model.bones(pose))
+        terms = _counted(self.terms, self.share).as_seen_at(model.bones(pose))
         seen = terms.stage(terms.stages - 1, self.around)
         return by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
@@ -181,6 +192,9 @@ class Evidence:
     """those that may change, and how they do"""
     person: PersonChange | None = None
     """where something of the person may change"""
+    new: float = 1.0
+    """share of what one camera's joints say, where they are all that was seen, that earlier frames did not say: their errors
+    last (`new_share`)"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameEvidence:
@@ -235,24 +249,56 @@ class Evidence:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
             settings = poor_cloud_settings(settings)
-        share, prior = min(self.seconds / NEW_POSE_S, 1.0), settings.prior
-        rest = prior.rest_sigma_deg / share**0.5
-        prior = replace(prior, rest_sigma_deg=rest, posture=share * prior.posture)
+        once, prior = min(self.seconds / NEW_POSE_S, 1.0), settings.prior
+        rest = prior.rest_sigma_deg / once**0.5
+        prior = replace(prior, rest_sigma_deg=rest, posture=once * prior.posture)
         bones = model.bones(pose)
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
+        share = 1.0 if only_camera(terms) is None else self.new
         if frame in self.keyframes:
             terms = replace(terms, priors=(*terms.priors, self.keyframes[frame]))
-        told, others = by_camera(terms.stage(terms.stages - 1, bones))
+        counted = _counted(terms, share)
+        told, others = by_camera(counted.stage(terms.stages - 1, bones))
         if frame in self.silent:
             told, others = {}, []
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
             observation.frame, observation.time_s, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
-            Problem(model, (), terms.priors), bones,
+            Problem(model, (), terms.priors), bones, share,
         )  # fmt: skip
+
+
+def _counted(terms: FrameTerms, share: float) -> FrameTerms:
+    """Return the terms of which only that share counts."""
+    return terms if share == 1.0 else terms.coarser(share**-0.5)
+
+
+def new_share(evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]) -> float:
+    """Return the share of a frame that is new, (1 − ρ)/(1 + ρ): ρ is the correlation of what is left over of joints in one camera's
+    image, where they are all that was seen, between a frame and the next; 1 where there are none.
+
+    Where a detector sees a joint beside the model's it does so again: all frames together then tell little more than one, and
+    least of all the depth that follows from them. Errors that are new in each frame leave all of them their weight.
+    """
+    both, own = 0.0, 0.0
+    before: dict[int, Floats] = {}
+    for frame, pose in zip(frames, poses, strict=True):
+        left: dict[int, Floats] = {}
+        terms = evidence.of(frame).terms
+        for term in terms.keypoints if only_camera(terms) is not None else ():
+            bones = evidence.model.bones(pose)
+            joints, _ = term.misses(bones)
+            off = term.rows(bones).residual.reshape(-1, 2).clip(-_LARGEST, _LARGEST)
+            left |= dict(zip(joints.tolist(), off, strict=True))
+        for joint in left.keys() & before.keys():
+            both += float(left[joint] @ before[joint])
+            own += 0.5 * float(left[joint] @ left[joint] + before[joint] @ before[joint])
+        before = left
+    lasts = min(max(both / own, 0.0), _LONGEST) if own > 0 else 0.0
+    return (1.0 - lasts) / (1.0 + lasts)
 
 
 def by_camera(

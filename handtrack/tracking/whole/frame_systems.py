@@ -26,6 +26,8 @@ class FrameSystems:
     """P"""
     costs: Floats[F]
     gradient: Floats[F, L]
+    share: Floats[F]
+    """of what was seen, how much counts"""
     _halves: Floats[F, M]
     """rows of the lower halves, one after the other: those of the poses come first"""
     _seen: Floats[F, N]
@@ -36,13 +38,14 @@ class FrameSystems:
         """Return room for as many frames as `put` is called for."""
         whole = size + shared
         return cls(
-            size, np.empty(frames), np.empty((frames, whole)),
+            size, np.empty(frames), np.empty((frames, whole)), np.ones(frames),
             np.empty((frames, whole * (whole + 1) // 2)), np.empty((frames, size * (size + 1) // 2)),
         )  # fmt: skip
 
     def put(self, frame: int, system: FrameSystem) -> None:
         """Keep a frame's system, in place."""
         self.costs[frame], self.gradient[frame] = system.whole.cost, system.whole.gradient
+        self.share[frame] = system.share
         self._halves[frame] = system.whole.hessian[_half(self.gradient.shape[1])]
         self._seen[frame] = system.seen[_half(self.size)]
 
@@ -52,7 +55,7 @@ class FrameSystems:
             yield at, self._halves[at][:, _places(self.size)]
 
     def seen(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
-        """Yield what of the poses' part is of what was seen, some frames at once."""
+        """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
         for at in self._parts():
             yield at, self._seen[at][:, _places(self.size)]
 

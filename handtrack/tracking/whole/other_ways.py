@@ -15,6 +15,7 @@ from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.whole.lattice import Lattice
+from handtrack.tracking.whole.several import Way
 from handtrack.tracking.whole.ways import APART_M
 
 _LEAST = 0.03
@@ -27,20 +28,22 @@ def with_other_ways(
     lattice: Lattice,
     best: Ints[F],
     shown: int = 1,
+    refined: Sequence[Way] = (),
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
     frame's own. What is stated contains them.
 
     best: which minimum of each frame the refined way went through; shown: how many poses a frame has that were asked for,
-    however probable: such as differ in shape come first.
+    however probable: such as differ in shape come first. refined: of ways that were refined as a whole, the frames' own first, the
+    others are what is shown.
     """
     found = []
+    several = len(refined) > 1
+    weights = np.exp(min((w.cost for w in refined), default=0.0) - np.array([w.cost for w in refined]))  # fmt: skip
     rows = zip(results, lattice.minima, lattice.probabilities, best.tolist(), strict=True)
-    for result, minima, share, own in rows:
-        others = _shown(model, result, [m.pose for m in minima], share, own, shown - 1)
-        if not others:
-            found.append(result)
-            continue
+    for n, (result, minima, share, own) in enumerate(rows):
+        poses = [m.pose for m in minima]
+        others = _shown(model, result, poses, share, own, 0 if several else shown - 1)
         known = [
             Alternative(
                 model.joint_params(minima[k].pose), minima[k].system.cost, float(share[k]), -1,
@@ -48,9 +51,19 @@ def with_other_ways(
             )
             for k in others
         ]  # fmt: skip
-        held = Alternative(result.parameters, result.energy, float(share[own]), -1, "refined")
-        result = _doubted(model, result, held.weight, known)
-        found.append(replace(result, alternatives=(held, *known)))
+        weight = float(share[own])
+        result = _doubted(model, result, weight, known) if known else result
+        if several:
+            weight = float(weights[0] / weights.sum())
+            known = [
+                Alternative(
+                    model.joint_params(way.found.poses[n]), float(way.found.costs[n]), float(w), -1,
+                    way.origin,
+                )
+                for way, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
+            ]  # fmt: skip
+        held = Alternative(result.parameters, result.energy, weight, -1, "refined")
+        found.append(replace(result, alternatives=(held, *known)) if known else result)
     return found
 
 

@@ -24,12 +24,13 @@ from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.evidence import Evidence, Observe, new_share
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.several import Way, several_ways
 from handtrack.tracking.whole.ways import Ways
 
 _BESIDE = 7
@@ -53,7 +54,8 @@ _BY_CHANCE = 0.05
 """of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
 0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
 _PROMISED = 0.5
-"""share of that gain that a first step must foretell, which is true near the least cost; else the cameras are good, and no more is tried"""
+"""share of that gain that a first step must foretell, which is true near the least cost, and the first sweeps bring; else the cameras are
+good, and no more is tried"""
 _LOOKS = 8
 """frames, evenly spread, that tell which cameras there are"""
 
@@ -96,6 +98,7 @@ def refined(
     around = dict(zip(numbers, poses, strict=True))
     keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
     evidence = Evidence(model, settings, observe, around, seconds, silent=lost, keyframes=keyframes)
+    evidence = replace(evidence, new=new_share(evidence, numbers, poses))
     ways = Ways(evidence, tracked, poses, control)
     lattice = ways.gathered()
     if lattice is None:
@@ -128,14 +131,22 @@ def refined(
         tried = estimate_whole(
             corrected, numbers, found.poses, control.should_stop, sweeps=_TRIED, promise=promise
         )
-        if tried is not None and found.costs.mean() - tried.costs.mean() > asked:
-            found = estimate_whole(
+        if tried is not None and tried.costs.mean() < promise:
+            again = estimate_whole(
                 corrected.sharing(tried.shared),
                 numbers,
                 tried.poses,
                 control.should_stop,
                 control.on_refined,
             )
+            if again is None or found.costs.mean() - again.costs.mean() > asked:
+                found = again
+    several = list[Way]()
+    if found is not None and settings.tracker.hypotheses > 1:
+        several = several_ways(
+            Way(found, evidence, "followed"), numbers, settings.tracker.hypotheses, control
+        )
+        found, evidence = several[0].found, several[0].evidence
     if found is None or control.should_stop():
         return list(live)
     refinement = Refinement.of(found)
@@ -145,7 +156,7 @@ def refined(
         model = who.build(refinement.scale)
         evidence = evidence.by(model, dict(zip(numbers, found.poses, strict=True)))
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
-    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses)
+    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses, several)
     return [result for result in results if result.frame not in held]
 
 

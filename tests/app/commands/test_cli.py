@@ -144,6 +144,12 @@ def test_simulate_track_evaluate_export(handtrack: CommandLine, session: Path) -
         assert ended.code == 0, ended.err
         written = ended.out.split(" written to ")[1].split(", with")[0]
         assert Path(written.strip()) == poses.with_name(f"poses{export_format(kind).ending}")
+    assert (
+        handtrack("export", poses, "--to", "bvh", "--up=-y", "--out", session / "up.bvh").code == 0
+    )
+    refused = handtrack("export", poses, "--to", "bvh", "--up", "q", "--out", session / "up.bvh")
+    assert refused.code == 2
+    assert "no axis 'q' in --up; known: x, y, z, -x, -y, -z" in refused.err
     with (poses.parent / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["frame"] for row in rows] == list("01234")

@@ -60,7 +60,7 @@ LINES: dict[str, Words] = {
     "no init file": Words("track {s} --init {t}/i.json", ["i.json: no such file", '"parameters"']),
     "init is no JSON": Words("track {s} --init {s}/session.toml", ["session.toml: not valid JSON"]),
     "init auto of a body": Words(
-        "track {s} --init auto --set model.name=body34", ["'body34' is no hand", "workbench", "--init FILE"]
+        "track {s} --init auto --set model.name=body34", ["by 2D joints only", "keypoint_layout", "workbench", "--init FILE"]
     ),
     "out is no npz": Words("track {s} --out {t}/poses.csv", ["poses.csv", ".npz"]),
     "out is a folder": Words("track {s} --out {s}/x.npz", ["x.npz", "that is a folder"]),

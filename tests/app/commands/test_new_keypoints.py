@@ -163,7 +163,7 @@ def test_joints_tell_the_unit(
     for camera in rig:
         points = np.column_stack([camera.project(hand_m), np.ones(21)])
         folder = tmp_path / camera.name
-        write_joints({0: points, 1: points}, "right", folder)
+        write_joints({0: points, 1: points}, "hand_right", folder)
         words += ["--keypoints", f"{camera.name}={folder}"]
     ended = handtrack(*words, "--out", tmp_path / "made", "--yes")
     assert ended.code == 0, ended.err

@@ -249,8 +249,14 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -
         kinds = ("", "_angles", "_bones")
         names = [f"fake_long{kind}.csv" for kind in kinds]
         assert sorted(archive.namelist()) == sorted([*names, "fake_long.json"])
+    for up in ("", "z"):
+        thread = export_beside(store.document, Export("trc", 7, up), sent_to.append)
+        assert thread is not None
+        thread.join(300)
+    flat, upright = (download.data.splitlines()[6].split() for download in sent_to[1:])
+    assert upright[3] == flat[4], "what was z is y, up for those who read TRC"
     assert export_beside(store.document, Export("init", 7), sent_to.append) is None
-    assert sent_to[1].name == f"fake_frame{store.document.frame}_init.json"
+    assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
 def test_a_format_that_cannot_have_the_track_says_so(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_the_fitted_size_is_kept_however_session_toml_is_written(hand: str, tmp_
     store = opened(tmp_path)
     did(store, edits.size(size))
     said = saving.save_first_pose(store)
-    assert said.endswith(" The hand's fitted size is kept in hand.json.")
+    assert said.endswith(" The fitted size is kept in hand.json.")
     assert read_session_file(path).hand.scale == "hand.json"
     assert read_scale(tmp_path / "hand.json") == size
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame

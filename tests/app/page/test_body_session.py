@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,17 +52,38 @@ def test_every_parameter_has_a_slider_in_its_limbs_folder(opened):
     panel = opened.layout.pose
     assert tuple(panel.sliders) == BODY.parameter_names
     labels = [folder.label for folder in panel.folders.values()]
-    assert labels == ["Body", "Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg"]
+    assert labels == ["Place", "Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg"]
     knee = panel.sliders["left_knee_flex"]
     assert (knee.min, knee.max) == (-8, 155)
 
 
 def test_what_is_for_hands_alone_is_not_offered(opened):
     layout = opened.layout
-    assert not layout.guesses.find.visible
+    assert not layout.guesses.find.visible  # no detector saw its joints
     assert "model.coupling" not in layout.settings.controls
     assert "silhouettes.weight" in layout.settings.controls
     assert layout.session.view.options == ("Body", "Everything")
+
+
+def test_the_page_speaks_of_a_body_in_its_measures(opened):
+    layout, words = opened.layout, opened.page.words
+    assert layout.pose.copies.whole.label == "Body"
+    assert words.of("the {kind}, its {middle}, a {part}") == "the body, its trunk, a limb"
+    panel = layout.pose
+    assert panel.sliders["root_tx"].label == "x cm"
+    assert panel.nudges.step.options == ("0.5 cm, 0.5°", "2 cm, 2°", "10 cm, 10°", "50 cm, 10°")
+    assert panel.nudges.steps[str(panel.nudges.step.value)] == (0.02, 2.0)
+    assert [row.options for row in panel.rows] == [
+        ("Place", "Trunk", "Head"), ("Left arm", "Right arm"), ("Left leg", "Right leg"),
+    ]  # fmt: skip
+    known = {key: words.of(text) for key, text in layout.keys.known}
+    assert known["G"] == "See the body in all cameras"
+    offered = (layout.session.paint.hint, layout.plots.picture.content, layout.keys.table())
+    assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [
+        [],
+        [],
+        [],
+    ]
 
 
 def test_a_part_is_drawn_in_its_limbs_colour(opened):
@@ -103,7 +125,7 @@ def test_names_are_grouped_and_worded_by_limb():
     assert group_of("spine_twist") == "Trunk"
     assert label_of("spine_twist") == "spine twist\u00a0°"
     assert group_of("neck_lean") == "Head"
-    assert group_of("root_tx") == "Hand"
+    assert group_of("root_tx") == "Place"
     assert group_of("index_mcp_flex") == "Index"
     assert label_of("index_mcp_flex") == "MCP flex °"
     arms = {name: colour_of(name) for name in BODY.skeleton.bone_names if "arm" in name}
@@ -116,22 +138,26 @@ def pulled(model, params, name, target):
     return reach(model, params, model.joint_bone[joint], model.joint_point[joint], target)
 
 
-@pytest.mark.parametrize("tip", ["left_wrist", "right_ankle"])
-def test_a_wrist_or_ankle_is_pulled_by_its_own_limb(tip):
-    assert stem_bones(BODY) == ("pelvis", "spine")
-    params = BODY.rest_params()
-    joint = BODY.joint_names.index(tip)
-    target = BODY.joint_positions(BODY.bones(params))[joint] + [0.05, 0.12, 0.15]
-    moved = pulled(BODY, params, tip, target)
-    found = BODY.joint_positions(BODY.bones(moved))[joint]
+@pytest.mark.parametrize(
+    ("name", "tip"), [("body34", "left_wrist"), ("body34", "right_ankle"), ("body38", "left_pinky")]
+)
+def test_a_limbs_end_is_pulled_by_its_own_limb(name, tip):
+    body = load_model(name)
+    assert stem_bones(body) == ("pelvis", "spine")
+    params = body.rest_params()
+    joint = body.joint_names.index(tip)
+    target = body.joint_positions(body.bones(params))[joint] + [0.05, 0.12, 0.15]
+    moved = pulled(body, params, tip, target)
+    found = body.joint_positions(body.bones(moved))[joint]
     assert np.linalg.norm(found - target) < 0.005
     changed = {
         name
-        for name, a, b in zip(BODY.parameter_names, params, moved, strict=True)
+        for name, a, b in zip(body.parameter_names, params, moved, strict=True)
         if abs(a - b) > 1e-9
     }
-    limb = limb_of(tip)
+    limb = limb_of(body.skeleton.bone_names[body.joint_bone[joint]])
     assert {limb_of(name) for name in changed} == {limb}
+    assert ("left_wrist_flex" in changed) == (name == "body38")
 
 
 @pytest.mark.parametrize("coupling", ["26", "21", "18"])

@@ -25,7 +25,7 @@ from tests.app.wire import WireClient
     [
         ("index_pip_flex", "Index finger, middle joint (PIP), flexion"),
         ("thumb_cmc_abd", "Thumb, saddle joint (CMC), abduction"),
-        ("root_ty", "Wrist, place along y"),
+        ("root_ty", "Place along y"),
         ("left_elbow_flex", "Left elbow, flexion"),
     ],
 )

@@ -98,7 +98,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
     "JSON nested": (_text("[" * 100_000), ["cannot be read as JSON"]),
     "JSON of others": (_text('{"a": [1, 2]}'), ["no joints that are known here"]),
     "no numbers": (_text('[{"hand_landmarks": [[{"x": "a", "y": 1}]]}]'), ["frame 0", "no numbers"]),
-    "a body": (_text(json.dumps([{"keypoints": [[1, 2]] * 17, "keypoint_scores": [1] * 17}])), ["a person of 17 points"]),
+    "19 points": (_text(json.dumps([{"keypoints": [[1, 2]] * 19, "keypoint_scores": [1] * 19}])), ["people of 19 points", "halpe26 (26)"]),
     "a negative frame": (_text('[{"frame": -1, "hand_landmarks": []}]'), ["frame -1"]),
     "a frame far off": (_text(_HEAD + "1e15" + ",5" * 42), ["expected a whole number from 0"]),
     "a formula": (_text(_HEAD + "0,=1+1" + ",5" * 41), ["'=1+1'", "expected a number"]),

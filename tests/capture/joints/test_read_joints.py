@@ -22,7 +22,7 @@ def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
     given = read_joints(str(text), "it")
     side, frames = given.hand(None, "it")
     points = {f: in_pixels(h, SIZE) for f, h in frames.items()} if given.is_share else frames
-    write_joints(points, side or "right", folder / "joints")
+    write_joints(points, f"hand_{side or 'right'}", folder / "joints")
     layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
     read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(FRAMES)]
     return np.array(read), side

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +22,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses import mixture, next_hypotheses
 from handtrack.tracking.hypotheses.mixture import MixtureStep
+from handtrack.tracking.hypotheses.mixture_landscape import Eye
 from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses.next_hypotheses import Component
@@ -246,6 +247,34 @@ def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
     sharing = without_memory(frame(BALL, rest, linked, CorrelatedPrior(np.zeros(6), np.eye(6))))
     shares = [prior.cost(x) for prior in sharing.priors]
     np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
+
+
+def test_joints_in_images_count_by_what_is_new_in_them():
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    bones = HAND.bones(HAND.rest_params())
+    pixels = camera.project(HAND.joint_positions(bones)) + 2.0
+    term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
+    terms = frame(HAND, keypoints=(term,))
+    (whole,) = without_memory(terms).keypoints
+    assert whole.cost(bones) == term.cost(bones)
+    lasting = replace(terms.settings, traits=replace(terms.settings.traits, new_share=0.25))
+    (once,) = without_memory(replace(terms, settings=lasting)).keypoints
+    assert once.cost(bones) == pytest.approx(0.25 * term.cost(bones))
+
+
+def test_sure_joints_and_unsure_ones_of_a_camera_are_looked_at_together():
+    first, second = simulated_rig(2, (320, 240)).cameras
+    places = HAND.joint_positions(HAND.bones(HAND.rest_params()))
+    sure, unsure = first.project(places), first.project(places)
+    sure[:9], unsure[9:] = np.nan, np.nan
+    other = second.project(places)
+    other[:6] = np.nan
+    sets = ((first, sure), (second, other), (first, unsure))
+    joints = [ImageKeypoints(camera, HAND.joint_names, seen, 1.0) for camera, seen in sets]
+    eye = Eye.of(HAND, Observation(0, 0.0, keypoints=tuple(joints)))
+    assert eye is not None
+    assert eye.camera is first
+    np.testing.assert_allclose(eye.joints, first.project(places))
 
 
 def test_the_pull_is_the_belief_of_what_is_not_free():

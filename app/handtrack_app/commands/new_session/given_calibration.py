@@ -9,15 +9,16 @@ from pathlib import Path
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import (
     Unit,
-    is_a_hand,
     named,
     sized,
     unit_of,
 )
-from handtrack.capture.joints.hand_length import hand_length
+from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.joints.subject import subject_length
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from handtrack_app.commands.new_session.joints import CameraJoints
+from handtrack_app.commands.new_session.joints import GivenSubject
+from handtrack_app.commands.new_session.side_of_hand import USUAL
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.commands.terminal.questions import can_ask, question
 
@@ -26,13 +27,13 @@ def given_rig(
     paths: Sequence[Path],
     sizes: Mapping[str, tuple[int, int]],
     cameras: Sequence[str],
-    joints: Mapping[str, CameraJoints],
+    subject: GivenSubject,
     unit_m: float | None,
     yes: bool,
 ) -> tuple[CameraRig, list[str]]:
     """Return all cameras of a calibration, with the recording's names, in metres; and what was assumed, in sentences.
 
-    sizes: [px] of the recorded cameras' images, where there are some. joints: of those that have some. unit_m: what the user
+    sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. unit_m: what the user
     said. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
     """
     where = " and ".join(map(str, paths))
@@ -40,10 +41,13 @@ def given_rig(
         given, assumed = named(read_calibration(paths), cameras, where)
         given = sized(given, sizes, where)
         in_units = given.rig(1.0)
-        pixels = {n: found.pixels(in_units[n].size) for n, found in joints.items() if n in in_units}
-        hand = hand_length(in_units, pixels)
-        found = unit_of(given, hand) if unit_m is None else Unit(unit_m, True, "")
-        chosen = found.unit_m if found.sure and found.unit_m else _asked(found, where, yes)
+        length = _length(in_units, subject)
+        found = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
+        chosen = (
+            found.unit_m
+            if found.sure and found.unit_m
+            else _asked(found, where, yes, subject.kind.word)
+        )
         rig = given.rig(chosen)
     except HandtrackError as error:
         text = str(error)
@@ -54,15 +58,23 @@ def given_rig(
         assumed,
         f"unit: {found.why if found.sure else f'{chosen:g} m.'}" if unit_m is None else "",
     ]
-    if hand is not None and not is_a_hand(hand * chosen):
+    if length is not None and not subject.kind.fits(length * chosen):
         notes.append(
-            f"note: with {chosen:g} m a unit, the joints make a hand {100 * hand * chosen:.3g} cm long; expected 6 to 25 cm. Is the "
-            "unit right, and do cameras, joints and frames belong together?"
+            f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
+            f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
     return rig, [text for text in notes if text not in ("", "unit: ")]
 
 
-def _asked(found: Unit, where: str, yes: bool) -> float:
+def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
+    """Return how long what is tracked is, in the rig's unit, where joints tell it."""
+    seen = {name: joints for name, joints in subject.joints.items() if name in rig}
+    pixels = {name: joints.pixels(rig[name].size) for name, joints in seen.items()}
+    layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in seen.items()}
+    return subject_length(rig, pixels, layouts, subject.kind)
+
+
+def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
     """Return the unit that the user says, or agrees to."""
     proposal = found.unit_m
     if yes and proposal is not None:
@@ -73,7 +85,7 @@ def _asked(found: Unit, where: str, yes: bool) -> float:
             "How many metres is one unit of it?", "" if proposal is None else f"{proposal:g}"
         )
         return checked_unit(answer, "the answer")
-    maybe = "" if proposal is None else f" ({proposal:g} would be usual for hands)"
+    maybe = "" if proposal is None else f" ({proposal:g} would be usual for a {what})"
     raise HandtrackError(
         f"{where}: {found.why} Say how many metres one unit of it is, with --world-unit-m{maybe}: 1 for metres, 0.001 for "
         "millimetres, the side of a square in metres for a board counted in squares. Nothing was written."

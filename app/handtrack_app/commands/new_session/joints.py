@@ -1,4 +1,4 @@
-"""The 2D joints that `handtrack new` is given, of one hand in all cameras."""
+"""The 2D joints that `handtrack new` is given, of one hand or one person in all cameras."""
 
 from __future__ import annotations
 
@@ -6,64 +6,177 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from handtrack.capture.joints.given_joints import (
-    GivenJoints,
-    Hand,
-    in_pixels,
-    write_joints,
-)
+from handtrack.arrays import D3, Floats, N
+from handtrack.capture.images.openpose import LAYOUTS, is_body
+from handtrack.capture.joints.body_points import layout_of
+from handtrack.capture.joints.given_joints import GivenJoints, in_pixels, write_joints
+from handtrack.capture.joints.people import people
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.errors import HandtrackError
+from handtrack.capture.joints.subject import BODY, HAND, Subject
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack_app.commands.new_session.sources import Recorded
 from handtrack_app.commands.terminal.progress import say
 
 
 @dataclass(frozen=True)
 class CameraJoints:
-    """The hand's points in one camera's images."""
+    """The points of a hand or a person in one camera's images."""
 
     where: str
-    given: GivenJoints
-    frames: Mapping[int, Hand]
+    family: str
+    frames: Mapping[int, Floats[N, D3]]
     side: str
-    """right or left; empty where the file does not say it."""
+    """right or left; empty where the file does not say it, and of bodies."""
+    is_share: bool
+    named_layout: str | None
+    """the session's keypoint_layout; None: hand_left or hand_right."""
+    what: str
+    """whose points they are, in words."""
+    unknown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def layout(self, side: str) -> str:
         """Return the session's keypoint_layout."""
-        return self.given.layout or f"hand_{side}"
+        return self.named_layout or f"hand_{side}"
 
-    def pixels(self, size: tuple[int, int]) -> dict[int, Hand]:
-        """Return the hand by frame, [px] of images of a size."""
-        if not self.given.is_share:
+    def pixels(self, size: tuple[int, int]) -> dict[int, Floats[N, D3]]:
+        """Return the points by frame, [px] of images of a size."""
+        if not self.is_share:
             return dict(self.frames)
-        return {frame: in_pixels(hand, size) for frame, hand in self.frames.items()}
+        return {frame: in_pixels(points, size) for frame, points in self.frames.items()}
 
     def write(self, folder: Path, side: str, size: tuple[int, int]) -> None:
         """Write a file a frame to a new folder, and say what was taken. size: of the camera's images [px]."""
-        write_joints(self.pixels(size), side, folder)
-        left = ", ".join(self.given.unknown[:8])
-        more = f"; not a hand's, so left out: {left}" if left else ""
-        say(f"{self.where}: {self.given.family}, a hand in {len(self.frames)} frames{more}.")
-        for note in self.given.notes:
+        write_joints(self.pixels(size), self.layout(side), folder)
+        left = ", ".join(self.unknown[:8])
+        kind = "body" if is_body(LAYOUTS[self.layout(side)]) else "hand"
+        more = f"; not a {kind}'s, so left out: {left}" if left else ""
+        say(f"{self.where}: {self.family}, {self.what} in {len(self.frames)} frames{more}.")
+        for note in self.notes:
             say(f"note: {note}")
 
 
-def camera_joints(recorded: Mapping[str, Recorded], side: str | None) -> dict[str, CameraJoints]:
-    """Return the joints by camera. Raises HandtrackError where two cameras' are of different sides.
+@dataclass(frozen=True)
+class GivenSubject:
+    """What is tracked, and where cameras saw its joints."""
 
-    side: what the user said.
-    """
-    found: dict[str, CameraJoints] = {}
-    for name, cam in recorded.items():
-        if cam.keypoints is not None:
-            where = f"--keypoints {name}={cam.keypoints}"
-            given = read_joints(cam.keypoints, where)
-            chosen, frames = given.hand(side, where)
-            found[name] = CameraJoints(where, given, frames, chosen)
+    kind: Subject
+    joints: Mapping[str, CameraJoints]
+
+    @property
+    def side(self) -> str | None:
+        """Which hand it is, where a file says it."""
+        return next((found.side for found in self.joints.values() if found.side), None)
+
+
+@dataclass(frozen=True)
+class Wished:
+    """What the user said of joints."""
+
+    side: str | None = None
+    kind: Subject | None = None
+    """by the model that was named"""
+    layout: str | None = None
+    person: int | None = None
+    """from 1"""
+    likely_layout: str | None = None
+    """as a project's settings say; it decides what joints leave open"""
+
+
+def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubject:
+    """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it."""
+    if wished.layout is not None and wished.layout not in LAYOUTS:
+        raise unknown_name("layout of joints", wished.layout, tuple(LAYOUTS), "--layout")
+    given = {
+        name: (f"--keypoints {name}={cam.keypoints}", cam.keypoints)
+        for name, cam in recorded.items()
+        if cam.keypoints is not None
+    }
+    read = {name: (where, read_joints(text, where)) for name, (where, text) in given.items()}
+    kind = _kind(wished, read)
+    _check_wished(wished, kind, read)
+    found = {
+        name: _person(one, where, wished) if kind is BODY else _hand(one, where, wished.side)
+        for name, (where, one) in read.items()
+    }
     sides = {joints.side: joints for joints in found.values() if joints.side}
     if len(sides) > 1:
         first, second = sides.values()
         raise HandtrackError(
             f"{second.where}: a {second.side} hand, but {first.where} has a {first.side} one; say which with --side."
         )
-    return found
+    return GivenSubject(kind, found)
+
+
+def _kind(wished: Wished, read: Mapping[str, tuple[str, GivenJoints]]) -> Subject:
+    """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
+    if wished.kind is not None:
+        return wished.kind
+    if wished.layout is not None:
+        return BODY if is_body(LAYOUTS[wished.layout]) else HAND
+    if wished.side is not None:
+        return HAND
+    if wished.person is not None:
+        return BODY
+    by_kind = {
+        HAND: [where for where, one in read.values() if one.has_hand or one.bodies is None],
+        BODY: [where for where, one in read.values() if one.bodies is not None],
+    }
+    if by_kind[HAND] and by_kind[BODY]:
+        first = by_kind[BODY][0]
+        others = "" if first in by_kind[HAND] else f", and {by_kind[HAND][0]} hands"
+        raise HandtrackError(
+            f"{first} has bodies{others or ' and hands'}; say what is to be tracked: --model body34 for the body, --model hand26 "
+            "for the hand (or --side right)."
+        )
+    return BODY if by_kind[BODY] else HAND
+
+
+def _check_wished(wished: Wished, kind: Subject, read: Mapping[str, object]) -> None:
+    """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
+    for option, value in (("--layout", wished.layout), ("--person", wished.person)):
+        if value is not None and not read:
+            raise HandtrackError(f"{option} {value} is about joints, but no --keypoints are given.")
+    if kind is HAND and wished.person is not None:
+        raise HandtrackError(
+            f"--person {wished.person} is about bodies; a hand is chosen with --side."
+        )
+    if wished.layout is not None and is_body(LAYOUTS[wished.layout]) != (kind is BODY):
+        raise HandtrackError(
+            f"--layout {wished.layout} is not of a {kind.word}, which is to be tracked."
+        )
+
+
+def _hand(given: GivenJoints, where: str, side: str | None) -> CameraJoints:
+    chosen, frames = given.hand(side, where)
+    return CameraJoints(
+        where, given.family, frames, chosen, given.is_share, given.layout, "a hand", given.unknown, given.notes
+    )  # fmt: skip
+
+
+def _person(given: GivenJoints, where: str, wished: Wished) -> CameraJoints:
+    bodies = given.bodies
+    if bodies is None:
+        raise HandtrackError(f"{where}: no body in any frame.")
+    layout = layout_of(bodies, wished.layout, where, wished.likely_layout)
+    everybody = people(bodies.frames)
+    number = wished.person or 1
+    if number > len(everybody):
+        raise HandtrackError(
+            f"--person {number}: {where} has {_people(len(everybody))}; expected at most {len(everybody)}."
+        )
+    what = f"a body ({layout})"
+    if len(everybody) > 1:
+        who = "the tallest who stays" if wished.person is None else f"person {number}"
+        others = ", ".join(str(len(p)) for p in everybody[:4] if p is not everybody[number - 1])
+        what += f", {who}"
+        note = f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one)."
+    else:
+        note = ""
+    return CameraJoints(
+        where, given.family, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, (note,) if note else ()
+    )  # fmt: skip
+
+
+def _people(count: int) -> str:
+    return "one person" if count == 1 else f"{count} people"

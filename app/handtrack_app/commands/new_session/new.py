@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.joints.pose2sim import Pose2SimProject
+from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError
@@ -26,7 +28,9 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
-from handtrack_app.commands.new_session.joints import CameraJoints, camera_joints
+from handtrack_app.commands.new_session.given_model import given_model, tracking_of, usual_model
+from handtrack_app.commands.new_session.joints import CameraJoints, Wished, given_subject
+from handtrack_app.commands.new_session.project import with_project
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
     Given,
@@ -36,6 +40,7 @@ from handtrack_app.commands.new_session.sources import (
     linked_setting,
     recorded_cameras,
     settings_of,
+    without_padding,
 )
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import check_new, new_folder
@@ -52,16 +57,21 @@ def run(args: argparse.Namespace) -> int:
     unit_m = (
         None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
     )
+    project = with_project(args)
     recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
     _check_depth(recorded, args.depth_scale)
     check_new(args.out)
-    joints = camera_joints(recorded, args.side)
-    side = args.side or next((found.side for found in joints.values() if found.side), None)
+    model = given_model(args.model)
+    kind = None if model is None else model.kind
+    subject = given_subject(recorded, _wished(args, kind, project))
+    joints, is_hand = subject.joints, subject.kind is HAND
+    side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
     missing = check_detector(args.detector)
-    seen = [name for name, cam in recorded.items() if cam.images and name not in joints]
+    seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-    rig, notes = given_rig(args.calibration, sizes, list(recorded), joints, unit_m, args.yes)
+    rig, notes = given_rig(args.calibration, sizes, list(recorded), subject, unit_m, args.yes)
+    rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
@@ -69,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         raise HandtrackError(
             f"--masks {args.masks}: masks by joints, and there are none: {missing}"
         )
-    masks = mask_method(args.masks or _WITHOUT_JOINTS)
+    masks = mask_method(args.masks or (_WITHOUT_JOINTS if is_hand else "none"))
     files, roots = dict[str, Path](), list[Path]()
 
     def setting(given: Given | None, place: str) -> str | None:
@@ -94,13 +104,17 @@ def run(args: argparse.Namespace) -> int:
             keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
             keypoint_layout=joints[name].layout(side or USUAL) if name in joints else None,
             fps=own.get(name),
+            lag_s=None
+            if project is None or name not in project.lag_frames
+            else project.lag_frames[name] / fps,
         )
         for i, (name, cam) in enumerate(recorded.items())
     )
     deep = tuple(camera.name for camera in cameras if camera.depth)
     recording = RecordingSettings(args.name or args.out.resolve().name, fps)
     clouds = CloudSettings(depth=deep) if deep else None
-    for text in (*notes, note):
+    told = () if project is None else project.notes
+    for text in (*told, *notes, *padded, note):
         if text:
             say(text)
     with new_folder(args.out) as folder:
@@ -112,8 +126,12 @@ def run(args: argparse.Namespace) -> int:
                 joints[name].write(folder / "joints" / _place(i, name), side or USUAL, size)
         if truth is not None:
             write_truth(folder / TRUTH_FILE, truth)
-        hand = HandSettings(side=side or USUAL, scale="fit")
-        file = SessionFile(recording, hand, cameras, clouds)
+        if model is not None and model.file is not None:
+            copied({model.file.name: model.file}, folder)
+        name = usual_model(subject.kind) if model is None else model.setting
+        hand = HandSettings(name, side or USUAL, scale="fit")
+        tracking = tracking_of(subject, {n: sizes.get(n, rig[n].size) for n in joints})
+        file = SessionFile(recording, hand, cameras, clouds, tracking)
         write_session_file(folder / SESSION_FILE, file)
         if roots:
             allow_links(folder, roots)
@@ -122,12 +140,12 @@ def run(args: argparse.Namespace) -> int:
         if side is None and seen and not joints and not missing:
             found = side_of_hand(session, args.detector, args.yes)
             file = replace(file, hand=replace(hand, side=found))
-        if args.masks is None:
+        if args.masks is None and is_hand:
             file = _with_masks_by_joints(file, session, joints)
         write_session_file(folder / SESSION_FILE, file)
     if roots:
         allow_links(args.out, roots)
-    made = f"session of {len(cameras)} cameras and {count} frames in {args.out}."
+    made = f"session of {len(cameras)} cameras and {count} frames of a {subject.kind.word} in {args.out}."
     if not args.track:
         if seen and args.masks in (None, Seeded.name) and not missing:
             say(
@@ -137,12 +155,13 @@ def run(args: argparse.Namespace) -> int:
             "session": args.out,
             "cameras": [camera.name for camera in cameras],
             "frames": count,
+            "model": hand.model,
         }
         answer(
             args,
             told,
-            f"{made} Look at it with: handtrack doctor {args.out}; then pose the hand in its first frame with: handtrack open "
-            f"{args.out}",
+            f"{made} Look at it with: handtrack doctor {args.out}; then pose the {subject.kind.word} in its first frame with: "
+            f"handtrack open {args.out}",
         )
         return 0
     say(made)
@@ -156,6 +175,13 @@ def run(args: argparse.Namespace) -> int:
         masks = ["--masks"] if args.masks is None else []
         args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
     return 0
+
+
+def _wished(
+    args: argparse.Namespace, kind: Subject | None, project: Pose2SimProject | None
+) -> Wished:
+    said = None if project is None else project.layout
+    return Wished(args.side, kind, args.layout, args.person, said)
 
 
 def _with_masks_by_joints(

@@ -12,10 +12,11 @@ from pathlib import Path
 from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera, scaled_by
+from handtrack.geometry.camera import Camera, CameraRig, scaled_by
 from handtrack.session.layout import is_pattern
 from handtrack_app.commands.terminal.progress import say
 
+_BLOCK_PX = 16
 _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
 
 
@@ -155,6 +156,33 @@ def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
         kind = DEPTH if given.option == _DEPTH else COLOUR
         source = ImageFiles(list(given.files), kind, camera.size, given.where)
         source.size  # noqa: B018  says what is wrong with it
+
+
+def without_padding(
+    rig: CameraRig, recorded: Mapping[str, Recorded]
+) -> tuple[CameraRig, list[str]]:
+    """Return the rig with the sizes of images that differ from the calibration's by a codec's padding alone; and what was
+    assumed, in sentences.
+
+    Video is coded in blocks of 16 pixels (ITU-T H.264, 7.3.2.1.1), filled up at the right and below: what one program shows as
+    1080 columns another one gives as 1088. The matrix is the same for both.
+    """
+    cameras, notes = [], list[str]()
+    for camera in rig:
+        size = recorded[camera.name].size if camera.name in recorded else None
+        if size is not None and size != camera.size and _differs_by_padding(size, camera.size):
+            notes.append(
+                f"camera '{camera.name}': images of {size[0]} × {size[1]}, calibrated for {camera.size[0]} × {camera.size[1]}: the "
+                "difference is taken to be a codec's padding at the right and below."
+            )
+            camera = replace(camera, size=size)
+        cameras.append(camera)
+    return CameraRig(tuple(cameras)), notes
+
+
+def _differs_by_padding(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
+    pairs = [sorted(pair) for pair in zip(size, calibrated, strict=True)]
+    return all(more in (less, -(-less // _BLOCK_PX) * _BLOCK_PX) for less, more in pairs)
 
 
 def settings_of(given: Given, folder: str) -> tuple[str, Mapping[str, Path]]:

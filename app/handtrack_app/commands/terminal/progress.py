@@ -15,23 +15,26 @@ from handtrack_app.engine.compile_watch import CompileWatch
 _SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
+def _interval_s() -> float:
+    """Return how often a bar is drawn anew: a line every few seconds where stderr is no terminal."""
+    return 0.2 if sys.stderr.isatty() else 5.0
+
+
 def progress_bar(total: int, what: str) -> tqdm:
-    """Return a bar on stderr; one line every few seconds where stderr is no terminal."""
-    interval = 0.2 if sys.stderr.isatty() else 5.0
-    return tqdm(total=total, desc=what, unit="frame", mininterval=interval, dynamic_ncols=True)
+    """Return a bar of frames on stderr."""
+    return tqdm(total=total, desc=what, unit="frame", mininterval=_interval_s(), dynamic_ncols=True)
 
 
 @contextmanager
-def sizing_bar() -> Iterator[Callable[[float, str], None]]:
-    """Give what tells how far the fit of a hand's size is: a share from 0 to 1, and words; the bar comes with the first."""
+def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
+    """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
     bars: list[tqdm] = []
 
     def tell(share: float, words: str) -> None:
         if not bars:
-            interval = 0.2 if sys.stderr.isatty() else 5.0
             shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
             bars.append(
-                tqdm(total=1.0, desc="sizing", mininterval=interval, bar_format=shape, dynamic_ncols=True)
+                tqdm(total=1.0, desc=what, mininterval=_interval_s(), bar_format=shape, dynamic_ncols=True)
             )  # fmt: skip
         bars[0].set_postfix_str(words, refresh=False)
         bars[0].update(share - bars[0].n)

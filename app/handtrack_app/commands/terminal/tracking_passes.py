@@ -11,7 +11,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, sizing_bar
+from handtrack_app.commands.terminal.progress import Stop, progress_bar, say, share_bar
 from handtrack_app.commands.terminal.tracked_take import TrackedTake
 from handtrack_app.rerun.recorder import ResidualRecorder
 
@@ -42,11 +42,8 @@ class TrackingPasses:
         results = {step.result.frame: step.result for step in done if step.result.frame in frames}
         problem, known = "", run.session.known_frames
         self.refinement = None
-        with progress_bar(len(frames), "tracking") as bar:
+        with progress_bar(len(frames), "tracking") as bar, share_bar("refining") as refining:
             bar.update(len(results))
-
-            def refining(share: float) -> None:
-                bar.set_description(f"refining {share:.0%}")
 
             def shared(text: str) -> None:
                 self.refinement, scale = text, Refinement.read(text).scale
@@ -55,20 +52,18 @@ class TrackingPasses:
                 if self._recorder is not None and scale is not None:
                     self._recorder.go_on_with(refined_run)
 
-            control = replace(self._control, on_refined=refining, on_shared=shared)
+            control = replace(self._control, on_refined=lambda s: refining(s, ""), on_shared=shared)
             try:
                 for result in run.track_with(control, frames, start_frame, start, done):
                     before = results.get(result.frame)
                     if before is result:
                         continue  # nothing is better known of it
-                    is_new = before is None
                     results[result.frame] = result
-                    if not is_new:
+                    if before is not None:
                         take.replace(result)
-                        bar.set_description("tracking", refresh=False)
                     if self._recorder is not None:
                         self._recorder.show(result)
-                    bar.update(is_new)
+                    bar.update(before is None)
                     if run.session.known_frames != known:
                         break  # videos are counted by now, and have not as many frames as they announce
             except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
@@ -89,7 +84,7 @@ class TrackingPasses:
         stop = self._stop
         stop.shielded = False
         say(f"fitting the hand's size to the {len(before)} frames that were tracked …")
-        with sizing_bar() as tell:
+        with share_bar("sizing") as tell:
             sized = run.fit_size(stop, tell=tell, tracked=before)
         if stop():
             say("note: the hand's size is not fitted.")

@@ -18,9 +18,10 @@ from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.tracking.frame.settings import CloudTermSettings
+from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.pictures.camera_pictures import contact_sheet
 from handtrack_app.engine.pictures.cloud_pictures import (
@@ -61,6 +62,8 @@ class RenderInput:
     """the hand that the cloud is cropped to; None before the hand has a place"""
     filters: CloudFilters
     wanted: WantCloud
+    fitted: CloudTermSettings
+    """which surface the solver fits to clouds"""
 
 
 class CloudRenderer:
@@ -74,7 +77,7 @@ class CloudRenderer:
 
     def surface(self, moment: RenderInput) -> SurfaceSnapshot:
         spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
-        mesh = surface_mesh(MetaballSurface.of(moment.model), moment.bones, spacing)
+        mesh = surface_mesh(fitted_surface(moment.model, moment.fitted), moment.bones, spacing)
         return SurfaceSnapshot(
             moment.frame,
             moment.version,
@@ -201,7 +204,7 @@ def nothing_left(reports: tuple[FilterReport, ...]) -> str:
     if last is None:
         return "Nothing was measured in this frame."
     advice = {
-        "crop": "Is the hand where the cloud is? Find it (tab Pose), or make 'To hand' larger.",
+        "crop": "Is the model where the cloud is? Pose it (tab Pose), or make 'To hand' larger.",
         "range": "Make 'Nearest' smaller or 'Farthest' larger. Is the unit of length right?",
         "skin": "Take the colour again, or make the ellipse larger.",
     }
@@ -222,7 +225,7 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     """
     if "metaballs" not in moment.model.flesh:
         return np.full(len(points), np.nan)
-    near = MetaballSurface.of(moment.model).near(moment.bones, points)
+    near = fitted_surface(moment.model, moment.fitted).near(moment.bones, points)
     slope = np.linalg.norm(near.gradient, axis=1)
     return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
 

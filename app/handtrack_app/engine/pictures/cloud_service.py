@@ -89,7 +89,7 @@ class CloudService:
             previous = model.bones(params_of(model, document.pose_at(before)))
         return RenderInput(
             frame, document.version, session, model, bones, previous, session.cloud_filters,
-            self._wanted,
+            self._wanted, document.run.settings.cloud,
         )  # fmt: skip
 
     @property

@@ -5,6 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sized
 
+from handtrack.arrays import D2, Floats, N
+from handtrack.diagnostics.residual_image import joint_pairs, joints_picture
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.posing.page_values import params_of
@@ -58,10 +62,13 @@ class Painter:
         for camera, paint in wanted.screens:
             if camera not in session.rig.names or paint == "mask":
                 continue  # masks may take long: they are made on the render thread
-            needed = paint == "residual"
-            seen = session.observation(frame, cloud=False).silhouettes if needed else ()
-            silhouette = next((s for s in seen if s.camera.name == camera), None)
-            large[camera, paint] = maker.screen(camera, frame, paint, flesh, silhouette, aside)
+            silhouette, joints = None, None
+            if paint == "residual":
+                seen = session.observation(frame, cloud=False)
+                silhouette = next((s for s in seen.silhouettes if s.camera.name == camera), None)
+                joints = self._joints(camera, seen, bones)
+            screen = maker.screen(camera, frame, paint, flesh, silhouette, aside)
+            large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
         if large:
             self._publish(PictureSnapshot(frame, screens=large, version=document.version))
         small = {}
@@ -73,3 +80,11 @@ class Painter:
         if small:
             sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
             self._publish(PictureSnapshot(frame, small, sheet, large, document.version))
+
+    def _joints(self, camera: str, seen: Observation, bones: BonePoses) -> Floats[N, D2, D2] | None:
+        """Return where a camera's joints were seen and where the model has them [px]; None where none was."""
+        model = self._document.model
+        for joints in seen.keypoints:
+            if isinstance(joints, ImageKeypoints) and joints.camera.name == camera:
+                return joint_pairs(joints, model.joint_names, model.joint_positions(bones))
+        return None

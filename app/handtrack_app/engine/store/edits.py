@@ -16,6 +16,7 @@ from handtrack.store.history import Value
 from handtrack.store.spans import Span, beside_accepted, resolved
 from handtrack.store.store import spans_of
 from handtrack.terms.keypoints import pinned_places
+from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.pose_pictures import library_pose
 from handtrack_app.engine.posing.inverse_kinematics import reach
@@ -108,6 +109,17 @@ def restored(document: Document, number: int, frames: range | None) -> Values:
 def setting(name: str, value: object) -> Values:
     """Change a setting of [tracking]."""
     return {keys.setting(name): value}
+
+
+def method(document: Document, value: object) -> Values:
+    """Change the method, with all that it sets, and what the one before had set; back to the session's own brings its own
+    values back. Raises HandtrackError.
+    """
+    now, own = document.run.settings, document.own_settings
+    chosen = now.with_values({"method": value})
+    wanted = own if chosen.method == own["method"] else chosen.flat()
+    touched = ("method", *METHODS[now.method].values, *METHODS[chosen.method].values)
+    return {keys.setting(name): wanted[name] for name in dict.fromkeys(touched)}
 
 
 def limits(document: Document, name: str, interval: tuple[float, float] | None) -> Values:

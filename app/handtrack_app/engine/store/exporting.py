@@ -39,7 +39,7 @@ def export_beside(
 
     def work() -> None:
         try:
-            name, data = exported(chosen, table, stem)
+            name, data = exported(chosen, table, stem, request.up)
             publish(Download(name, data, request.client_id))
         except HandtrackError as error:
             publish(Notice("error", "Not exported", str(error)))
@@ -52,10 +52,12 @@ def export_beside(
     return thread
 
 
-def exported(chosen: ExportFormat, table: ResultsTable, stem: str) -> tuple[str, bytes]:
+def exported(
+    chosen: ExportFormat, table: ResultsTable, stem: str, up: str = ""
+) -> tuple[str, bytes]:
     """Return name and content of one file: a zip where the format is of several. Raises HandtrackError."""
     with tempfile.TemporaryDirectory() as folder:
-        written = chosen.write(Path(folder) / f"{stem}{chosen.ending}", table)
+        written = chosen.write(Path(folder) / f"{stem}{chosen.ending}", table, up)
         if not chosen.has_parts:
             return written[0].name, written[0].read_bytes()
         data = io.BytesIO()

@@ -376,7 +376,7 @@ class Persistence:
             if labels.model == document.run.labels.model:
                 size = table | {"pending": False}
                 if size != document.value(keys.SIZE):
-                    self.do("The track's size of hand", {keys.SIZE: size}, kind=NOTE)
+                    self.do("The track's size", {keys.SIZE: size}, kind=NOTE)
         except (HandtrackError, ValueError, KeyError, TypeError) as error:
             log.warning("the size of the track is not known: %s", error)
 

@@ -53,7 +53,7 @@ def _keep_hand_size(store: Persistence) -> str:
     keep_version(store.folder / HAND_FILE)
     write_scale(store.folder / HAND_FILE, run.scale)
     edit_toml(path, {"hand.scale": HAND_FILE}, _SETTINGS)
-    return f" The hand's fitted size is kept in {HAND_FILE}."
+    return f" The fitted size is kept in {HAND_FILE}."
 
 
 def save_clouds(store: Persistence) -> str:

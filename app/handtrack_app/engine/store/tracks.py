@@ -21,7 +21,7 @@ def whole_track(document: Document) -> TrackResult:
     frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
     if not frames:
         raise HandtrackError(
-            "There is nothing to save yet: track some frames, or pose the hand, first."
+            f"There is nothing to save yet: track some frames, or pose the {document.model.kind}, first."
         )
     track = document.run.result(sorted(frames.values(), key=lambda result: result.frame))
     return replace(track, refinement=document.results.refinement)

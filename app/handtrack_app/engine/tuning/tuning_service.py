@@ -66,7 +66,13 @@ class TuningService:
                 values = edits.limits(document, change.name, change.interval)
                 words = f"Limits of {change.name}"
             else:
-                values, words = edits.setting(change.name, change.value), change.name
+                name, value = change.name, change.value
+                values = (
+                    edits.method(document, value)
+                    if name == "method"
+                    else edits.setting(name, value)
+                )
+                words = name
             known, words = document.run.notes, change.tag or words
             self.store.do(words, values, tag=words)
             self.say_notes(known)

@@ -13,7 +13,13 @@ from handtrack_app.page.scene.looking import Pixel
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.commands import CarryMasks, DropCorrection, PaintMask
 
-_BRUSHES = ("hand", "not hand", "unknown", "as it is")
+_BRUSHES = {
+    "{kind}": "hand",
+    "not {kind}": "not hand",
+    "unknown": "unknown",
+    "as it is": "as it is",
+}
+"""words → what is sent"""
 _RADIUS = (1, 80, 1)  # [px]
 _MOST = 20  # frames to carry to, each way
 
@@ -32,18 +38,19 @@ class CorrectingWidgets:
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
         self._strokes = count(1)
         self._stroke, self._last = 0, None
+        self.brushes = {page.words.of(words): brush for words, brush in _BRUSHES.items()}
         gui = page.gui
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")
             self.brush = gui.add_dropdown(
                 "Brush",
-                _BRUSHES,
+                tuple(self.brushes),
                 hint="As it is: takes the correction away again where it is painted.",
             )
             self.radius = gui.add_slider("Radius px", *_RADIUS, 10)
             self.paint = gui.add_button(
                 "Paint over the mask", icon=viser.Icon.BRUSH, color="gray",
-                hint="Looks through the camera, without the hand; drag or click over its image. Undo takes a stroke back.",
+                hint="Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
             )  # fmt: skip
             self.done = gui.add_button("Done painting", icon=viser.Icon.CHECK, visible=False)
             self.drop = gui.add_button(
@@ -102,7 +109,9 @@ class CorrectingWidgets:
             self._stroke, self._last = next(self._strokes), None
         points = (at,) if self._last is None else (self._last, at)
         self._last = None if phase in ("end", "click") else at
-        frame, brush = self.page.state.frame, str(self.brush.value)
+        frame, brush = self.page.state.frame, self.brushes.get(str(self.brush.value))
+        if brush is None:
+            return
         self.page.send(PaintMask(frame, camera, brush, points, radius, str(self._stroke)))
 
     def _drop(self, event: UserEvent) -> None:

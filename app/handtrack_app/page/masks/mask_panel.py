@@ -56,7 +56,7 @@ class MaskPanel:
         self.note = gui.add_html("")
         self.on = gui.add_checkbox(
             "Show masks", page.state.display.masks,
-            hint="Hand as it is, background dark; of what is purple nobody knows. Blue: corrected by hand.",
+            hint=page.words.of("{Kind} as it is, background dark; of what is purple nobody knows. Blue: corrected by you."),
         )  # fmt: skip
         self.camera = gui.add_dropdown("Camera", (ALL, *names) if len(names) > 1 else names)
         self.method = gui.add_dropdown("Masks from", tuple(METHOD_WORDS[n] for n in possible))
@@ -182,7 +182,7 @@ class MaskPanel:
         self.page.notify(
             "info",
             f"Drag a box in {camera}",
-            f"Press the mouse and drag over {over}. The hand is hidden until then; key 0 looks freely again.",
+            f"Press the mouse and drag over {over}. The model is hidden until then; key 0 looks freely again.",
             event.client,
         )
 

@@ -60,12 +60,12 @@ FIELDS: dict[str, dict[str, Field]] = {
     },
     "background_mog2": {
         "threshold": Field("Difference", "Squared, in variances.", 1, 100, 1),
-        "shadows": Field("No shadows", "Darkened background is no hand."),
+        "shadows": Field("No shadows", "Darkened background counts as such."),
         "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
     },
     "depth_range": {
-        "near_m": Field("Nearest m", "Nearer is no hand.", 0.05, 3, 0.01),
-        "far_m": Field("Farthest m", "Farther is no hand.", 0.05, 3, 0.01),
+        "near_m": Field("Nearest m", "Nearer is background.", 0.05, 3, 0.01),
+        "far_m": Field("Farthest m", "Farther is background.", 0.05, 3, 0.01),
         "open_px": _OPEN, "largest": _LARGEST,
     },
 }  # fmt: skip

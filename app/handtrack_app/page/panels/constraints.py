@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import viser
 
 from handtrack.setting import Setting
+from handtrack.tracking.frame.methods import METHODS
+from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.controls import CONTROLS, OPEN
-from handtrack_app.page.panels.pose_words import GROUPS, group_of, label_of, unit_of
+from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
-from handtrack_app.protocol.snapshots import SessionSnapshot
+from handtrack_app.protocol.snapshots import (
+    CLOUD,
+    IMAGES,
+    KEYPOINTS,
+    SILHOUETTES,
+    SessionSnapshot,
+)
+
+_SEEN_AS = {
+    "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
+}  # fmt: skip
+"""groups of settings → what they weigh"""
+_OPEN = 2  # folders of limits that are open at first
+_TOLD = "<div style='padding:0 .9em .4em;font-size:.8em;line-height:1.4;opacity:.75'>{}</div>"
 
 
 @dataclass
@@ -27,6 +42,9 @@ class SettingsPanel:
     tab: viser.GuiTabHandle
     refits: RefitSwitch
     controls: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
+    folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
+    told: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
+    """by setting: a sentence on the value that holds"""
     session: SessionSnapshot | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -42,7 +60,15 @@ class SettingsPanel:
                 widget.value = shown
             label = f"{setting.label} •" if setting.name in self.changed else setting.label
             put(widget, label=label)
-        self.words.content = _changed_words(self.changed)
+            if setting.name in self.told:
+                put(
+                    self.told[setting.name],
+                    content=_TOLD.format(html.escape(setting.told.get(str(value), ""))),
+                )
+        self._show_what_counts(session)
+        self.words.content = _changed_words(
+            to_be_said(session.settings, session.own_settings) if self.changed else {}
+        )
         self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
 
     def _build(self, session: SessionSnapshot) -> None:
@@ -63,17 +89,34 @@ class SettingsPanel:
             known = [s for s in settings if s.name in session.settings]
             known = [s for s in known if s.about in ("", session.kind)]
             if known:
-                with gui.add_folder(title, expand_by_default=title in OPEN):
+                folder = gui.add_folder(title, expand_by_default=title in OPEN)
+                self.folders[title] = folder
+                with folder:
                     for setting in known:
                         value = session.settings[setting.name]
                         if setting.words or shown_value(setting, value) is not None:
                             self._add(setting, value)
-        if session.kind == "hand":
-            size = gui.add_button(
-                "Fit hand size", color="gray", icon=viser.Icon.RULER_MEASURE,
-                hint="From the frames near the first-frame pose. Done by itself before the first tracking.",
-            )  # fmt: skip
-            page.on(size, lambda _: page.send(FitSize()))
+        self.size = gui.add_button(
+            "Fit the size", color="gray", icon=viser.Icon.RULER_MEASURE,
+            hint="Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
+            "first tracking.".replace("{kind}", session.kind),
+        )  # fmt: skip
+        page.on(self.size, lambda _: page.send(FitSize()))
+
+    def _show_what_counts(self, session: SessionSnapshot) -> None:
+        """Offer settings of what the recording has, or of what somebody changed all the same."""
+        for title, folder in self.folders.items():
+            counting = False
+            for setting in CONTROLS[title]:
+                if setting.name in self.controls:
+                    about = _SEEN_AS.get(setting.name.partition(".")[0])
+                    counts = about is None or about in session.seen or setting.name in self.changed
+                    put(self.controls[setting.name][1], visible=counts)
+                    if setting.name in self.told:
+                        put(self.told[setting.name], visible=counts)
+                    counting |= counts
+            put(folder, visible=counting)
+        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.seen)
 
     @property
     def changed(self) -> dict[str, object]:
@@ -111,6 +154,8 @@ class SettingsPanel:
             )
         self.page.on(widget, lambda event: self._changed(setting, event))
         self.controls[setting.name] = (setting, widget)
+        if setting.told:
+            self.told[setting.name] = gui.add_html("")
 
     def _changed(self, setting: Setting, event: UserEvent) -> None:
         value: Any = event.target.value
@@ -122,6 +167,21 @@ class SettingsPanel:
                 value = round(value)
         if value is not None and self.session is not None:
             self.page.send(SetSetting(setting.name, value, setting.label))
+
+
+def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
+    """Return what must be given to the command line: what differs, but for what each has by its method alone."""
+    usual, before = (METHODS[str(one["method"])].values for one in (now, own))
+    return {
+        name: value
+        for name, value in now.items()
+        if value != own[name]
+        and (
+            value != usual.get(name, SETTINGS[name].default)
+            or own[name] != before.get(name, SETTINGS[name].default)
+            or name == "method"
+        )
+    }
 
 
 def _changed_words(changed: dict[str, object]) -> str:
@@ -186,8 +246,10 @@ class LimitsPanel:
                 folder.remove()
             self.names, self.ranges, self.folders = session.parameter_names, {}, []
             with self.tab:
-                for group in GROUPS[1:]:
-                    self._add_folder(group, session)
+                groups = groups_of(self.names)
+                groups.pop(PLACE, None)
+                for number, (group, members) in enumerate(groups.items()):
+                    self._add_folder(group, members, session, is_open=number < _OPEN)
         for s, name in enumerate(self.names):
             if name in self.ranges:
                 shown = degrees(session.interval[s])
@@ -204,11 +266,10 @@ class LimitsPanel:
         same = (low, high) == tuple(self.session.own_interval[s].tolist())
         return None if same else (low, high)
 
-    def _add_folder(self, group: str, session: SessionSnapshot) -> None:
-        members = [n for n in self.names if group_of(n) == group]
-        if not members:
-            return
-        folder = self.page.gui.add_folder(group, expand_by_default=group in ("Thumb", "Index"))
+    def _add_folder(
+        self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
+    ) -> None:
+        folder = self.page.gui.add_folder(group, expand_by_default=is_open)
         self.folders.append(folder)
         with folder:
             for name in members:

@@ -7,6 +7,8 @@ from handtrack.tracking.frame.settings import SETTINGS
 
 OPEN = ("Model", "Weights")
 """folders that are open at first"""
+EXPERT = "For experts"
+"""the folder of what only `--set` and session.toml had else"""
 _FOLDERS = {
     "Model": ("model.name", "model.fallback", "model.coupling", "model.forearm"),
     "Weights": (
@@ -25,7 +27,7 @@ _FOLDERS = {
     ),
     "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
     "Point cloud": ("cloud.sigma_mm",),
-    "Keypoints": ("keypoints.sigma_mm",),
+    "Keypoints": ("keypoints.sigma_px", "keypoints.sigma_mm"),
     "Motion": (
         "tracker.estimate",
         "tracker.smoothing",
@@ -34,6 +36,7 @@ _FOLDERS = {
     ),
     "Other poses": ("tracker.recovery", "tracker.hypotheses"),
     "Solver": ("solver.iterations",),
+    EXPERT: ("method", "cloud.distance", "cloud.sharpness_per_mm"),
 }
 CONTROLS: dict[str, tuple[Setting, ...]] = {
     folder: tuple(SETTINGS[name] for name in names) for folder, names in _FOLDERS.items()

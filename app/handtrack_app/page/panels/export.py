@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import viser
 
-from handtrack.export.registry import FORMATS, export_format
-from handtrack_app.page.page import Page
+from handtrack.export.registry import AXES, FORMATS, export_format
+from handtrack_app.page.page import Page, UserEvent
 from handtrack_app.protocol.commands import Export
 from handtrack_app.protocol.snapshots import Download
 
 _USUAL = "csv"
+_AS_RECORDED = "as recorded"
 _TEXT = "<div style='padding:.1em .9em .5em;font-size:.85em;opacity:.8'>{}</div>"
 
 
@@ -34,6 +35,12 @@ class ExportPanel:
                 hint="The formats of `handtrack export --to`.",
             )
             purpose = gui.add_html("")
+            up = gui.add_dropdown(
+                "Up",
+                (_AS_RECORDED, *AXES),
+                initial_value=_AS_RECORDED,
+                hint="Which of the world's axes points up: those who read this format take one for it.",
+            )
             button = gui.add_button(
                 "Download", icon=viser.Icon.DOWNLOAD, hint="Written in the background, then sent."
             )
@@ -43,11 +50,17 @@ class ExportPanel:
             )  # fmt: skip
 
         def explain(_: object = None) -> None:
-            purpose.content = _TEXT.format(export_format(chosen.value).purpose)
+            known = export_format(chosen.value)
+            purpose.content = _TEXT.format(known.purpose)
+            up.visible = bool(known.up)
+
+        def download(event: UserEvent) -> None:
+            axis = up.value if up.visible and up.value != _AS_RECORDED else ""
+            page.send(Export(chosen.value, event.client_id or 0, axis))
 
         explain()
         page.on(chosen, explain)
-        page.on(button, lambda event: page.send(Export(chosen.value, event.client_id or 0)))
+        page.on(button, download)
         page.on(first, lambda event: page.send(Export("init", event.client_id or 0)))
 
     def deliver(self, download: Download) -> None:

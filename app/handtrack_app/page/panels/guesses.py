@@ -10,9 +10,18 @@ import viser
 from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.commands import Cancel, FindHand, TakeGuess
 from handtrack_app.protocol.palette import GHOSTS
-from handtrack_app.protocol.snapshots import GuessesSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import (
+    KEYPOINTS,
+    GuessesSnapshot,
+    ProgressSnapshot,
+    SessionSnapshot,
+)
 
 _HERE, _ANYWHERE = "this frame", "any frame"
+_HINTS = {
+    "hand": "Looks for an open or half-open hand in silhouettes, clouds and a detector's joints, without any first pose.",
+    "body": "Looks at the joints that a detector saw, without any first pose.",
+}
 _TITLES = {"found": "Poses found", "carried": "Poses carried along"}
 
 
@@ -24,15 +33,15 @@ class GuessesPanel:
     guesses: GuessesSnapshot | None = None
     folder: viser.GuiFolderHandle | None = None
     possible: bool = True
-    """only hands can be found"""
+    """there is something to look at"""
 
     def build(self) -> None:
         """Add the widgets where the page builds now."""
         gui, page = self.page.gui, self.page
         self.find = gui.add_button_group(
-            "Find the hand", (_HERE, _ANYWHERE),
-            hint="Looks for an open or half-open hand in silhouettes and clouds, without any first pose.",
+            "Find the hand", (_HERE, _ANYWHERE), hint=_HINTS["hand"],
         )  # fmt: skip
+        page.words.on(self.find, label="Find the {kind}")
         self.cancel = gui.add_button(
             "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
         )
@@ -92,7 +101,8 @@ class GuessesPanel:
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the search where there is one."""
-        self.possible = session.kind == "hand"
+        self.possible = session.kind == "hand" or KEYPOINTS in session.seen
+        put(self.find, hint=_HINTS[session.kind])
         if not self.possible:
             self.find.visible = False
 

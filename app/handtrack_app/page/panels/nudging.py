@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,7 +11,9 @@ import viser
 
 from handtrack.arrays import D3, D6, Floats
 from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.panels.pose_words import length_unit
 from handtrack_app.page.pins.whole_hand import moved_root
+from handtrack_app.protocol.snapshots import SessionSnapshot
 
 if TYPE_CHECKING:
     from viser._messages import KeyModifier
@@ -57,8 +59,9 @@ def nudged(
     return moved_root(root, pivot, turn, view @ np.array(nudge.move, dtype=float) * step_m)
 
 
-_STEPS = {"0.5 mm, 0.5°": (5e-4, 0.5), "2 mm, 2°": (2e-3, 2.0), "10 mm, 10°": (1e-2, 10.0),
-          "50 mm, 10°": (5e-2, 10.0)}  # fmt: skip
+_STEPS = (0.5, 0.5), (2.0, 2.0), (10.0, 10.0), (50.0, 10.0)
+"""in the unit in which the model is placed, and degrees"""
+_USUAL = 1
 _ROWS: dict[str, dict[str, str]] = {
     "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
     "Depth": {"nearer": "nearer", "farther": "farther"},
@@ -79,6 +82,10 @@ _KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
 )  # fmt: skip
 
 
+def _steps(unit: str, metres: float) -> dict[str, tuple[float, float]]:
+    return {f"{length:g} {unit}, {turn:g}°": (length * metres, turn) for length, turn in _STEPS}
+
+
 @dataclass
 class NudgePanel:
     """Handles of the nudges."""
@@ -89,6 +96,16 @@ class NudgePanel:
     axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
     """the axes of a page's view, view (x right, y down, z ahead) → world"""
     keys: Keys
+    steps: dict[str, tuple[float, float]] = field(default_factory=lambda: _steps("mm", 1e-3))
+    """by their words [m, °]"""
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Step by what the model is placed by."""
+        steps = _steps(*length_unit(session.reach_m))
+        if steps != self.steps:
+            self.steps = steps
+            self.step.options = tuple(steps)
+            self.step.value = tuple(steps)[_USUAL]
 
     def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
@@ -97,8 +114,9 @@ class NudgePanel:
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
                 page.on(row, lambda e, words=words: self.nudge(words.get(e.target.value), e.client))
+            words = tuple(self.steps)
             self.step = gui.add_dropdown(
-                "Step", tuple(_STEPS), initial_value="2 mm, 2°",
+                "Step", words, initial_value=words[_USUAL],
                 hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",
             )  # fmt: skip
         for key, modifier, name in _KEYS:
@@ -111,7 +129,7 @@ class NudgePanel:
         nudge, view = NUDGES.get(name or ""), self.axes(client)
         if nudge is None or view is None or pivot is None or len(state.values) < 6:
             return
-        step_m, step_deg = _STEPS.get(str(self.step.value), (2e-3, 2.0))
+        step_m, step_deg = self.steps.get(str(self.step.value), tuple(self.steps.values())[_USUAL])
         root = np.array(state.values[:6])
         step_rad = float(np.deg2rad(step_deg))
         edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)

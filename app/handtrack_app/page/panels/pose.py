@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,17 +13,23 @@ from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
 from handtrack_app.page.panels.pose_card import pose_card
-from handtrack_app.page.panels.pose_words import GROUPS, group_of, label_of, unit_of
+from handtrack_app.page.panels.pose_words import (
+    groups_of,
+    label_of,
+    length_unit,
+    unit_of,
+)
 from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
 from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track, WantLibrary
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
-_ROW = 3  # groups in a row of buttons
+_ROW = 18  # letters of the groups in a row of buttons, in a panel of usual width
+_MOST_IN_ROW = 3
 _FLIP = "Flip"
 _KEEP: str = "choose …"
-_REACH_MM = 500.0  # sliders of the hand's place reach this far from where it first was
+_REACH = 500.0  # sliders of the place reach this far from where it first was, in its unit
 
 
 @dataclass
@@ -40,6 +47,8 @@ class PosePanel:
     """by group; one is shown, so that all its sliders are on the screen"""
     rows: list[viser.GuiButtonGroupHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
+    length: tuple[str, float] = ("mm", 1e-3)
+    """unit of a place, and what it is in metres"""
     titles: dict[str, str] = field(default_factory=dict)
     """of the library: what a pose is called → its name"""
     pose: PoseSnapshot | None = None
@@ -60,10 +69,10 @@ class PosePanel:
                 "Fingers as",
                 (_KEEP,),
                 initial_value=_KEEP,
-                hint="Set the fingers to a pose of the library.",
+                hint="Set all but the place to a pose of the library.",
             )
             pictures = gui.add_button(
-                "Poses in pictures", icon=viser.Icon.HAND_STOP, color="gray",
+                "Poses in pictures", icon=viser.Icon.PHOTO, color="gray",
                 hint="The whole library as it looks; a click takes a pose.",
             )  # fmt: skip
             fit = gui.add_button(
@@ -130,6 +139,7 @@ class PosePanel:
             self._rebuild(session)
         self.guesses.fit(session)
         self.copies.fit(session)
+        self.nudges.fit(session)
         self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
         self.titles = {pose.title: pose.name for pose in session.poses}
         self.library.options = (_KEEP, *self.titles)
@@ -138,49 +148,49 @@ class PosePanel:
             slider.disabled = driven
             slider.hint = "Follows another joint under this coupling." if driven else name
             if s >= 6:
-                low, high = session.interval[s] / unit_of(name)
+                low, high = session.interval[s] / self._unit(name)
                 slider.min, slider.max = math.floor(low), math.ceil(high)
 
     def _rebuild(self, session: SessionSnapshot) -> None:
         for handle in (*self.folders.values(), *self.rows):
             handle.remove()
         self.folders, self.rows, self.sliders, self.names = {}, [], {}, session.parameter_names
-        members = {g: [n for n in self.names if group_of(n) == g] for g in GROUPS}
-        groups = [group for group in GROUPS if members[group]]
+        self.length = length_unit(session.reach_m)
+        groups = groups_of(self.names)
         with self.tab:
-            for i in range(0, len(groups), _ROW):
+            for i, named in enumerate(_rows(list(groups))):
                 row = self.page.gui.add_button_group(
-                    "Sliders of" if i == 0 else " ", tuple(groups[i : i + _ROW]), order=self.sliders_at,
+                    "Sliders of" if i == 0 else " ", named, order=self.sliders_at,
                     hint="One group's sliders at a time: all of them are on the screen.",
                 )  # fmt: skip
                 self.page.on(row, lambda event: self.open(str(event.target.value)))
                 self.rows.append(row)
-            for group in groups:
-                self._add_folder(group, members[group], session)
+            for group, members in groups.items():
+                self._add_folder(group, members, session)
         self.open(next(g for g in ("Index", "Left arm", *groups) if g in self.folders))
 
+    def _unit(self, name: str) -> float:
+        return unit_of(name, self.length[1])
+
     def open(self, group: str) -> None:
-        """Show the sliders of a group: a finger, a limb, `Hand` or `Wrist`."""
+        """Show the sliders of a group: a finger, a limb, the place."""
         if group in self.folders:
             for name, folder in self.folders.items():
                 put(folder, visible=name == group)
             self.copies.open(group)
 
-    def _add_folder(self, group: str, members: list[str], session: SessionSnapshot) -> None:
+    def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
-        title = "Body" if group == GROUPS[0] and session.kind == "body" else group
-        folder = self.folders[group] = gui.add_folder(title, order=self.sliders_at, visible=False)
+        folder = self.folders[group] = gui.add_folder(group, order=self.sliders_at, visible=False)
         with folder:
             for name in members:
                 s = self.names.index(name)
-                low, high = session.interval[s] / unit_of(name)
+                low, high = session.interval[s] / self._unit(name)
                 if not (math.isfinite(low) and math.isfinite(high)):
-                    low, high = (
-                        (-_REACH_MM, _REACH_MM) if name.startswith("root_t") else (-180.0, 180.0)
-                    )
+                    low, high = (-_REACH, _REACH) if name.startswith("root_t") else (-180.0, 180.0)
                 start = float(np.clip(0.0, low, high))
                 low, high = float(math.floor(low)), float(math.ceil(high))
-                slider = gui.add_slider(label_of(name), low, high, 0.1, start)
+                slider = gui.add_slider(label_of(name, self.length[0]), low, high, 0.1, start)
                 self.page.on(slider, lambda event, name=name: self._moved(name, event))
                 self.sliders[name] = slider
 
@@ -188,9 +198,9 @@ class PosePanel:
         slider = event.target
         value = number(self.page.said(slider), slider.min, slider.max)
         if value is None:
-            slider.value = round(self.page.state.value_of(name) / unit_of(name), 1)
+            slider.value = round(self.page.state.value_of(name) / self._unit(name), 1)
             return
-        self.page.edit_pose({name: value * unit_of(name)}, f"slider {name}")
+        self.page.edit_pose({name: value * self._unit(name)}, f"slider {name}")
 
     def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Say where a pose comes from, and move the sliders to it.
@@ -199,11 +209,11 @@ class PosePanel:
         """
         for name, value in zip(self.names, pose.values, strict=True) if newest else ():
             slider = self.sliders[name]
-            shown = round(float(value) / unit_of(name), 1)
+            shown = round(float(value) / self._unit(name), 1)
             if name.startswith("root_t") and not slider.min + 50 <= shown <= slider.max - 50:
                 slider.min, slider.max = (
-                    min(slider.min, shown - _REACH_MM),
-                    max(slider.max, shown + _REACH_MM),
+                    min(slider.min, shown - _REACH),
+                    max(slider.max, shown + _REACH),
                 )
             shown = min(max(shown, slider.min), slider.max)
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
@@ -217,3 +227,13 @@ class PosePanel:
         self.score = score
         if self.pose is not None:
             put(self.card, content=pose_card(self.pose, score))
+
+
+def _rows(groups: list[str]) -> list[tuple[str, ...]]:
+    """Return the groups in rows of buttons that fit into the panel."""
+    rows: list[tuple[str, ...]] = [()]
+    for group in groups:
+        if len("".join((*rows[-1], group))) > _ROW or len(rows[-1]) == _MOST_IN_ROW:
+            rows.append(())
+        rows[-1] = (*rows[-1], group)
+    return rows

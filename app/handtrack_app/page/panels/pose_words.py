@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from handtrack_app.protocol.palette import limb_of
 
 _LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
-GROUPS = ("Hand", "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS)
-"""folders; the first holds the root, of a body too"""
-_ROOT_LABELS = {
-    "root_tx": "x mm", "root_ty": "y mm", "root_tz": "z mm",
-    "root_rx": "turn x °", "root_ry": "turn y °", "root_rz": "turn z °",
-}  # fmt: skip
+PLACE, OTHERS = "Place", "Others"
+_ORDER = (PLACE, "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS, OTHERS)
+_LARGE_M = 0.5
+"""what reaches farther is placed by centimetres, else by millimetres: a body's 1.75 m are as many of these as a hand's 190 mm of those"""
 _MOTIONS = {"flex": "flex °", "abd": "spread °"}
 _TURNS = {
     "flex": "flex\u00a0°", "abd": "aside\u00a0°", "twist": "twist\u00a0°", "lean": "lean\u00a0°",
@@ -20,28 +19,41 @@ _TURNS = {
 }  # fmt: skip
 
 
+def length_unit(reach_m: float) -> tuple[str, float]:
+    """Return the unit in which a model is placed, and what it is in metres. reach_m: how far the model extends."""
+    return ("cm", 1e-2) if reach_m > _LARGE_M else ("mm", 1e-3)
+
+
+def groups_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return a model's parameters by folder, in the order of the folders."""
+    found = {group: tuple(n for n in names if group_of(n) == group) for group in _ORDER}
+    return {group: members for group, members in found.items() if members}
+
+
 def group_of(name: str) -> str:
     """Return the folder of a parameter."""
     if name.startswith("root_"):
-        return "Hand"
+        return PLACE
     if (limb := limb_of(name)) is not None:
         return limb.capitalize()
     first = name.split("_", maxsplit=1)[0].capitalize()
     if first == "Spine":
         return "Trunk"
-    return first if first in GROUPS else "Hand"
+    return first if first in _ORDER else OTHERS
 
 
-def label_of(name: str) -> str:
-    """Return a parameter's label inside its folder."""
-    if name in _ROOT_LABELS:
-        return _ROOT_LABELS[name]
+def label_of(name: str, length: str = "mm") -> str:
+    """Return a parameter's label inside its folder. length: the unit of a place."""
+    if name.startswith("root_t"):
+        return f"{name[-1]} {length}"
+    if name.startswith("root_r"):
+        return f"turn {name[-1]} °"
     first, *joint, motion = name.split("_")
     if limb_of(name) is not None or first == "spine":
         return " ".join([*(joint or [first]), _TURNS.get(motion, motion)])
     return " ".join([part.upper() for part in joint] + [_MOTIONS.get(motion, motion)])
 
 
-def unit_of(name: str) -> float:
-    """Return what a slider's unit is in metres or radians."""
-    return 1e-3 if name.startswith("root_t") else math.pi / 180
+def unit_of(name: str, length: float = 1e-3) -> float:
+    """Return what a slider's unit is in metres or radians. length: of a place [m]."""
+    return length if name.startswith("root_t") else math.pi / 180

@@ -41,13 +41,17 @@ _SAVED = {
     "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
 }
 _OVERLAPS = (
-    "<div style='padding:.1em .9em .2em;font-size:.8em' title='of hand and mask: their common area by that of both'>"
+    "<div style='padding:.1em .9em .2em;font-size:.8em' title='of {kind} and mask: their common area by that of both'>"
     "<span style='opacity:.65'>overlap</span> {}</div>"
+)
+_PAINT_HINT = (
+    "Residual: orange is silhouette without model, blue is model without silhouette; lines lead from where a joint was seen to where "
+    "the model has it. Mask: what counts as {kind}; of what is purple nobody knows, and it counts for nothing."
 )
 _PAINT_WORDS = {
     "nothing": "plain",
     "model's outline": "outline",
-    "silhouette residual": "residual",
+    "residual": "residual",
     "mask": "mask",
     "model's field": "field",
 }
@@ -100,13 +104,14 @@ class SessionPanel:
                     "Look through",
                     (FREE, *cameras, TOGETHER),
                     initial_value=FREE,
-                    hint="See the hand over a camera's image, or all cameras' images of the hand side by side.",
+                    hint=self.page.words.of(
+                        "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
+                    ),
                 )
                 self.zoom.build()
                 self.paint = gui.add_dropdown(
                     "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
-                    hint="Residual: orange is silhouette without model, blue is model without silhouette. Mask: what counts as hand; of "
-                    "what is purple nobody knows, and it counts for nothing.",
+                    hint=page.words.of(_PAINT_HINT),
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 self._toggle(
@@ -146,7 +151,7 @@ class SessionPanel:
         act = look(lambda event: self._show_look(None, event.client))
         self.page.everyones.add(self.keys.add("Look freely", "0", act))
         act = look(lambda event: self._show_look(ALL, event.client))
-        self.page.everyones.add(self.keys.add("See the hand in all cameras", "G", act))
+        self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "G", act))
         self.zoom.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
@@ -167,7 +172,7 @@ class SessionPanel:
         known = told != list(self.cameras) and self.page.state.display.images
         put(self.overlaps, visible=known)
         if known:
-            put(self.overlaps, content=_OVERLAPS.format(words))
+            put(self.overlaps, content=self.page.words.of(_OVERLAPS).replace("{}", words))
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page

@@ -61,7 +61,7 @@ class SkinControls:
             )
             painted = gui.add_button(
                 "Take it from painted masks", icon=viser.Icon.BRUSH, color="gray",
-                hint="Of all cameras and frames in which you painted hand, in the tab Masks.",
+                hint="Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
             )  # fmt: skip
         page.on(painted, lambda _: self._take_painted())
         page.on(self.on, lambda event: self._switch(bool(event.target.value)))
@@ -124,7 +124,7 @@ class SkinControls:
             self.page.notify(
                 "info",
                 "Drag a box",
-                "Press the mouse over skin in the image and drag. The hand is hidden until then; key 0 looks freely again.",
+                "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 looks freely again.",
                 event.client,
             )
 

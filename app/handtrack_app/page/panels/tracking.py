@@ -77,7 +77,7 @@ class TrackingPanel:
                                                     hint="Fit the pose you see to this frame.")))  # fmt: skip
             self.starters = [button for _, button in starters]
             self.later = gui.add_checkbox(
-                "Fit the hand's size later", False, visible=False,
+                page.words.of("Fit the {kind}'s size later"), False, visible=False,
                 hint="Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.",
             )  # fmt: skip
             self.sized = gui.add_html("", visible=False)
@@ -88,7 +88,7 @@ class TrackingPanel:
                 "Follow",
                 True,
                 visible=session.live,
-                hint="Show the newest images; posing the hand halts them."
+                hint=page.words.of("Show the newest images; posing the {kind} halts them.")
                 if session.live
                 else "Show each frame as it is tracked.",
             )
@@ -218,7 +218,7 @@ class TrackingPanel:
             put(self.sized, content=size_words(session.size, offered, session.offered_words))
 
     def _put_off(self, on: bool) -> None:
-        words = "Fit the hand's size later" if on else "Fit the hand's size first"
+        words = self.page.words.of(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.page.send(SetSetting(_SIZE, "later" if on else "true", words))
 
     def _again(self, where: str) -> None:
@@ -355,7 +355,8 @@ def _named(frames: tuple[int, ...]) -> str:
 def _where(session: SessionSnapshot) -> str:
     if session.live:
         return (
-            "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Live. Pose the hand, or find it, "
+            "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Live. "
+            f"Pose the {session.kind}, or find it, "
             "then track. Nothing is kept but what is recorded.</div>"
         )
     return (
@@ -378,7 +379,7 @@ def size_words(before: float, after: float, known: str) -> str:
     """Return what is offered once the hand's size is fitted after tracking. known: its length, and how well that is known."""
     known = f" ({html.escape(known)})" if known else ""
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>The hand's size is fitted: "
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>The size is fitted: "
         f"<b>{after:.3f}</b> of a mean adult's{known}. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
         "by hand stay.</div>"
     )

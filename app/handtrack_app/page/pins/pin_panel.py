@@ -36,7 +36,7 @@ class PinPanel:
                 "Rest held by",
                 (IMAGES, LEAST),
                 initial_value=IMAGES,
-                hint="While a joint is dragged, the rest of the hand fits what was seen; or it stays as it is, as far as it can.",
+                hint="While a joint is dragged, all the rest fits what was seen; or it stays as it is, as far as it can.",
             )
             self.list = gui.add_html(_NONE)
             self.drop = gui.add_button(

@@ -12,7 +12,6 @@ import viser
 
 from handtrack.arrays import D3, Floats
 from handtrack_app.page.page import Keys, Page, put
-from handtrack_app.page.panels.pose_words import GROUPS
 from handtrack_app.page.posing.copied_pose import ALL, CopiedPose, read_copied, save_copied
 from handtrack_app.page.posing.mirrored import mirrored
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
@@ -26,7 +25,7 @@ _HINT = (
     "Copies the pose you see; pastes its joints into the frame shown, also of another recording. From a left to a right hand it is "
     "mirrored by itself. 'Mirror': left and right, as you see them, change places. Alt C, Alt V, Alt M; with its place: Alt P."
 )
-_PART_HINT = "Of what has its sliders open: its joints alone, also into another finger, or where the whole is. Alt Shift C, Alt Shift V."
+_PART_HINT = "Of what has its sliders open: its joints alone, also into another {part}, or where the whole is. Alt Shift C, Alt Shift V."
 
 
 @dataclass
@@ -52,6 +51,8 @@ class CopyPanel:
             self.whole = gui.add_button_group("Hand", (COPY, PASTE, MIRROR), hint=_HINT)
             self.part = gui.add_button_group("Finger", (COPY, PASTE), hint=_PART_HINT)
             self.line = gui.add_html("")
+        page.words.on(self.whole, label="{Kind}")
+        page.words.on(self.part, hint=_PART_HINT)
         acts = {COPY: self.copy, PASTE: self.paste}
         page.on(
             self.whole,
@@ -66,8 +67,8 @@ class CopyPanel:
             ("Copy the pose", "C", "alt", lambda: self.copy(ALL)),
             ("Paste the pose that was copied", "V", "alt", lambda: self.paste(ALL)),
             ("Paste it, where it was", "P", "alt", lambda: self.paste(ALL, with_place=True)),
-            ("Copy the open finger or limb", "C", "alt+shift", lambda: self.copy(self.group)),
-            ("Paste into the open finger or limb", "V", "alt+shift", lambda: self.paste(self.group)),
+            ("Copy the open {part}", "C", "alt+shift", lambda: self.copy(self.group)),
+            ("Paste into the open {part}", "V", "alt+shift", lambda: self.paste(self.group)),
         )  # fmt: skip
         for words, key, modifier, act in keys:
             self.keys.add(words, key, page.from_user(lambda _, act=act: act()), modifier)
@@ -77,13 +78,12 @@ class CopyPanel:
     def fit(self, session: SessionSnapshot) -> None:
         """Take a session's model."""
         self.session = session
-        put(self.whole, label=session.kind.capitalize())
         self._say()
 
     def open(self, group: str) -> None:
         """The sliders of a group are open."""
         self.group = group
-        put(self.part, label="Place" if group == GROUPS[0] else group)
+        put(self.part, label=group)
 
     def copy(self, part: str) -> None:
         """Copy the pose that is seen, or a group of it."""

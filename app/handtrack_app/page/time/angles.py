@@ -16,8 +16,8 @@ _MOTIONS = {
     "elevate": "elevation", "protract": "protraction",
 }  # fmt: skip
 _ROOT = {
-    "root_tx": "Wrist, place along x", "root_ty": "Wrist, place along y", "root_tz": "Wrist, place along z",
-    "root_rx": "Hand, turn about x", "root_ry": "Hand, turn about y", "root_rz": "Hand, turn about z",
+    "root_tx": "Place along x", "root_ty": "Place along y", "root_tz": "Place along z",
+    "root_rx": "Turn about x", "root_ry": "Turn about y", "root_rz": "Turn about z",
 }  # fmt: skip
 _ARC = "#d55e00"
 _FINGERS = ("thumb", "index", "middle", "ring", "little")

@@ -231,7 +231,7 @@ def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
     views, found = strip.lanes.get(VIEWS), list[Lane | None]()
     if views is not None:
         missing = np.nanmax(views) - views
-        found.append(_thin(strip, window, "views missing", missing, 1.0, _GAP, "{:.0f}", "Views that showed nothing of the hand."))  # fmt: skip
+        found.append(_thin(strip, window, "views missing", missing, 1.0, _GAP, "{:.0f}", "Views that showed nothing of what is tracked."))  # fmt: skip
     for word, label, full, colour, form, hint in (
         (AT_LIMITS, "at limits", 6.0, _LIMIT, "{:.0f}", "How many joints stand at a limit."),
         (MOVED, "changed", _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."),

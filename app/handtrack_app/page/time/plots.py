@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.page.page import Page, UserEvent, put
-from handtrack_app.page.panels.pose_words import GROUPS, group_of
+from handtrack_app.page.panels.pose_words import groups_of
 from handtrack_app.page.time.plot import plots
 from handtrack_app.page.time.window import Window
 from handtrack_app.protocol.commands import WantCurves
@@ -16,6 +16,7 @@ from handtrack_app.protocol.comparing import CurvesSnapshot
 from handtrack_app.protocol.snapshots import Download, SessionSnapshot
 
 _NONE: str = "choose …"
+_CHOOSE = "Choose a {part} to see the course of its angles."
 _PAGE = 282.0, 104.0  # width, and height of each plot, on the page
 _FILE = 900.0, 190.0  # and in a file
 
@@ -43,7 +44,8 @@ class PlotsPanel:
             )  # fmt: skip
             self.speed = gui.add_checkbox("Speed", False, hint="Of the angle, instead of it.")
             self.save = gui.add_button_group("Save as", ("SVG", "PNG"), visible=False)
-            self.picture = gui.add_html(_words("Choose a finger to see the course of its angles."))
+            self.picture = gui.add_html("")
+        page.words.on(self.picture, content=_words(_CHOOSE))
         page.on(self.group, lambda _: self._choose())
         page.on(self.speed, lambda _: self.draw())
         page.on(self.save, self._save)
@@ -52,13 +54,11 @@ class PlotsPanel:
         """Offer the groups of the model's parameters."""
         if session.parameter_names != self.names:
             self.names = session.parameter_names
-            groups = [g for g in GROUPS if any(group_of(n) == g for n in self.names)]
-            self.group.options = (_NONE, *groups)
+            self.group.options = (_NONE, *groups_of(self.names))
 
     def _choose(self) -> None:
         chosen = str(self.page.said(self.group))
-        names = tuple(n for n in self.names if group_of(n) == chosen)
-        self.page.send(WantCurves(names))
+        self.page.send(WantCurves(groups_of(self.names).get(chosen, ())))
 
     def show(self, snapshot: CurvesSnapshot) -> None:
         """Take the courses as they are now."""
@@ -75,7 +75,7 @@ class PlotsPanel:
         there = bool(self.snapshot.curves)
         put(self.save, visible=there)
         if not there:
-            put(self.picture, content=_words("Choose a finger to see the course of its angles."))
+            put(self.picture, content=_words(self.page.words.of(_CHOOSE)))
             return
         svg = plots(self.snapshot, window, speed, *_PAGE).svg("currentColor")
         put(self.picture, content=f"<div style='padding:.2em .6em'>{svg}</div>")

@@ -35,7 +35,7 @@ class TakesPanel:
             self.list = gui.add_html("")
             self.compare: viser.GuiDropdownHandle[str] = gui.add_dropdown(
                 "Compare to", (_NONE, *numbers), initial_value=_NONE,
-                hint="Its hand stands in the scene as a yellow skeleton, a lane says how far it is, the plots have its curves.",
+                hint="It stands in the scene as a yellow skeleton, a lane says how far it is, the plots have its curves.",
             )  # fmt: skip
             self.apart = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)

@@ -16,21 +16,21 @@ _GESTURES = (
     ("Ctrl click", "Through a camera: enlarges there. With Shift: smaller"),
     ("Ctrl drag", "Through a camera: shows that box"),
     (
-        "Drag the hand",
-        "Through a camera: a joint or segment is pinned there; the palm takes the whole hand along",
+        "Drag the {kind}",
+        "Through a camera: a joint or segment is pinned there; the {middle} takes the whole {kind} along",
     ),
     (
         "Shift drag",
-        "Of the hand, through a camera: turns it, as the right button does; freely: pulls a joint or segment",
+        "Of the {kind}, through a camera: turns it, as the right button does; freely: pulls a joint or segment",
     ),
-    ("Arrows, arcs", "Of the handle: move and turn the hand"),
+    ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
 )
 TOUR = (
-    ("The recording", "A hand, filmed by several cameras. The line below shows every frame and how well it is explained. P plays, "
+    ("The recording", "A {kind}, filmed by several cameras. The line below shows every frame and how well it is explained. P plays, "
      "N and B go on and back."),
-    ("Through a camera", "Press 1: you see the first camera's picture and the hand over it. The wheel enlarges, C finds the hand "
+    ("Through a camera", "Press 1: you see the first camera's picture and the {kind} over it. The wheel enlarges, C finds the {kind} "
      "again, G shows all cameras, 0 lets you look freely."),
-    ("Put it right", "T opens and folds the pose panel. Drag the arrows and arcs, or choose a finger and move its sliders. Ctrl Z "
+    ("Put it right", "T opens and folds the pose panel. Drag the arrows and arcs, or choose a {part} and move its sliders. Ctrl Z "
      "takes anything back."),
     ("Let it follow", "F fits the frame to the images; Shift T tracks from here on; Shift N goes to the next doubtful frame."),
     ("Take it along", "Shift V saves, the tab Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
@@ -68,10 +68,10 @@ class Help:
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""
-        modal = client.gui.add_modal("Keys and gestures")
+        modal, say = client.gui.add_modal("Keys and gestures"), self.page.words.of
         with modal:
             rows = "".join(
-                f"<tr><td style='white-space:nowrap;padding-right:1em'><b>{html.escape(how)}</b></td><td>{html.escape(what)}</td></tr>"
+                f"<tr><td style='white-space:nowrap;padding-right:1em'><b>{html.escape(say(how))}</b></td><td>{html.escape(say(what))}</td></tr>"
                 for how, what in _GESTURES
             )
             client.gui.add_html(
@@ -94,7 +94,7 @@ class Help:
             return
         title, words = TOUR[number]
         with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
-            client.gui.add_markdown(words)
+            client.gui.add_markdown(self.page.words.of(words))
             on = client.gui.add_button("Next" if number + 1 < len(TOUR) else "Done")
             leave = client.gui.add_button("Leave the tour", color="gray")
         on.on_click(lambda _: self._step(client, number + 1))

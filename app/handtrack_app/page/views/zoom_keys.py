@@ -13,10 +13,9 @@ from handtrack_app.page.views.through import Through, Views
 from handtrack_app.page.views.wall import Walls
 
 _STEP = 1.4  # two of them twice as large
-_BUTTONS = ("Hand", "In", "Out", "All")
 _HINT = (
     "Looking through a camera: Z and X, or the wheel, enlarge and widen; Ctrl with a click enlarges what is there, Ctrl with a drag "
-    "the box; a drag of the picture moves it. C is the hand again, V the whole image."
+    "the box; a drag of the picture moves it. C is the {kind} again, V the whole image."
 )
 
 
@@ -35,16 +34,17 @@ class ZoomKeys:
 
     def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
-        views, buttons = self.views, self.page.gui.add_button_group("Zoom", _BUTTONS, hint=_HINT)
+        views, say = self.views, self.page.words.of
         acts: dict[str, Callable[[viser.ClientHandle], None]] = {
-            "Hand": views.to_hand,
+            say("{Kind}"): views.to_hand,
             "In": lambda client: views.zoom_by(client, _STEP),
             "Out": lambda client: views.zoom_by(client, 1 / _STEP),
             "All": views.fit,
         }
+        buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=say(_HINT))
         self.page.own(buttons, lambda client, what: acts[what](client))
         for words, key, act in (
-            ("View: the hand, and back into the camera", "C", "Hand"),
+            ("View: the {kind}, and back into the camera", "C", say("{Kind}")),
             ("View: nearer", "Z", "In"),
             ("View: wider", "X", "Out"),
             ("View: the whole image", "V", "All"),
@@ -66,7 +66,7 @@ class ZoomKeys:
         self._lines = {one: handle for one, handle in self._lines.items() if one in here}
         if line is None:
             line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
-        put(line, content=view_words(view))
+        put(line, content=self.page.words.of(view_words(view)))
 
 
 def view_words(view: Through) -> str:
@@ -74,7 +74,7 @@ def view_words(view: Through) -> str:
     name = html.escape(view.card.name)
     words, colour = f"<b>{name}</b>, {view.zoom.times:.1f} ×", "#56b4e9"
     if view.follows:
-        words += ", follows the hand"
+        words += ", follows the {kind}"
     if view.left:
         words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
     return (

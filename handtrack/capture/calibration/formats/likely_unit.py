@@ -1,4 +1,4 @@
-"""The unit of a calibration, inferred from the rig: a hand must be seen at a usual size where the cameras look."""
+"""The unit of a calibration, inferred from the rig: what is tracked must be seen at a usual size where the cameras look."""
 
 from __future__ import annotations
 
@@ -12,24 +12,28 @@ from handtrack.geometry.camera import CameraRig
 
 UNITS_M = {1.0: "metres", 0.001: "millimetres"}
 """those that calibrations are written in and that cannot be taken for one another; others must be said"""
-USUAL_HAND_M = 0.18
-"""of an adult, wrist to middle fingertip"""
 _SEEN = (0.05, 1.5)  # of the image's smaller side: less is too small to track, more does not fit in
-_SIDE_BY_SIDE_M = (0.01, 0.6)  # between cameras that look one way, so that both see a hand
+_SIDE_BY_SIDE = (
+    1 / 18,
+    10 / 3,
+)  # between cameras that look one way, in sizes of what both see: 1 to 60 cm for hands
 _PARALLEL = 0.005  # least eigenvalue of Σ(1 − a aᵀ)/C: below, axes within some 6° meet nowhere
 
 
-def likely_units(rig: CameraRig) -> list[float]:
-    """Return which units, metres each, a rig with translations in file units may have; all where nothing depends on it."""
+def likely_units(rig: CameraRig, size_m: float) -> list[float]:
+    """Return which units, metres each, a rig with translations in file units may have; all where nothing depends on it.
+
+    size_m: of what is tracked.
+    """
     centres = np.array([camera.centre for camera in rig])
     apart = [float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2)]
     if not apart or max(apart) == 0:
         return [1.0]
     depths = _depths(centres, np.array([camera.rotation[2] for camera in rig]))
     if depths is None:
-        low, high = _SIDE_BY_SIDE_M
+        low, high = (share * size_m for share in _SIDE_BY_SIDE)
         return [unit for unit in UNITS_M if low <= max(apart) * unit <= high]
-    spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * USUAL_HAND_M
+    spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * size_m
     share = float(np.median(spans / depths))
     return [unit for unit in UNITS_M if _SEEN[0] <= share / unit <= _SEEN[1]]
 

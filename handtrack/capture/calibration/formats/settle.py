@@ -8,20 +8,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from handtrack.capture.calibration.formats.given_rig import GivenRig, with_names
-from handtrack.capture.calibration.formats.likely_unit import (
-    UNITS_M,
-    USUAL_HAND_M,
-    likely_units,
-    rig_in_words,
-)
+from handtrack.capture.calibration.formats.likely_unit import UNITS_M, likely_units, rig_in_words
+from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.errors import HandtrackError
 
-_HANDS_M = (0.06, 0.25)
-_WITH_JOINTS = (
-    1.0,
-    0.01,
-    0.001,
-)  # each ten times the next, and the range of hands is four: at most one fits
+_WITH_JOINTS = (1.0, 0.01, 0.001)  # of which at most one fits somebody's size
 
 
 class Unit(NamedTuple):
@@ -100,39 +91,35 @@ def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> Gi
     return replace(rig, cameras=cameras)
 
 
-def unit_of(rig: GivenRig, hand: float | None = None) -> Unit:
+def unit_of(rig: GivenRig, length: float | None = None, subject: Subject = HAND) -> Unit:
     """Return the unit of a calibration whose cameras have names and sizes.
 
-    hand: the length of the hand in that unit, where joints in images tell it.
+    length: of what is tracked, in that unit, where joints in images tell it.
     """
     if rig.unit_m is not None:
         return Unit(rig.unit_m, True, f"{rig.family}: its unit is {_words(rig.unit_m)}.")
     if len(rig.cameras) == 1:  # its own frame may be the world; no length shows
         return Unit(1.0, True, "")
     in_units = rig.rig(1.0)
-    likely = likely_units(in_units)
+    likely = likely_units(in_units, subject.size_m)
     guess = likely[0] if len(likely) == 1 else None
+    what = "hands" if subject is HAND else "bodies"
     seen, none = (
         f"the cameras are {rig_in_words(in_units)}",
-        "for hands is neither metres nor millimetres",
+        f"for {what} is neither metres nor millimetres",
     )
-    if hand is not None and (guess is None or rig.any_unit):
-        likely = [unit for unit in _WITH_JOINTS if is_a_hand(hand * unit)]
-        guess = likely[0] if likely else float(f"{USUAL_HAND_M / hand:.2g}")
+    if length is not None and (guess is None or rig.any_unit):
+        likely = [unit for unit in _WITH_JOINTS if subject.fits(length * unit)]
+        guess = likely[0] if likely else float(f"{subject.usual_m / length:.2g}")
         seen, none = (
-            f"the joints make a hand {hand:.3g} long",
+            f"the joints make a {subject.word} {length:.3g} long",
             "is none in metres, centimetres or millimetres",
         )
     if rig.any_unit:
         return Unit(guess, False, f"a {rig.family} has no unit of length; in its unit, {seen}.")
     if len(likely) == 1:
-        return Unit(guess, True, f"in its unit, {seen}: for hands that is {_words(likely[0])}.")
+        return Unit(guess, True, f"in its unit, {seen}: for {what} that is {_words(likely[0])}.")
     return Unit(guess, False, f"in its unit, {seen}, which {none}.")
-
-
-def is_a_hand(length_m: float) -> bool:
-    """Return whether a hand may be so long, wrist to middle fingertip: a small child's, a large man's."""
-    return _HANDS_M[0] <= length_m <= _HANDS_M[1]
 
 
 def _words(unit_m: float) -> str:

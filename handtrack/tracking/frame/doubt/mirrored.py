@@ -13,7 +13,8 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import PreparedChain, chains_of, prepare
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
-from handtrack.tracking.frame.descent import by_keypoints_alone, minima
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _MOVED_RAD = 0.2
@@ -24,42 +25,75 @@ _TREE = TreeSettings(failing="nearest")
 
 
 def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D3]:
-    """Return what flips in depth add to each joint's covariance [m²]: Σ P · d dᵀ, d from the pose to the flip; zero unless joints
-    in one camera's image are all that was seen.
+    """Return what flips in depth add to each joint's covariance [m²]: Σ P · d dᵀ, d from the pose to the flip; zero where more than one
+    camera saw anything, or there is a cloud, and unless joints in an image are all that was seen zero for hands.
 
     Where the limb was before tells nothing: it was as ambiguous there. Each limb flips on its own; its flips descend
-    together, and count by their masses (Laplace) beside the pose's own.
+    together, and count by their masses (Laplace) beside the pose's own. Masks, edges and texture are not asked, which would take
+    a descent by images each: a limb's outline is nearly that of its flip, and of these what is known of poses beforehand decides.
     """
     model = terms.model
     found = np.zeros((len(model.joint_names), 3, 3))
-    camera = _only_camera(terms)
+    by_joints, by_image = only_camera(terms), _only_view(terms)
+    camera = by_joints or by_image
     if camera is None:
         return found
-    flips = [_flips(model, params, chain, camera) for chain in _chains(model)]
+    flips = list(flips_of_limbs(model, params, camera).values())
     starts = np.concatenate([params[None], *flips])
-    ended = minima(model, terms.settings.solver, terms.without_motion(), starts, len(starts))
+    if by_joints is not None:
+        ended = minima(model, terms.settings.solver, terms.without_motion(), starts, len(starts))
+    else:
+        known = Problem(model, (), terms.without_motion().priors)
+        same = np.tile(np.eye(len(params)), (len(starts), 1, 1))
+        ended = Minima(starts, np.array([known.cost(start) for start in starts]), same)
     places = np.stack([model.joint_positions(model.bones(pose)) for pose in ended.params])
     mass = -ended.cost - 0.5 * np.linalg.slogdet(ended.hessian)[1]
     here = model.joint_positions(model.bones(params))
-    apart_m = _APART_SHARE * float(np.linalg.norm(np.ptp(here, axis=0)))
+    far_m = apart_m(here)
     if not np.isfinite(mass[0]):
         return found
     limb = np.repeat(np.arange(len(flips)), [len(rows) for rows in flips]) + 1
     for one in range(1, len(flips) + 1):
         rows = [0, *(1 + np.flatnonzero((limb == one) & np.isfinite(mass[1:]))).tolist()]
-        rows = _distinct(places, mass, rows, apart_m)
+        rows = _distinct(places, mass, rows, far_m)
         share = np.exp(mass[rows] - mass[rows].max())
         off = places[rows[1:]] - here
         found += np.einsum("k,kja,kjb->jab", share[1:] / share.sum(), off, off)
     return found
 
 
-def _only_camera(terms: FrameTerms) -> Camera | None:
+def apart_m(places: Floats[J, D3]) -> float:
+    """Return how near all joints of two minima are that are one [m]; places: a pose's joints."""
+    return _APART_SHARE * float(np.linalg.norm(np.ptp(places, axis=0)))
+
+
+def only_camera(terms: FrameTerms) -> Camera | None:
     """Return the camera whose joints are all that was seen; None where it is not the only one."""
     seen = [term.observed for term in terms.keypoints]
     cameras = {one.camera.name: one.camera for one in seen if isinstance(one, ImageKeypoints)}
     alone = by_keypoints_alone(terms) and all(isinstance(one, ImageKeypoints) for one in seen)
     return next(iter(cameras.values())) if alone and len(cameras) == 1 else None
+
+
+def _only_view(terms: FrameTerms) -> Camera | None:
+    """Return the camera whose mask or image is all that was seen of a body, its joints aside; None where there is more."""
+    if terms.model.kind != "body" or terms.cloud is not None or not terms.views:
+        return None
+    cameras = [seen.camera for seen in terms.prepared]
+    if terms.appearance is not None:
+        cameras += [view.camera for view in terms.appearance.images]
+    for term in terms.keypoints:
+        if not isinstance(term.observed, ImageKeypoints):
+            return None
+        cameras.append(term.observed.camera)
+    return cameras[0] if len({camera.name for camera in cameras}) == 1 else None
+
+
+def flips_of_limbs(
+    model: ArticulatedModel, params: Floats[P], camera: Camera
+) -> dict[str, Floats[K, P]]:
+    """Return by limb the poses in which it alone is flipped along a camera's lines of sight, within limits."""
+    return {c.chain.name: _flips(model, params, c, camera) for c in _chains(model)}
 
 
 def _flips(

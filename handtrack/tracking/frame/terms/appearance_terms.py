@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
     EDGE_CORRELATION_PX,
     EDGE_SEARCH_PX,
+    FOREARM_SEEN_MM,
     TEXTURE_CORRELATION_PX,
     TEXTURE_SMOOTH_PX,
 )
@@ -76,10 +77,16 @@ class _Carried:
     spacing_m: float
     """about how far the points are from each other"""
 
+    _textures: dict[float, Texture] = field(init=False, repr=False, default_factory=dict)
+    """by smoothing: all hypotheses of a frame look at the same"""
+
     def texture(self, smoothing_px: float) -> Texture:
         """Return the points with the colours that the smoothed image has there."""
-        image = smooth_image(self.pixels, smoothing_px, self.pixel)
-        return Texture(self.camera, self.bone, self.local, image.look_up(self.pixel)[0])
+        if smoothing_px not in self._textures:
+            image = smooth_image(self.pixels, smoothing_px, self.pixel)
+            colours = image.look_up(self.pixel)[0]
+            self._textures[smoothing_px] = Texture(self.camera, self.bone, self.local, colours)
+        return self._textures[smoothing_px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +107,7 @@ def see_appearance(
     by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
     if not seen.images or not (by_edges or (by_texture and before is not None)):
         return None
-    mesh = _looked_at(model, settings)
+    mesh = _looked_at(model)
     carried: list[_Carried] = []
     if by_texture and before is not None:
         first, memory = before.first, settings.intensity.memory
@@ -237,8 +244,7 @@ def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSet
     )
 
 
-def _looked_at(model: ArticulatedModel, settings: TrackerSettings) -> PartMesh:
+def _looked_at(model: ArticulatedModel) -> PartMesh:
     """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
     mesh = model_mesh(model)
-    reach = settings.silhouettes.forearm_seen_mm * _MM
-    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < reach))
+    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < FOREARM_SEEN_MM * _MM))

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Floats, K
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh, carried_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
@@ -18,9 +18,9 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
+from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
 from handtrack.tracking.frame.methods import Traits
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.settings import CloudTermSettings, TrackerSettings
 
 _MM = 1e-3
 _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
@@ -50,6 +50,8 @@ class SeenCloud:
     """what can have seen the surface, as in `seen_from`"""
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
+    surface: CloudTermSettings = CloudTermSettings()
+    """which surface distances are measured to"""
     traits: Traits = Traits()
     """the method's"""
 
@@ -63,7 +65,7 @@ class SeenCloud:
         if few or self.traits.plain_sums:
             return self
         points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
-        off = np.abs(_surface(model, self.traits).distance(bones, points))
+        off = np.abs(fitted_surface(model, self.surface).distance(bones, points))
         found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
         return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
 
@@ -74,7 +76,7 @@ class SeenCloud:
         """
         if self.emptiness is None:
             return self
-        mesh = _mesh(model, bones, self.traits)
+        mesh = _mesh(model, bones, self.surface)
         term = _hand_only(self.emptiness.for_mesh(mesh, _asked(self.views, self.traits)), model)
         return replace(self, emptiness=term)
 
@@ -89,19 +91,19 @@ def see_cloud(
     if seen.cloud is None or settings.cloud.weight == 0:
         return None
     points, traits = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)], settings.traits
-    surface = _surface(model, traits)
+    surface = fitted_surface(model, settings.cloud)
     points = points[surface.distance(start, points) < settings.cloud.crop_mm * _MM]
     if model.has_forearm:
         bone = model.skeleton.bone("forearm")
         along = (points - start.position[bone]) @ start.rotation[bone][:, 1]
-        points = points[along < settings.silhouettes.forearm_seen_mm * _MM]
+        points = points[along < FOREARM_SEEN_MM * _MM]
     if len(points) < _FEWEST:
         return None
     patches = _area(points) / _patch_area(model)
     emptiness = None
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
-        mesh, views = _mesh(model, start, traits), _asked(seen.cloud_views, traits)
+        mesh, views = _mesh(model, start, settings.cloud), _asked(seen.cloud_views, traits)
         filled = points
         if _is_doubted(seen.cloud_views, settings):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
@@ -109,16 +111,18 @@ def see_cloud(
         emptiness = _hand_only(emptiness, model)
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
     views = tuple(seen.cloud_views)
-    return SeenCloud(prepare_cloud(points), share, emptiness, views, traits=traits)
+    return SeenCloud(
+        prepare_cloud(points), share, emptiness, views, surface=settings.cloud, traits=traits
+    )
 
 
-def _surface(model: ArticulatedModel, traits: Traits) -> MetaballSurface:
-    """Return the surface that a method measures distances to."""
-    return MetaballSurface.of(model, traits.sharpness_per_m or SHARPNESS_PER_M, traits.distance)
+def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> MetaballSurface:
+    """Return the merged surface that distances are measured to."""
+    return MetaballSurface.of(model, chosen.sharpness_per_mm / _MM, chosen.distance)
 
 
-def _mesh(model: ArticulatedModel, bones: BonePoses, traits: Traits) -> SurfaceMesh:
-    return carried_mesh(model, bones, traits.sharpness_per_m or SHARPNESS_PER_M, traits.distance)
+def _mesh(model: ArticulatedModel, bones: BonePoses, chosen: CloudTermSettings) -> SurfaceMesh:
+    return carried_mesh(model, bones, chosen.sharpness_per_mm / _MM, chosen.distance)
 
 
 def _asked(views: Sequence[Floats], traits: Traits) -> Sequence[Floats]:
@@ -177,7 +181,7 @@ def cloud_terms(
         rays = CloudRaysTerm(
             np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
             _eye(seen.views),
-            _surface(model, settings.traits),
+            fitted_surface(model, chosen),
             along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
             weight=2.0 * chosen.balance * chosen.weight * seen.share,
         )
@@ -189,7 +193,7 @@ def cloud_terms(
         robust = far = Quadratic()
     points = CloudDistanceTerm(
         seen.prepared,
-        _surface(model, settings.traits),
+        fitted_surface(model, chosen),
         sigma_m=seen.sigma_m or sigma_m,
         loss=robust,
         weight=chosen.balance * chosen.weight * seen.share,
@@ -220,5 +224,5 @@ def explained_share(
 ) -> float:
     """Return the share of the cloud's points that lie within a distance of the surface."""
     points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
-    off = _surface(model, seen.traits).distance(bones, points)
+    off = fitted_surface(model, seen.surface).distance(bones, points)
     return float(np.mean(np.abs(off) < within_m))

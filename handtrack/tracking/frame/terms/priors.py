@@ -16,8 +16,14 @@ from handtrack.tracking.frame.terms.posture import posture_prior
 
 SEARCH_REST_RAD = np.deg2rad(50.0)
 """width of the pull to the relaxed hand while a search compares poses: half a finger's range; `bench auto_start`"""
-POINTS_REST_RAD = np.deg2rad(40.0)
-"""the same where a pose is fitted to 21 points, which leave only a finger's turn about itself open"""
+POINTS_REST_RAD, _BODY_REST_RAD = np.deg2rad(40.0), np.deg2rad(80.0)
+"""the same where a pose is fitted to 21 points, which leave only a finger's turn about itself open; of a body, whose joints go further, as
+weak as in `body_priors`"""
+
+
+def points_rest(model: ArticulatedModel) -> float:
+    """Return the width [rad] of the pull to rest where a pose is fitted to all joints."""
+    return _BODY_REST_RAD if model.kind == "body" else POINTS_REST_RAD
 
 
 def pose_priors(

@@ -43,7 +43,7 @@ def test_a_finger_is_pasted_into_itself_and_into_another() -> None:
 
 
 def test_the_place_alone_is_the_root_s() -> None:
-    assert set(_of(HAND, "Hand").pasted(HAND, "Hand")) == set(HAND[:6])
+    assert set(_of(HAND, "Place").pasted(HAND, "Place")) == set(HAND[:6])
 
 
 def test_an_arm_is_pasted_to_the_other_side_and_to_no_leg() -> None:

@@ -1,0 +1,87 @@
+"""Benchmark: Table 1 of the 2003 paper on its own kind of limb: arms of three links with an end effector, body38. Run: python -m handtrack.bench.jumps.three_links."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from typing import Any
+
+from handtrack.bench.jumps.minima import SAMPLES, Sampled, markdown, share_of_leaves, table
+from handtrack.bench.measuring import alone
+from handtrack.simulation.scenes.jump_scene import (
+    KJS1,
+    KJS2,
+    LIMBS,
+    JumpScene,
+    body,
+    jump_scene,
+)
+
+FLIPS = {"left_arm": 8, "right_arm": 8, "left_leg": 2, "right_leg": 2}
+"""what limits allow of a limb at most, some pose of 150 of each arm; no leg of 300 had more than two"""
+WITHIN_LIMITS_SEED = 9
+"""the first seed whose start, too, has FLIPS, after the noise of the image"""
+FREE_SEED = 3
+POSES = 10
+
+
+def scene_within_limits() -> JumpScene:
+    """Return a body38 within an adult's limits, in a pose whose limbs may flip as much as these allow."""
+    return jump_scene(WITHIN_LIMITS_SEED, model=body("body38"), flips=FLIPS)
+
+
+def scene_without_limits() -> JumpScene:
+    """Return a body38 whose arms and legs have no limits: all of their flips are poses."""
+    return jump_scene(FREE_SEED, model=body("body38", limits=False))
+
+
+def three_links() -> dict[str, Any]:
+    """Return Table 1 within limits and without, and what both ways of counting say."""
+    return alone("handtrack.bench.jumps.three_links", "--json")
+
+
+def measure(samples: int = SAMPLES, poses: int = POSES) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process."""
+    figures: dict[str, Any] = {}
+    for name, scene in (
+        ("without_limits", scene_without_limits()),
+        ("within_limits", scene_within_limits()),
+    ):
+        scene.polished(scene.tree(KJS2).params)  # compiled before anything is timed
+        rows = table(scene, samples, whole=LIMBS, like=LIMBS)
+        figures |= {f"{name}_{key}": value for key, value in headline(rows).items()}
+        figures[f"{name}_leaves_of_limbs"] = str([len(scene.tree([limb])) for limb in LIMBS])
+        figures[f"{name}_rows"] = [asdict(each.row) for each in rows]
+        figures[f"{name}_table"] = "\n" + markdown([each.row for each in rows])
+    for name, limbs in (("kjs1", KJS1), ("kjs2", KJS2)):
+        over = share_of_leaves(limbs, range(poses), model=body("body38", limits=False))
+        figures[f"without_limits_{name}_leaves"] = over.leaves
+        figures[f"without_limits_{name}_distinct_share"] = over.share
+    return figures
+
+
+def headline(rows: list[Sampled]) -> dict[str, int]:
+    """Return the most minima of each kind of sampler: all and good ones, of all samples and of as many as the jumps."""
+    jump = next(each.row for each in rows if each.row.name == "KJS all")
+    told = {"jumps": jump.minima, "jumps_good": jump.good, "jumps_samples": jump.samples}
+    for name in ("CSS", "SS"):
+        of = [each.row for each in rows if each.row.name == name]
+        told |= {
+            f"{name.lower()}_most": max(row.minima for row in of),
+            f"{name.lower()}_most_at_equal": max(row.minima_at_equal for row in of),
+            f"{name.lower()}_most_good": max(row.good for row in of),
+            f"{name.lower()}_most_good_at_equal": max(row.good_at_equal for row in of),
+        }
+    return told
+
+
+if __name__ == "__main__":
+    result = measure()
+    if "--json" in sys.argv:
+        print(json.dumps(result))
+    else:
+        for shown in ("without_limits", "within_limits"):
+            print(result.pop(f"{shown}_table"))
+            result.pop(f"{shown}_rows")
+        print(json.dumps(result, indent=1))

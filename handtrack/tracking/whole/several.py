@@ -1,0 +1,166 @@
+"""Several ways of a recording, each refined by all frames: limbs flipped in depth throughout, and all of it nearer and farther."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import D3, F, Floats, N, P, S
+from handtrack.geometry.camera import Camera
+from handtrack.terms.priors.priors import CorrelatedPrior
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.doubt import figures
+from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
+from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.motion import PLACE, Motion
+
+_AWAY = 1.224
+"""standard deviations of the nearer and the farther one of three that stand for a normal distribution (Max 1960, three levels)"""
+_HELD_M = 0.005
+"""how well a way's distance is held, nearer or farther than the data say"""
+_SWEEPS = 6
+"""of ways beside the best: they show which is better, and what else it may be"""
+_TRIED, _ROUNDS = 6, 3
+"""flips that are refined, those that cost least as they are; times that a better way is flipped on"""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Poses of all frames, refined together."""
+
+    found: WholeEstimate
+    evidence: Evidence
+    origin: str
+    """how it was come by"""
+
+    @property
+    def cost(self) -> float:
+        """By which ways are compared: what all frames say, and what is usual of motion."""
+        usual = Motion.usual(
+            self.evidence.settings.prior, self.found.poses.shape[1], self.evidence.seconds
+        )
+        return float(self.found.costs.sum()) + usual.cost(self.found.poses)
+
+
+def several_ways(
+    first: Way, frames: Sequence[int], count: int, control: Control = Control()
+) -> list[Way]:
+    """Return so many ways, the best first, where joints in one camera's image are all that was seen; else the given one alone.
+
+    One camera leaves open on which side of the image plane a limb is, throughout, and how far away everything is, with all that
+    follows from it. A third of the ways are limbs flipped, like the 2003 paper's jumps of a pose; the others are the best of these
+    as if they were nearer or farther, at which distances they stand for all between. Fewer where there are no more, or it
+    was stopped.
+    """
+    camera = _camera(first.evidence, frames)
+    if camera is None or count < 2:
+        return [first]
+    ways = [first]
+    for _ in range(_ROUNDS):
+        best = ways[0]
+        ways += _flipped(best, frames, camera, control)
+        ways = _unlike(sorted(ways, key=lambda way: way.cost))
+        if ways[0] is best:
+            break
+    ways = ways[: -(-count // 3)]
+    for way in list(ways):
+        for side, name in ((-_AWAY, "nearer"), (_AWAY, "farther")):
+            if len(ways) < count and not control.should_stop():
+                ways += _away(way, frames, side * camera.rotation[2], name, control)
+    return ways
+
+
+def _camera(evidence: Evidence, frames: Sequence[int]) -> Camera | None:
+    """Return the only camera, whose image's joints are all that was seen; None where there is more."""
+    found = None
+    for frame in frames:
+        terms = evidence.of(frame).terms
+        if terms.has_seen:
+            camera = only_camera(terms)
+            if camera is None or (found is not None and found.name != camera.name):
+                return None
+            found = camera
+    return found
+
+
+def _flipped(way: Way, frames: Sequence[int], camera: Camera, control: Control) -> Iterator[Way]:
+    """Yield the way with one limb on the other side of where it was, those refined that cost least as they are."""
+    evidence, motion = way.evidence, way.found.motion
+    trials = []
+    for name, poses in _trials(way, camera):
+        at = [
+            evidence.of(frame).plain(pose).cost for frame, pose in zip(frames, poses, strict=True)
+        ]
+        trials.append((sum(at) + motion.cost(poses), name, poses))
+    for _, name, poses in sorted(trials, key=lambda trial: trial[0])[:_TRIED]:
+        yield from _refined(evidence, frames, poses, f"{name} flipped", control)
+
+
+def _trials(way: Way, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
+    """Yield each limb's name and the poses in which it is flipped, one way of all: from the frame where a flip differs most it is
+    followed to both sides, to the flip that is nearest. Where the limb lies in the image plane that is the pose itself.
+    """
+    model, poses = way.evidence.model, way.found.poses
+    by_frame = [flips_of_limbs(model, pose, camera) for pose in poses]
+    for name in by_frame[0]:
+        leaves = [np.concatenate([pose[None], at[name]]) for pose, at in zip(poses, by_frame, strict=True)]  # fmt: skip
+        far = [_far(rows, rows[0]).max() for rows in leaves]
+        begin = int(np.argmax(far))
+        for start in leaves[begin][1:]:
+            found = poses.copy()
+            for path in (range(begin, len(poses)), range(begin, -1, -1)):
+                here = start
+                for n in path:
+                    here = leaves[n][_far(leaves[n], here).argmin()]
+                    found[n] = here
+            yield name, found
+
+
+def _far(rows: Floats[N, P], pose: Floats[P]) -> Floats[N]:
+    """Return how far poses are from another, by their joints' angles [rad]."""
+    return np.linalg.norm(rows[:, 6:] - pose[6:], axis=1)
+
+
+def _unlike(ways: Sequence[Way]) -> list[Way]:
+    """Return the ways of which no better one is the same: all joints of all frames near each other."""
+    kept: list[Way] = []
+    places: list[Floats] = []
+    for way in ways:
+        model = way.evidence.model
+        own = np.array([model.joint_positions(model.bones(pose)) for pose in way.found.poses])
+        if all(np.linalg.norm(own - one, axis=2).max() > apart_m(own[0]) for one in places):
+            kept.append(way)
+            places.append(own)
+    return kept
+
+
+def _away(
+    way: Way, frames: Sequence[int], side: Floats[D3], name: str, control: Control
+) -> Iterator[Way]:
+    """Yield a way as if all of it were so many standard deviations of its distance elsewhere; side: along the line of sight."""
+    model, found = way.evidence.model, way.found
+    length = float(np.linalg.norm(side))
+    along = side / length
+    variance = np.einsum("a,fab,b->f", along, found.covariance[:, PLACE, PLACE], along)
+    poses = found.poses.copy()
+    poses[:, PLACE] += figures.BODY.noise * np.sqrt(np.median(variance)) * side
+    size = len(model.parameter_names)
+    information: Floats[S, S] = np.zeros((size, size))
+    information[PLACE, PLACE] = np.outer(along, along) / _HELD_M**2
+    held = {
+        frame: CorrelatedPrior(model.joint_params(pose), information, "keyframe")
+        for frame, pose in zip(frames, poses, strict=True)
+    }
+    evidence = replace(way.evidence, keyframes={**held, **way.evidence.keyframes})
+    yield from _refined(evidence, frames, poses, f"{way.origin}, {name}", control)
+
+
+def _refined(
+    evidence: Evidence, frames: Sequence[int], poses: Floats[F, P], origin: str, control: Control
+) -> Iterator[Way]:
+    found = estimate_whole(evidence, frames, poses, control.should_stop, sweeps=_SWEEPS)
+    if found is not None:
+        yield Way(found, evidence, origin)

@@ -1,0 +1,126 @@
+"""2D joints of bodies in the forms that detectors write: recognised, the same points in a session, the same person throughout."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.joints.body_names import known_body_joint
+from handtrack.capture.joints.body_points import checked_bodies, layout_of
+from handtrack.capture.joints.given_joints import in_pixels, write_joints
+from handtrack.capture.joints.people import people
+from handtrack.capture.joints.read_joints import read_joints
+from handtrack.capture.joints.subject import BODY, subject_length
+from handtrack.errors import HandtrackError
+from tests.capture.joints.people import FORMS, FRAMES, SIZE, in_order, names, pixels, places, rig
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_layout_is_recognised_and_points_are_kept(form: str, tmp_path: Path) -> None:
+    if form == "sleap h5":
+        pytest.importorskip("h5py")
+    expected, write = FORMS[form]
+    given = read_joints(str(write(tmp_path)), "it")
+    assert given.bodies is not None
+    assert layout_of(given.bodies, None, "it") == expected
+    person = people(given.bodies.frames)[0]
+    points = {f: in_pixels(p, SIZE) if given.bodies.is_share else p for f, p in person.items()}
+    write_joints(points, expected, tmp_path / "joints")
+    rows = LAYOUTS[expected].points
+    for frame in range(FRAMES):
+        read = read_openpose(tmp_path / f"joints/{frame:06d}.json", LAYOUTS[expected])
+        assert read is not None
+        for name in rows:
+            if name not in ("chest", "head", "left_hand", "right_hand"):  # which no file has
+                found = read[rows[name]]
+                assert found[:2] == pytest.approx(pixels()[frame, names().index(name)], abs=1e-3)
+                assert found[2] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("motion", ["dance", "greet", "still"])
+@pytest.mark.parametrize("layout", ["body_25", "body_25b"])
+def test_25_points_are_told_apart_by_the_bodies_they_make(layout: str, motion: str) -> None:
+    for camera in (0, 1):
+        seen = {f: [in_order(layout, p)] for f, p in enumerate(pixels(camera, motion))}
+        bodies = checked_bodies(seen, "it")
+        assert bodies is not None
+        assert layout_of(bodies, None, "it") == layout
+
+
+def test_what_two_layouts_fit_is_asked_about() -> None:
+    """Of somebody's right arm alone, 25 points say nothing."""
+    person = in_order("body_25", pixels()[0])
+    person[[i for i in range(25) if i not in (2, 3, 4)]] = (np.nan, np.nan, 0.0)
+    bodies = checked_bodies({0: [person]}, "it")
+    assert bodies is not None
+    with pytest.raises(HandtrackError, match="may be body_25 or body_25b.*--layout body_25"):
+        layout_of(bodies, None, "it")
+    assert layout_of(bodies, "body_25b", "it") == "body_25b"
+
+
+def test_points_in_an_order_of_no_layout_are_refused() -> None:
+    shuffled = np.random.default_rng(1).permutation(17)
+    bodies = checked_bodies(
+        {f: [in_order("coco17", p)[shuffled]] for f, p in enumerate(pixels())}, "it"
+    )
+    assert bodies is not None
+    with pytest.raises(HandtrackError, match="make no bodies in the order of coco17"):
+        layout_of(bodies, None, "it")
+    with pytest.raises(
+        HandtrackError, match=r"--layout halpe26: it has people of 17 points, expected 26"
+    ):
+        layout_of(bodies, "halpe26", "it")
+    with pytest.raises(HandtrackError, match="people of 19 points, an order that is not known"):
+        layout_of(replace(bodies, frames={0: (np.ones((19, 3)),)}), None, "it")
+
+
+def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller() -> None:
+    """The main person in all frames; a smaller one behind, exchanged with them in the list; a taller one who passes in two."""
+    main = [in_order("coco17", seen) for seen in pixels()]
+    behind = [p * (0.4, 0.4, 1.0) + (30.0, 40.0, 0.0) for p in main]
+    passing = main[0] * (1.3, 1.3, 1.0) + (500.0, 0.0, 0.0)
+    frames = {
+        f: [behind[f], main[f]] if f % 2 else [main[f], behind[f]] for f in range(FRAMES) if f != 4
+    }
+    frames[6], frames[7] = [passing, *frames[6]], [*frames[7], passing]
+    found = people(frames)
+    assert [len(person) for person in found] == [FRAMES - 1, FRAMES - 1, 2]
+    for f, points in found[0].items():
+        np.testing.assert_array_equal(points, main[f])
+    for f, points in found[1].items():
+        np.testing.assert_array_equal(points, behind[f])
+
+
+def test_who_was_away_for_long_is_the_same_person() -> None:
+    seen = [in_order("coco17", p) for p in pixels()]
+    frames = {f: [seen[f]] for f in range(3)} | {
+        f + 100: [seen[f] + (200.0, 0, 0)] for f in range(3)
+    }
+    assert [sorted(person) for person in people(frames)] == [[0, 1, 2, 100, 101, 102]]
+
+
+def test_names() -> None:
+    spelt = {
+        "LShoulder": "left_shoulder", "right_big_toe": "right_toe", "RIGHT_FOOT_INDEX": "right_toe", "shoulder.L": "left_shoulder",
+        "LeftKnee": "left_knee", "MidHip": "pelvis", "hip": "pelvis", "left_hip": "left_hip", "Head_Top": "head_top", "nose": "nose",
+        "knee": None, "tail": None, "left_small_toe": None, "left right knee": None,
+    }  # fmt: skip
+    assert {name: known_body_joint(name) for name in spelt} == spelt
+
+
+def test_a_body_s_length_tells_the_unit() -> None:
+    cameras = rig()
+    joints = {
+        camera.name: {f: in_order("coco17", p) for f, p in enumerate(pixels(i))}
+        for i, camera in enumerate(cameras)
+    }
+    layouts = dict.fromkeys(joints, LAYOUTS["coco17"])
+    found = subject_length(cameras, joints, layouts, BODY)
+    rows = [names().index(f"left_{name}") for name in ("ankle", "knee", "hip", "shoulder")]
+    true = np.linalg.norm(np.diff(places()[0, rows], axis=0), axis=1).sum()
+    assert found == pytest.approx(true, rel=0.02)
+    assert BODY.fits(true)

@@ -1,0 +1,63 @@
+"""A world turned so that it stands in a format whose readers take one axis for up."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.export.registry import AXES, FORMATS, export_format
+from handtrack.export.table import ResultsTable
+from handtrack.export.upright import axis, turn_between, upright
+from tests.export.sequences import KINDS, sample_sequence
+
+
+@pytest.mark.parametrize(("up", "wanted"), product(AXES, AXES))
+def test_the_axis_is_brought_to_the_other_by_a_turn(up: str, wanted: str):
+    turn = turn_between(up, wanted)
+    np.testing.assert_allclose(turn @ axis(up), axis(wanted), atol=1e-15)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_turns_are_those_that_programs_use():
+    """z up to y up as importers of Blender and ROS do, (x, y, z) to (x, z, -y); a camera's axes to a screen's."""
+    point = np.array([1.0, 2.0, 3.0])
+    assert (turn_between("z", "y") @ point).tolist() == [1.0, 3.0, -2.0]
+    assert (turn_between("-y", "y") @ point).tolist() == [1.0, -2.0, -3.0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_that_is_of_the_world_turns_together(kind: str):
+    """The model posed by the turned parameters has its joints where the turned positions say."""
+    track = sample_sequence(kind)[1]
+    turned = upright(track, "-y", "z")
+    assert ResultsTable(turned).misfit_m < 1e-9
+    turn = turn_between("-y", "z")
+    np.testing.assert_allclose(turned.joint_positions, track.joint_positions @ turn.T)
+    np.testing.assert_allclose(turned.T_world_bone[..., :3, 3], track.T_world_bone[..., :3, 3] @ turn.T)  # fmt: skip
+    np.testing.assert_allclose(turned.parameters[:, 6:], track.parameters[:, 6:])
+    assert turned.cameras is None
+
+
+def test_what_is_exported_stands_upright(tmp_path: Path):
+    """The height over the world's z is what a reader of TRC takes for up: its Y."""
+    track = sample_sequence("right")[1]
+    (path,) = export_format("trc").write(tmp_path / "poses.trc", ResultsTable(track), up="z")
+    first = path.read_text().splitlines()[6].split("\t")
+    assert float(first[3]) == pytest.approx(1e3 * track.joint_positions[0, 0, 2], abs=1e-4)
+
+
+def test_a_format_without_an_up_says_so(tmp_path: Path):
+    table = ResultsTable(sample_sequence("right")[1])
+    with pytest.raises(HandtrackError, match="--up z: csv keeps the world's axes.* Those that do: bvh, glb, trc, mot, c3d, urdf, mcap"):  # fmt: skip
+        export_format("csv").write(tmp_path / "poses.csv", table, up="z")
+    with pytest.raises(HandtrackError, match="no axis 'up' in --up; known: x, y, z, -x"):
+        export_format("bvh").write(tmp_path / "poses.bvh", table, up="up")
+
+
+def test_axes_that_readers_take_for_up_are_axes():
+    assert {known.up for known in FORMATS} == {"", "y", "z"}

@@ -1,0 +1,93 @@
+"""A person in a small recording: what a detector sees of their joints in a few cameras, and nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import F, Floats, P
+from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.model_file import load_model
+from handtrack.simulation.body_motion import body_motion
+
+LAYOUT = LAYOUTS["body_25b"]
+FPS = 25.0
+OFFSETS = {
+    "left_hip": (-12.0, 30.0, 10.0), "right_hip": (12.0, 30.0, 10.0),
+    "left_shoulder": (6.0, -20.0, -15.0), "right_shoulder": (-6.0, -20.0, -15.0),
+    "left_knee": (0.0, 15.0, 15.0), "right_knee": (0.0, 15.0, 15.0), "nose": (0.0, 5.0, -15.0),
+}  # fmt: skip
+"""where the detector sees joints, from ours [mm]: mirror images"""
+PERSON = HandScale(1.05, {"thighs": 1.04, "forearms": 0.95}, {}, OFFSETS)
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """A recording, and who is in it."""
+
+    folder: Path
+    model: ArticulatedModel
+    poses: Floats[F, P]
+
+    def joints(self, frame: int) -> Floats:
+        """Return the named joints' true places, world [m]."""
+        return self.model.joint_positions(self.model.bones(self.poses[frame]))
+
+
+def film(
+    folder: Path,
+    cameras: int = 3,
+    frames: int = 12,
+    person: HandScale = PERSON,
+    noise_px: float = 2.0,
+    turned_deg: Sequence[float] = (),
+    hand: Mapping[str, object] | None = None,
+    motion: str = "dance",
+) -> Filmed:
+    """Write a session of a person before cameras 4 m away, 60° from each other. turned_deg: by how much each camera's calibration is off.
+
+    hand: what [hand] says beside the model.
+    """
+    model, rng = load_model("body34", scale=person), np.random.default_rng(4)
+    joint = body_motion(model, motion, frames, rng)
+    poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
+    rig = CameraRig(tuple(_camera(k) for k in range(cameras)))
+    off = np.zeros(cameras)
+    off[: len(turned_deg)] = np.deg2rad(turned_deg)
+    said = (replace(c, rotation=rotation_matrix(np.r_[0, a, 0]) @ c.rotation, translation=rotation_matrix(np.r_[0, a, 0]) @ c.translation) for c, a in zip(rig.cameras, off, strict=True))  # fmt: skip
+    folder.mkdir(parents=True)
+    write_rig(folder / "calibration.toml", CameraRig(tuple(said)))
+    table = {"model": "body34", **(hand or {})}
+    lines = ["[session]", "format = 1", 'name = "a person"', f"fps = {FPS}", "", "[hand]"]
+    lines += [f"{name} = {json.dumps(value)}" for name, value in table.items()]
+    for camera in rig.cameras:
+        (folder / "pose" / camera.name).mkdir(parents=True)
+        lines += ["", "[[camera]]", f'name = "{camera.name}"', f'keypoints = "pose/{camera.name}/*.json"', 'keypoint_layout = "body_25b"']  # fmt: skip
+        for frame, pose in enumerate(poses):
+            pixels = camera.project(model.bones(pose).to_world(model.joint_bone, model.seen_point))
+            pixels += rng.normal(scale=noise_px, size=pixels.shape)
+            rows = np.zeros((LAYOUT.count, 3))
+            for name, row in LAYOUT.points.items():
+                rows[row] = (*pixels[model.joint_names.index(name)], 0.9)
+            people = [{LAYOUT.keys[0]: rows.ravel().round(3).tolist()}]
+            path = folder / "pose" / camera.name / f"{frame:06d}.json"
+            path.write_text(json.dumps({"people": people}))
+    (folder / "session.toml").write_text("\n".join(lines) + "\n")
+    return Filmed(folder, model, poses)
+
+
+def _camera(number: int) -> Camera:
+    matrix = np.array([[800.0, 0, 360], [0, 800.0, 480], [0, 0, 1]])
+    front = np.diag([1.0, -1.0, -1.0])
+    turn = rotation_matrix(np.array([0.0, np.deg2rad(60.0) * number, 0.0]))
+    return Camera(
+        f"cam{number}", (720, 960), matrix, np.zeros(5), front @ turn.T, np.array([0.0, 0.0, 4.0])
+    )

@@ -1,0 +1,110 @@
+"""A person's recording by joints alone: first pose, size and where the detector sees joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_edit import edit_toml
+from handtrack.model.articulated import HandScale
+from handtrack.session.doctor.check_hand import check_init
+from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from tests.session.body_session import OFFSETS, PERSON, Filmed, film
+
+JOINTS = tuple(sorted({name.partition("_")[2] or name for name in OFFSETS}))
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+    """Three cameras; the size is to be fitted."""
+    return film(tmp_path_factory.mktemp("body") / "session", hand={"scale": "fit"})
+
+
+@pytest.fixture(scope="module")
+def sized(filmed: Filmed) -> TrackingRun:
+    """The run once first pose and size are found."""
+    session = Session.open(filmed.folder)
+    found = find_first_poses(TrackingRun.open(session, use_init=False))
+    return TrackingRun.open(session, first=found[0].first_pose)
+
+
+def error_m(filmed: Filmed, found, shape: bool = False) -> float:
+    """Return how far a candidate's joints are from the true ones on average; shape: about their middle."""
+    joints = found.model.joint_positions(found.model.bones(found.params))
+    true = filmed.joints(found.frame)
+    if shape:
+        joints, true = joints - joints.mean(axis=0), true - true.mean(axis=0)
+    return float(np.linalg.norm(joints - true, axis=1).mean())
+
+
+def test_cameras_that_agree_give_a_bodys_first_pose(filmed):
+    (best,) = find_first_poses(TrackingRun.open(Session.open(filmed.folder), use_init=False))
+    assert best.note == "3 cameras agree on 17 of 17 joints"
+    assert best.confidence == 1.0
+    assert best.first_pose.xyz is None
+    assert error_m(filmed, best) < 0.04, "of a body of the mean size, by a detector's joints"
+
+
+def test_one_camera_leaves_a_bodys_pose_open_and_says_so(tmp_path):
+    alone = film(tmp_path / "session", cameras=1, frames=1, person=HandScale(), motion="still")
+    found = find_first_poses(TrackingRun.open(Session.open(alone.folder), use_init=False))
+    sure = [one.confidence for one in found]
+    assert sure == sorted(sure, reverse=True)
+    assert sum(sure) <= 1.0 + 1e-9
+    assert found[0].note == "joints seen by one camera"
+    near = sum(one.confidence for one in found if error_m(alone, one, shape=True) < 0.11)
+    assert near > 0.3, "what is right is among what is likely"
+    assert sure[0] < SURE, "a person who stands may bend to the camera or away from it"
+
+
+def test_a_body_without_joints_is_told_what_it_needs(filmed):
+    run = TrackingRun.open(Session.open(filmed.folder), {"keypoints.weight": 0.0}, use_init=False)
+    with pytest.raises(HandtrackError, match=r"found by 2D joints only.*keypoint_layout.*--init FILE"):  # fmt: skip
+        find_first_poses(run)
+
+
+def test_the_doctor_says_the_same(tmp_path):
+    alone = film(tmp_path / "session", cameras=1, frames=1)
+    (found,) = check_init(Session.open(alone.folder))
+    assert "`--init auto` looks for one" in found.text
+    edit_toml(
+        alone.folder / "session.toml",
+        {"camera.0.keypoints": None, "camera.0.keypoint_layout": None},
+        "a session's settings",
+    )
+    (found,) = check_init(Session.open(alone.folder))
+    assert "found by 2D joints only" in found.text
+
+
+def test_size_and_offsets_are_found_over_the_recording(sized):
+    scale = sized.scale
+    assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.03)
+    assert 0.005 < scale.std["overall"] < 0.06
+    for joint, true in OFFSETS.items():
+        missed = np.linalg.norm(np.subtract(scale.offsets_mm[joint], true))
+        assert missed < 0.7 * np.linalg.norm(true), joint
+
+
+def test_offsets_of_left_and_right_are_mirror_images(sized):
+    offsets = sized.scale.offsets_mm
+    for name, (x, y, z) in offsets.items():
+        side, _, joint = name.partition("_")
+        if side == "left":
+            assert offsets[f"right_{joint}"] == pytest.approx((-x, y, z))
+        elif side != "right":
+            assert x == pytest.approx(0.0, abs=1e-9), "in the middle plane"
+
+
+def test_what_was_given_stays(filmed, tmp_path: Path):
+    given = film(tmp_path / "session", frames=6)
+    session = Session.open(given.folder)
+    (best,) = find_first_poses(TrackingRun.open(session, use_init=False))
+    scale = TrackingRun.open(session, first=best.first_pose).scale
+    assert (scale.overall, set(scale.parts.values()) | {1.0}) == (1.0, {1.0})
+    assert set(OFFSETS) < set(scale.offsets_mm), "the offsets alone are found"
+    assert PERSON.overall != 1.0

@@ -1,0 +1,140 @@
+"""A body before one camera, all frames together: what its errors that last leave open, limbs flipped throughout, and its distance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.model_file import load_model
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking import sequence
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.estimate import estimate_whole
+from handtrack.tracking.whole.evidence import Evidence, new_share
+from handtrack.tracking.whole.motion import PLACE
+from handtrack.tracking.whole.several import Way, several_ways
+
+BODY = load_model("body34")
+FRONT = Camera(
+    "front", (1080, 1920), np.array([[1200.0, 0, 540], [0, 1200.0, 960], [0, 0, 1]]), np.zeros(5),
+    np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0]),
+)  # fmt: skip
+SIDE = replace(FRONT, name="side", rotation=FRONT.rotation @ rotation_matrix(np.r_[0, 1.4, 0]).T)
+FRAMES = range(4)
+
+
+def _reaching() -> np.ndarray:
+    """Return an arm that is held out to the front, and a little more so in each frame."""
+    joint = BODY.joint_params(BODY.rest_params())
+    joint[BODY.parameter_names.index("left_shoulder_flex")] = 0.4
+    first = BODY.clipped(BODY.transform.solver_params(joint))
+    found = np.tile(first, (len(FRAMES), 1))
+    found[:, BODY.transform.names.index("left_shoulder_flex")] += 0.02 * np.arange(len(FRAMES))
+    return found
+
+
+def _evidence(poses: np.ndarray, *cameras: Camera) -> Evidence:
+    def observe(frame: int, bones: object = None) -> Observation:
+        places = BODY.joint_positions(BODY.bones(poses[frame]))
+        seen = [ImageKeypoints(c, BODY.joint_names, c.project(places), 10.0) for c in cameras]
+        return Observation(frame, frame / 25.0, keypoints=tuple(seen))
+
+    settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
+    return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
+
+
+def _way(poses: np.ndarray, *cameras: Camera) -> Way:
+    evidence = _evidence(poses, *cameras)
+    found = estimate_whole(evidence, FRAMES, poses, sweeps=3)
+    assert found is not None
+    return Way(found, evidence, "followed")
+
+
+def _places(poses: np.ndarray) -> np.ndarray:
+    return np.array([BODY.joint_positions(BODY.bones(pose)) for pose in poses])
+
+
+@pytest.fixture(scope="module")
+def ways():
+    return several_ways(_way(_reaching(), FRONT), FRAMES, 6)
+
+
+def test_of_two_ways_one_has_a_limb_flipped_in_all_frames(ways):
+    best, other = ways[:2]
+    assert any(way.origin.endswith(" flipped") for way in (best, other))
+    off = (_places(other.found.poses) - _places(best.found.poses)) @ FRONT.rotation[2]
+    assert (np.abs(off).max(axis=1) > 0.1).all()
+    assert best.cost <= other.cost
+
+
+def test_the_best_is_also_seen_nearer_and_farther(ways):
+    near, far = (next(w for w in ways if w.origin == f"{ways[0].origin}, {name}") for name in ("nearer", "farther"))  # fmt: skip
+    depth = [FRONT.to_camera(_places(way.found.poses)[:, 0])[:, 2] for way in (near, ways[0], far)]
+    steps = np.diff(depth, axis=0)
+    assert (steps > 0.02).all()
+    pixels = [FRONT.project(_places(way.found.poses)) for way in (near, far)]
+    assert (
+        np.linalg.norm(pixels[0] - pixels[1], axis=-1).mean() < 20.0
+    )  # it still fits: sigma is 10
+
+
+def test_no_more_ways_than_asked_for_and_none_twice(ways):
+    assert len(ways) <= 6
+    places = [_places(way.found.poses) for way in ways]
+    for n, one in enumerate(places):
+        assert all(np.linalg.norm(one - other, axis=-1).max() > 0.02 for other in places[:n])
+
+
+def test_what_two_cameras_see_has_one_way():
+    way = _way(_reaching(), FRONT, SIDE)
+    assert several_ways(way, FRAMES, 6) == [way]
+
+
+def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
+    poses = _reaching()
+    one, two = (
+        replace(_evidence(poses, *cameras), new=0.2).of(0) for cameras in ((FRONT,), (FRONT, SIDE))
+    )
+    assert (one.share, two.share) == (0.2, 1.0)
+    system = one.linearize(poses[0], [], 0, _evidence(poses, FRONT).shared.person)
+    counted = system.whole.hessian[PLACE, PLACE].trace()
+    assert counted == pytest.approx(0.2 * system.seen[PLACE, PLACE].trace(), rel=1e-6)
+
+
+@pytest.mark.parametrize(("lasts", "least", "most"), [(0.0, 0.75, 1.0), (1.0, 0.05, 0.06)])
+def test_errors_that_come_again_are_told_from_new_ones(rng, lasts, least, most):
+    poses = _reaching()
+    first = rng.normal(scale=5.0, size=(len(BODY.joint_names), 2))
+
+    def observe(frame: int, bones: object = None) -> Observation:
+        off = lasts * first + (1.0 - lasts) * rng.normal(scale=5.0, size=first.shape)
+        pixels = FRONT.project(BODY.joint_positions(BODY.bones(poses[frame]))) + off
+        seen = ImageKeypoints(FRONT, BODY.joint_names, pixels, 10.0)
+        return Observation(frame, frame / 25.0, keypoints=(seen,))
+
+    evidence = replace(_evidence(poses, FRONT), observe=observe)
+    assert least <= new_share(evidence, FRAMES, poses) <= most
+
+
+@pytest.mark.parametrize(("share", "again"), [(0.9, False), (0.1, True)])
+def test_where_errors_come_again_hypotheses_are_tracked_once_more(monkeypatch, share, again):
+    """And only what comes of it is refined: what was shown and kept is the first pass."""
+    tracker, made = Tracker(BODY, TrackerSettings()), []
+    first, other = SimpleNamespace(frame=0), SimpleNamespace(frame=0)
+
+    def track_frames(used, *args):
+        made.append(used.settings.traits.new_share)
+        return iter([first if len(made) == 1 else other])
+
+    monkeypatch.setattr(sequence, "track_frames", track_frames)
+    monkeypatch.setattr(sequence, "new_share_of", lambda *args: share)
+    monkeypatch.setattr(sequence, "refine_recording", lambda _, __, tracked, *___, **____: tracked)
+    found = list(sequence.track_recording(tracker, None, 0, None, range(1)))
+    assert made == ([1.0, share] if again else [1.0])
+    assert found == [first, other if again else first]
