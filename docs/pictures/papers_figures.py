@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 
 from docs.pictures.dance_picture import fig7
+from docs.pictures.model_pictures import segments
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import D3, Array, H, W
 from handtrack.bench import papers
-from handtrack.bench.clouds import poor_clouds
+from handtrack.bench.clouds import poor_clouds, real_stereo
 from handtrack.bench.jumps import dance_appearance, real_person
 from handtrack.bench.measuring import recording
 from handtrack.bench.silhouettes import binary_fist
@@ -37,6 +38,8 @@ _STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))
 _DANCE_SHOWN = (0, 8, 16, 24)
 _PERSON_ROWS = slice(75, 350)  # of a picture of 270 columns
 _PART_M = 0.05  # second difference of depth from which two parts lie one behind the other
+_REAL_SHOWN = 12
+_PARTS = (("hand", "#56B4E9"), ("arm", "#E69F00"), ("anything else", "#999999"))
 
 
 def draw_errors(folder: Path) -> None:
@@ -91,6 +94,35 @@ def _stereo_row(session, values: Mapping[str, object]) -> Array[H, W, D3]:
         cv2.drawContours(image, lines, -1, (0, 160, 255), 3)
         tiles.append(cv2.resize(image[_STEREO_CROP], (240, 240), interpolation=cv2.INTER_AREA))
     return np.hstack(tiles)
+
+
+def draw_real_stereo(folder: Path) -> None:
+    """Draw the cloud of a real hand by what it is of, and where the 2004 method ends with and without the arm; no image."""
+    plt = pyplot()
+    scene = real_stereo.Scene.of(_REAL_SHOWN + 1)
+    frame = scene.first + _REAL_SHOWN
+    hand = scene.hands[frame]
+    points = scene.cloud_near(frame)
+    part = scene.parts(frame, points)
+    figure, axes = plt.subplots(1, 2, figsize=(7, 4.2), sharey=True, layout="constrained")
+    for axis, (way, title) in zip(
+        axes, (("as_the_paper", "all points within 10 cm"), ("without_arm", "without the arm's"))
+    ):
+        shown = np.ones(len(part), bool) if way == "as_the_paper" else part != 1
+        local = 1e3 * (points - hand.position[0]) @ hand.rotation[0]
+        for number, (label, colour) in enumerate(_PARTS):
+            own = local[shown & (part == number)]
+            axis.scatter(own[:, 0], own[:, 1], s=3, color=colour, label=label)
+        found = scene.tracked(way)[_REAL_SHOWN]
+        bones = scene.run.model.bones(scene.run.model.transform.solver_params(found.parameters))
+        for posed, colour, label in ((hand, "0.2", "fitted to a detector's joints"), (bones, PAPER, "2004's method")):  # fmt: skip
+            lines = 1e3 * (segments(scene.run.model, posed) - hand.position[0]) @ hand.rotation[0]
+            for n, line in enumerate(lines):
+                axis.plot(line[:, 0], line[:, 1], color=colour, lw=1.6, label=label if n == 0 else None)  # fmt: skip
+        axis.set(title=title, aspect="equal", xlabel="across the palm [mm]")
+    axes[0].set(ylabel="along the hand [mm]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, markerscale=4)  # fmt: skip
+    saved(figure, folder / "papers_real_stereo.png")
 
 
 def draw_dance(folder: Path) -> None:
@@ -152,5 +184,5 @@ def _write(path: Path, image: Array[H, W, D3]) -> None:
 
 
 if __name__ == "__main__":
-    for draw in (draw_errors, draw_stereo, draw_dance, draw_person):
+    for draw in (draw_errors, draw_stereo, draw_real_stereo, draw_dance, draw_person):
         draw(Path(sys.argv[1]))

@@ -42,6 +42,7 @@ _LONG = {
     "binary_fist": "silhouettes.binary_fist",
     "finger_shift": "clouds.finger_shift",
     "poor_clouds": "clouds.poor_clouds",
+    "real_stereo": "clouds.real_stereo",
     "freedoms": "clouds.freedoms",
     "combined": "clouds.combined",
     "forearms": "silhouettes.forearms",
