@@ -62,6 +62,8 @@ _LONG = {
     "balancing": "silhouettes.balancing",
     "honesty": "honesty.honesty",
     "honesty_bodies": "honesty.bodies",
+    "body_offsets": "honesty.body_offsets",
+    "four_cameras": "silhouettes.four_cameras",
     "batch": "workbench.batch",
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
