@@ -7,8 +7,21 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from handtrack.bench.jumps.minima import Sampled, markdown, share_of_leaves, table
+import numpy as np
+
+from handtrack.arrays import Floats, N, P
+from handtrack.bench.jumps.minima import (
+    GOOD_SIGMAS,
+    SAMPLES,
+    SCALES,
+    Sampled,
+    markdown,
+    sampled,
+    share_of_leaves,
+    table,
+)
 from handtrack.bench.measuring import alone
+from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.simulation.scenes.jump_scene import (
     KJS1,
     KJS2,
@@ -23,7 +36,9 @@ FLIPS = {"left_arm": 8, "right_arm": 8, "left_leg": 2, "right_leg": 2}
 WITHIN_LIMITS_SEED = 9
 """the first seed whose start, too, has FLIPS, after the noise of the image"""
 FREE_SEED = 3
-POSES = 10
+POSES = 5
+WIDEST = (2, 3)
+"""of SCALES: 8 and 16, which find most minima"""
 
 
 def scene_within_limits() -> JumpScene:
@@ -51,6 +66,15 @@ def measure(poses: int = POSES) -> dict[str, Any]:
         scene.polished(scene.tree(KJS2).params)  # compiled before anything is timed
         rows = table(scene, len(scene.tree(LIMBS)), whole=LIMBS)
         figures |= {f"{name}_{key}": value for key, value in headline(rows).items()}
+        leaves = next(each.cost for each in rows if each.row.name == "KJS all")
+        most = leaves.min() + 0.5 * GOOD_SIGMAS**2
+        figures[f"{name}_jumps_near_best_leaf"] = int((leaves <= most).sum())
+        for place in WIDEST:
+            more = _as_many_as_the_paper(scene, place)
+            figures[f"{name}_css_{more.row.scale}_of_{SAMPLES}"] = more.row.minima
+            figures[f"{name}_css_{more.row.scale}_of_{SAMPLES}_near_best_leaf"] = int(
+                (more.cost <= most).sum()
+            )
         figures[f"{name}_leaves_of_limbs"] = str([len(scene.tree([limb])) for limb in LIMBS])
         figures[f"{name}_rows"] = [asdict(each.row) for each in rows]
         figures[f"{name}_table"] = "\n" + markdown([each.row for each in rows])
@@ -59,6 +83,18 @@ def measure(poses: int = POSES) -> dict[str, Any]:
         figures[f"without_limits_{name}_leaves"] = over.leaves
         figures[f"without_limits_{name}_distinct_share"] = over.share
     return figures
+
+
+def _as_many_as_the_paper(scene: JumpScene, place: int) -> Sampled:
+    """Return 2000 covariance-scaled samples of one of SCALES; the first are those of the table."""
+    scale, tails = SCALES[place]
+    rng = np.random.default_rng([0, place])
+
+    def draw() -> Floats[N, P]:
+        drawn = covariance_scaled(scene.start, scene.covariance, scale, SAMPLES, rng, tails)
+        return projected(scene.model, drawn)
+
+    return sampled(scene, "CSS", f"{scale:g}", draw, SAMPLES)
 
 
 def headline(rows: list[Sampled]) -> dict[str, int]:
