@@ -182,8 +182,9 @@ def test_a_cloud_is_measured_to_a_surface_of_the_method_s_sharpness():
     points, _ = sample_surface(MetaballSurface.of(glove), bones, 400, np.random.default_rng(0))
     costs = {}
     for beta in (200.0, 1000.0):
-        chosen = settings("paper2004", **{"cloud.balance": 1.0})
-        chosen = replace(chosen, traits=replace(chosen.traits, sharpness_per_m=beta))
+        chosen = settings(
+            "paper2004", **{"cloud.balance": 1.0, "cloud.sharpness_per_mm": 1e-3 * beta}
+        )
         found = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), glove, bones, chosen)
         assert found is not None
         off = merged(MetaballSurface.of(glove, beta), bones, points)[0]
