@@ -300,7 +300,7 @@ COMMANDS: dict[str, _Command] = {
     "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or MJCF, or a BVH.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
-        _option("--out", type=Path, metavar="FILE.toml", help="also write it as a definition, to be changed by hand"), _JSON,
+        _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"), _JSON,
     )),
     "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),
     "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (

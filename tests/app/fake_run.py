@@ -20,7 +20,7 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, scale_table
-from handtrack.observation.observation import ImageView, Observation, Silhouette
+from handtrack.observation.observation import ImageKeypoints, ImageView, Observation, Silhouette
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
@@ -63,6 +63,9 @@ class FakeView:
     @property
     def name(self) -> str:
         return self.camera.name
+
+    def keypoints(self, frame: int, least_px: float) -> tuple[ImageKeypoints, ...]:
+        return ()
 
     @property
     def settings(self) -> CameraSettings:

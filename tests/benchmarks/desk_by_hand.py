@@ -253,14 +253,24 @@ def run(person: Person) -> dict[str, Any]:
     view.show_tab("Track")
     person.press("Refine")
     figures["refined_s"] = person.idle("refining")
-    before_review = person.actions
+    accept_all(person, range(FIRST, LAST + 1), figures)
+    person.key("Shift+V")
+    person.picture("accepted")
+    figures["actions"] = person.actions
+    figures["seconds"] = time.monotonic() - began
+    return figures
+
+
+def accept_all(person: Person, wanted: range, figures: dict[str, Any]) -> None:
+    """Accept the good frames at once, and the others by key, a stretch at a time."""
+    review, before = person.bench.layout.review, person.actions
+    known = len(review.strip.accepted) if review.strip else 0
     person.tab("Review")
     person.actions += 1
-    view.row("Accept").get_by_text("Good", exact=True).click()
-    wanted = set(range(FIRST, LAST + 1))
-    person.until(lambda: review.strip is not None and len(review.strip.accepted) > len(corrected), "good ones")  # fmt: skip
+    person.view.row("Accept").get_by_text("Good", exact=True).click()
+    person.until(lambda: review.strip is not None and len(review.strip.accepted) > known, "good ones")  # fmt: skip
     figures["good"] = len(review.strip.accepted) if review.strip else 0
-    while (strip := review.strip) is not None and not wanted <= strip.accepted:
+    while (strip := review.strip) is not None and not set(wanted) <= strip.accepted:
         left = len(strip.accepted)
         if not review.stretches:
             break
@@ -268,14 +278,9 @@ def run(person: Person) -> dict[str, Any]:
         person.view.page.wait_for_timeout(500)
         person.key("Shift+Y")
         person.until(lambda left=left: review.strip is not None and len(review.strip.accepted) > left, "accepted")  # fmt: skip
-    figures["actions_to_review"] = person.actions - before_review
-    figures["accepted"] = len(wanted & review.strip.accepted) if review.strip else 0
+    figures["actions_to_review"] = person.actions - before
+    figures["accepted"] = len(review.strip.accepted.intersection(wanted)) if review.strip else 0
     figures["of_frames"] = len(wanted)
-    person.key("Shift+V")
-    person.picture("accepted")
-    figures["actions"] = person.actions
-    figures["seconds"] = time.monotonic() - began
-    return figures
 
 
 def begin(person: Person, figures: dict[str, Any]) -> None:

@@ -204,7 +204,7 @@ class JobControl:
         self._refuse()
         if self._document.run.first is None:
             raise HandtrackError(
-                "The hand's size is fitted from the first-frame pose on, and this session has none yet. Pose the hand "
+                "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
                 "and press 'Save as first-frame pose'."
             )
         self._then = then
@@ -331,7 +331,7 @@ class JobControl:
 
     def _found(self, found: Found) -> None:
         if not found.candidates:
-            self._publish(found_words([]))
+            self._publish(found_words([], self._document.model.kind))
             return
         self.guesses.keep(found.candidates)
         best = found.candidates[0]
@@ -340,7 +340,7 @@ class JobControl:
         self._publish(pose_snapshot(self._document))
         if snapshot is not None:
             self._publish(snapshot)
-        self._publish(found_words(found.candidates))
+        self._publish(found_words(found.candidates, self._document.model.kind))
 
     def _ended(self, job: BackgroundJob, end: Ended) -> None:
         self._job = None

@@ -22,21 +22,23 @@ from handtrack_app.protocol.snapshots import Notice
 _TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
 
 
-_NOT_FOUND = (
-    "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
-    "hand is open and wholly in view, or pose it by hand."
-)
+_NOT_FOUND = {
+    "hand": "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
+    "hand is open and wholly in view, or pose it yourself.",
+    "body": "No frame that was looked at has joints of a body that can be told for sure. Try a frame in which it is wholly in view, or "
+    "pose it yourself.",
+}
 
 
-def found_words(candidates: Sequence[FirstPoseCandidate]) -> Notice:
-    """Return what a search for the hand found."""
+def found_words(candidates: Sequence[FirstPoseCandidate], kind: str) -> Notice:
+    """Return what a search for a hand or a body found."""
     if not candidates:
-        return Notice("warning", "No hand found", _NOT_FOUND)
+        return Notice("warning", f"No {kind} found", _NOT_FOUND[kind])
     best, more = candidates[0], len(candidates) - 1
     text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
     if more:
-        text += f" {more} other poses are below and in the scene; a click takes one."
-    return Notice("done", "The hand is found", text)
+        text += f" {more} other {'pose is' if more == 1 else 'poses are'} below and in the scene; a click takes one."
+    return Notice("done", f"The {kind} is found", text)
 
 
 def one_frame(result: FrameResult) -> Notice:
@@ -96,13 +98,13 @@ def size_words(run: Run, offered: HandScale | None, is_late: bool) -> str:
     size = run.scale.overall
     if offered is not None:
         return (
-            f"The hand is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
+            f"The {run.model.kind} is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
             "Track, 'Track again' takes the new size."
         )
     if is_late:
         return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
     known = hand_words(run.model).removeprefix("hand ")
-    return f"The hand is {size:.2f} times an adult's mean{known and f': {known}'}."
+    return f"The {run.model.kind} is {size:.2f} times an adult's mean{known and f': {known}'}."
 
 
 @dataclass
@@ -162,11 +164,7 @@ def end_words(
         )
     if isinstance(job, SizingJob):
         text = size_words(document.run, document.offered_scale, job.is_late)
-        return (
-            Notice("done", "Cancelled", "")
-            if cancelled
-            else Notice("done", "Hand size fitted", text)
-        )
+        return Notice("done", "Cancelled", "") if cancelled else Notice("done", "Size fitted", text)
     if live is not None and job.total == 0:
         return Notice("done", "Tracking ended", live.words())
     one = document.results.get(job.frames.start) if len(job.frames) == 1 else None

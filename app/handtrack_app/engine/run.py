@@ -14,7 +14,7 @@ from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import ImageView, Observation, Silhouette
+from handtrack.observation.observation import ImageKeypoints, ImageView, Observation, Silhouette
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
@@ -45,6 +45,7 @@ class CameraSource(Protocol):
     def corrections(self) -> CorrectedMasks: ...
     def own_frame(self, frame: int) -> int | None: ...
     def silhouette(self, frame: int) -> Silhouette | None: ...
+    def keypoints(self, frame: int, least_px: float, /) -> Sequence[ImageKeypoints]: ...
 
 
 class RunSession(Protocol):

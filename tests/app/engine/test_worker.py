@@ -159,6 +159,19 @@ def test_pause_holds_and_goes_on(tmp_path: Path) -> None:
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
 
 
+def test_a_job_that_is_paused_holds_before_its_next_step() -> None:
+    job = jobs.BackgroundJob(1, range(3), lambda report: None)
+    assert not job.should_stop()
+    job.pause(True)
+    asked = threading.Thread(target=job.should_stop, daemon=True)
+    asked.start()
+    asked.join(0.2)
+    assert asked.is_alive()
+    job.pause(False)
+    asked.join(60.0)
+    assert not asked.is_alive()
+
+
 def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.3):
         worker.send(commands.Track(0, FRAMES, 3))
@@ -322,15 +335,13 @@ def test_a_folder_that_is_no_session_is_told_in_words(tmp_path: Path) -> None:
 def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, size_pending=True):
         worker.send(commands.Track(0, FRAMES, 3))
-        listener.wait(snapshots.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Size fitted")
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert listener.wait(snapshots.SessionSnapshot, lambda s: "size 1.10" in s.model)
         worker.send(commands.Track(0, FRAMES, 3))
         worker.send(commands.Cancel())
         fitted = [
-            s
-            for s in listener.seen
-            if isinstance(s, snapshots.Notice) and s.title == "Hand size fitted"
+            s for s in listener.seen if isinstance(s, snapshots.Notice) and s.title == "Size fitted"
         ]
         assert len(fitted) == 1
 
@@ -375,7 +386,7 @@ def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_
             snapshots.ProgressSnapshot, lambda p: "5 of 10 frames tracked" in p.text
         )
         assert (told.done, told.total) == (50, 100)
-        listener.wait(snapshots.Notice, lambda n: n.title == "Hand size fitted")
+        listener.wait(snapshots.Notice, lambda n: n.title == "Size fitted")
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert document.run.first.frame == document.first_frame == 5
         assert not (tmp_path / "init.json").exists()
@@ -391,7 +402,5 @@ def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:
         assert time.monotonic() - asked < 2.0, "it waited until the size was fitted"
         time.sleep(2.2)
         assert not [
-            s
-            for s in listener.seen
-            if isinstance(s, snapshots.Notice) and s.title == "Hand size fitted"
+            s for s in listener.seen if isinstance(s, snapshots.Notice) and s.title == "Size fitted"
         ]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sized
 
+import numpy as np
+
 from handtrack.arrays import D2, Floats, N
 from handtrack.diagnostics.residual_image import joint_pairs, joints_picture
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.posing.page_values import params_of
@@ -66,7 +67,7 @@ class Painter:
             if paint == "residual":
                 seen = session.observation(frame, cloud=False)
                 silhouette = next((s for s in seen.silhouettes if s.camera.name == camera), None)
-                joints = self._joints(camera, seen, bones)
+                joints = self._joints(camera, frame, bones)
             screen = maker.screen(camera, frame, paint, flesh, silhouette, aside)
             large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
         if large:
@@ -81,10 +82,11 @@ class Painter:
             sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
             self._publish(PictureSnapshot(frame, small, sheet, large, document.version))
 
-    def _joints(self, camera: str, seen: Observation, bones: BonePoses) -> Floats[N, D2, D2] | None:
-        """Return where a camera's joints were seen and where the model has them [px]; None where none was."""
-        model = self._document.model
-        for joints in seen.keypoints:
-            if isinstance(joints, ImageKeypoints) and joints.camera.name == camera:
-                return joint_pairs(joints, model.joint_names, model.joint_positions(bones))
-        return None
+    def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
+        """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
+        document = self._document
+        model, least_px = document.model, document.run.settings.keypoints.sigma_px
+        seen = document.run.session.view(camera).keypoints(frame, least_px)
+        places = model.joint_positions(bones)
+        pairs = [joint_pairs(joints, model.joint_names, places) for joints in seen]
+        return np.concatenate([np.zeros((0, 2, 2)), *pairs])
