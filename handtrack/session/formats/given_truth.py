@@ -1,4 +1,4 @@
-"""Ground truth from whatever it was measured with: a hand's joints by their names, in metres."""
+"""Ground truth from whatever it was measured with: a hand's or a body's joints by their names, in metres."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, N
+from handtrack.capture.joints.body_names import named_bodies
+from handtrack.capture.joints.body_points import BODY_LAYOUTS, NAMED
 from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import JOINTS
 from handtrack.errors import HandtrackError
@@ -18,6 +20,8 @@ _HAND_M = (
     0.06,
     0.25,
 )  # between the two points furthest apart: a small child's fist to a large man's flat hand
+_BODY_M = (0.5, 3.0)  # likewise: of a crouching child to a tall man with raised arms
+_BODY = tuple(BODY_LAYOUTS[NAMED].points)
 _UNITS_M = (
     1.0,
     0.01,
@@ -34,10 +38,18 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
     if path.is_file() and first_bytes(path)[:4] == b"PK\3\4":
         return read_truth(path), ""
     markers = read_markers(path)
-    sides, unknown = named_points(markers.names, str(path))
+    try:
+        sides, unknown = named_points(markers.names, str(path))
+    except HandtrackError:
+        rows = named_bodies(markers.names)
+        if rows is None:
+            raise
+        sides = {"": {i: _BODY[row] for i, row in rows.items()}}
+        unknown = tuple(name for i, name in enumerate(markers.names) if i not in rows)
     chosen = sides.get(side) or (
         next(iter(sides.values())) if len(sides) == 1 and "" in sides else {}
     )
+    spans = _HAND_M if set(chosen.values()) <= set(JOINTS) else _BODY_M
     if not chosen:
         raise HandtrackError(
             f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Say which with --side."
@@ -48,7 +60,7 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
     if not columns or not rows.any():
         raise HandtrackError(f"{path}: in no frame all points of the hand are there.")
     positions = markers.positions[rows][:, columns] * _unit(
-        markers, markers.positions[rows][:, columns], path
+        markers, markers.positions[rows][:, columns], path, spans
     )
     names = tuple(chosen[c] for c in columns)
     seldom = [chosen[c] for c in chosen if c not in columns]
@@ -62,15 +74,17 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
     return truth, f"{path}: {'; '.join(notes)}." if notes else ""
 
 
-def _unit(markers: Markers, positions: Floats[F, N, D3], path: Path) -> float:
-    """Return metres in one unit: what the file says, else what makes a hand of its points."""
+def _unit(
+    markers: Markers, positions: Floats[F, N, D3], path: Path, spans: tuple[float, float]
+) -> float:
+    """Return metres in one unit: what the file says, else what makes a hand, or a body, of its points."""
     if markers.unit_m is not None:
         return markers.unit_m
     size = float(np.median(np.linalg.norm(np.ptp(positions, axis=1), axis=1)))
-    fits = [unit for unit in _UNITS_M if _HAND_M[0] <= size * unit <= _HAND_M[1]]
+    fits = [unit for unit in _UNITS_M if spans[0] <= size * unit <= spans[1]]
     if len(fits) != 1:
         raise HandtrackError(
-            f"{path}: its points span {size:.3g}, which is no hand in metres, centimetres or millimetres. Write the unit in the "
+            f"{path}: its points span {size:.3g}, which is no hand or body in metres, centimetres or millimetres. Write the unit in the "
             "names of the columns, such as wrist_x_mm."
         )
     return fits[0]

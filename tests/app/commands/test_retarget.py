@@ -73,6 +73,8 @@ def test_a_motion_becomes_a_session_that_is_exported(
         "evaluate", made / "tracks/poses.npz", "--truth", made / "truth.npz", "--json"
     )
     assert json.loads(scored.out)["mpjpe_mm"] < 8
+    measured = handtrack("evaluate", made / "tracks/poses.npz", "--truth", file, "--json")
+    assert json.loads(measured.out)["mpjpe_mm"] < 8  # points of the file itself, by their names
     assert "nothing odd" in handtrack("doctor", made).out
     for form in ("csv", "bvh", "trc", "glb"):
         assert handtrack("export", made / "tracks/poses.npz", "--to", form).code == 0
