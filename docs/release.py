@@ -12,9 +12,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
+_BUILDERS = (("uv", "build"), ("build",))
+"""modules that build sdist and wheel; both take the tree, and `-o FOLDER`"""
 _REPOSITORY = Path(__file__).resolve().parents[1]
+_DISTRIBUTION = "handtrack3d"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")
 
 
@@ -27,6 +31,12 @@ def absolute(text: str, source: str) -> str:
         return f"{picture}[{words}]({raw if picture else source}/{target})"
 
     return _LINK.sub(led, text)
+
+
+def readme(text: str, source: str) -> str:
+    """Return README.md for a registry's page: links lead to `source`, and what is there to install comes first."""
+    install = f"## Start\n\n```sh\npip install {_DISTRIBUTION} && handtrack demo\n```\n\nFrom its source: it"
+    return absolute(text.replace("## Start\n\nIt", install, 1), source)
 
 
 def with_urls(project: str, source: str) -> str:
@@ -54,17 +64,26 @@ def main() -> int:
     parser.add_argument("source", help="such as https://HOST/OWNER/handtrack/blob/v0.1.0")
     parser.add_argument("--out", type=Path, default=Path("dist"))
     args = parser.parse_args()
+    builder = next(
+        ([sys.executable, "-m", *words] for words in _BUILDERS if find_spec(words[0])), None
+    )
+    if builder is None:
+        print(
+            "docs.release: nothing here builds packages; `pip install uv` (or `build`).",
+            file=sys.stderr,
+        )
+        return 2
     with tempfile.TemporaryDirectory(prefix="handtrack_release_") as place:
         tree = Path(place) / "handtrack"
         for file in tracked_files():
             (tree / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(_REPOSITORY / file, tree / file)
-        for name, change in (("README.md", absolute), ("pyproject.toml", with_urls)):
+        for name, change in (("README.md", readme), ("pyproject.toml", with_urls)):
             text = (tree / name).read_text(encoding="utf-8")
             (tree / name).write_text(change(text, args.source.rstrip("/")), encoding="utf-8")
-        uv = Path(sys.executable).with_name("uv")
-        command = [str(uv), "build", str(tree), "--out-dir", str(args.out.resolve())]
-        return subprocess.run(command, check=False).returncode
+        return subprocess.run(
+            [*builder, str(tree), "-o", str(args.out.resolve())], check=False
+        ).returncode
 
 
 if __name__ == "__main__":

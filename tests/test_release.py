@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 import handtrack
-from docs.release import absolute, with_urls
+from docs.release import readme, with_urls
 from docs.site_hooks import api_page, public_names, reports_page, site_markdown
 from handtrack.version import VERSION
 from tests.conftest import REPOSITORY
@@ -27,7 +27,8 @@ def test_the_version_is_the_same_everywhere():
 
 
 def test_the_readme_of_a_release_has_no_relative_link():
-    text = absolute((REPOSITORY / "README.md").read_text(encoding="utf-8"), SOURCE)
+    text = readme((REPOSITORY / "README.md").read_text(encoding="utf-8"), SOURCE)
+    assert "pip install handtrack3d && handtrack demo" in text
     links = re.findall(r"\]\(([^)\s]+)\)", text)
     assert len(links) > 10
     assert [link for link in links if not re.match(r"https://|#", link)] == []

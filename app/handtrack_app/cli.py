@@ -148,6 +148,13 @@ _SERVER = (
             help="most that decoding and tracking may use (default: 3/4 of this machine's)"),
 )  # fmt: skip
 
+_MOTION = (
+    _option("--skeleton", type=Path, metavar="FILE.asf", help="of an .amc (default: the one beside it)"),
+    _option("--names", type=Path, metavar="TABLE.toml", help='which joints are which, lines such as left_knee = "LeftLeg"'),
+    _option("--unit-m", type=float, metavar="M", help="metres in one unit of it (default: told by a person's size)"),
+    _option("--positions", choices=("add", "replace"), help="what a BVH's position channels do to OFFSETs, where it does not show"),
+)  # fmt: skip
+
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
@@ -263,25 +270,37 @@ COMMANDS: dict[str, _Command] = {
     "simulate": _Command("simulate", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
-        _option("--frames", type=int, default=100),
+        _option("--frames", type=int, help="100; of a motion file, all"),
         _option("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
-        _option("--model", choices=("hand26", "body34", "body38"), default="hand26"),
-        _option("--motion", help="open_fist_open, curl, gestures or still; of a body: dance, greet or still"),
+        _option("--model", choices=("hand26", "body34", "body38"), help="hand26; of a motion file, what its names are of"),
+        _option("--motion", metavar="NAME|FILE",
+                help="open_fist_open, curl, gestures or still; of a body: dance, greet or still; or a motion file: BVH, AMC, TRC, C3D"),
+        *_MOTION, _option("--motion-fps", type=float, metavar="RATE", help="of a motion file that does not say it (AMC)"),
         _SIDE,
         _option("--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),
         _option("--forearm", action="store_true", help="with a bare forearm"),
         _option("--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"),
         _option("--fps", type=float, default=25.0),
         _option("--no-images", action="store_true", help="masks alone, no videos"),
+        _option("--joints-px", type=float, metavar="PX", help="also 2D joints as a detector's, each off by so much"),
+        _option("--clouds", action="store_true", help="also point clouds of what the cameras see"),
         _option("--distortion", action="store_true", help="lenses with distortion"),
         _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
     )),
+    "retarget": _Command("person.retarget", "Put a motion file (BVH, AMC, TRC, C3D) on a model: size, angles, and how near.", (
+        _option("file", type=Path, metavar="FILE"),
+        _option("--out", type=Path, required=True, metavar="SESSION|POSES.npz", help="a session's folder to make, or a file of poses"),
+        _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
+        _SIDE, *_MOTION,
+        _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames a second, where the file does not say it (AMC)"),
+        _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"), _JSON,
+    )),
     "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or MJCF, or a BVH.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
-        _option("--out", type=Path, metavar="FILE.toml", help="also write it as a definition, to be changed by hand"), _JSON,
+        _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"), _JSON,
     )),
     "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),
     "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (

@@ -1,32 +1,45 @@
 """Draws docs/figures/papers_*.png. Run: python -m docs.pictures.papers_figures FOLDER; it tracks first, which takes minutes.
 
-The shared test data (HANDTRACK_DATA) are needed; the recordings shown are rendered, no person is in them.
+The shared test data (HANDTRACK_DATA) are needed. Recordings shown are rendered, and no person is in them; of the real one nothing is
+drawn but joints and models.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from docs.pictures.dance_picture import fig7
+from docs.pictures.model_pictures import segments
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import D3, Array, H, W
 from handtrack.bench import papers
-from handtrack.bench.clouds import poor_clouds
-from handtrack.bench.jumps import dance_appearance
+from handtrack.bench.clouds import poor_clouds, real_stereo
+from handtrack.bench.jumps import dance_appearance, real_person
 from handtrack.bench.measuring import recording
 from handtrack.bench.silhouettes import binary_fist
+from handtrack.bench.silhouettes.balancing import Balancing
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.render import pixel_rays, render
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.sequence import track_frames
 
 PAPER, OURS = "#D55E00", "#0072B2"
 _STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))
 _DANCE_SHOWN = (0, 8, 16, 24)
+_PERSON_ROWS = slice(75, 350)  # of a picture of 270 columns
+_PART_M = 0.05  # second difference of depth from which two parts lie one behind the other
+_REAL_SHOWN = 12
+_PARTS = (("hand", "#56B4E9"), ("arm", "#E69F00"), ("anything else", "#999999"))
 
 
 def draw_errors(folder: Path) -> None:
@@ -83,11 +96,83 @@ def _stereo_row(session, values: Mapping[str, object]) -> Array[H, W, D3]:
     return np.hstack(tiles)
 
 
+def draw_real_stereo(folder: Path) -> None:
+    """Draw the cloud of a real hand by what it is of, and where the 2004 method ends with and without the arm; no image."""
+    plt = pyplot()
+    scene = real_stereo.Scene.of(_REAL_SHOWN + 1)
+    frame = scene.first + _REAL_SHOWN
+    hand = scene.hands[frame]
+    points = scene.cloud_near(frame)
+    part = scene.parts(frame, points)
+    figure, axes = plt.subplots(1, 2, figsize=(7, 4.2), sharey=True, layout="constrained")
+    for axis, (way, title) in zip(
+        axes, (("as_the_paper", "all points within 10 cm"), ("without_arm", "without the arm's"))
+    ):
+        shown = np.ones(len(part), bool) if way == "as_the_paper" else part != 1
+        local = 1e3 * (points - hand.position[0]) @ hand.rotation[0]
+        for number, (label, colour) in enumerate(_PARTS):
+            own = local[shown & (part == number)]
+            axis.scatter(own[:, 0], own[:, 1], s=3, color=colour, label=label)
+        found = scene.tracked(way)[_REAL_SHOWN]
+        bones = scene.run.model.bones(scene.run.model.transform.solver_params(found.parameters))
+        for posed, colour, label in ((hand, "0.2", "fitted to a detector's joints"), (bones, PAPER, "2004's method")):  # fmt: skip
+            lines = 1e3 * (segments(scene.run.model, posed) - hand.position[0]) @ hand.rotation[0]
+            for n, line in enumerate(lines):
+                axis.plot(line[:, 0], line[:, 1], color=colour, lw=1.6, label=label if n == 0 else None)  # fmt: skip
+        axis.set(title=title, aspect="equal", xlabel="across the palm [mm]")
+    axes[0].set(ylabel="along the hand [mm]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, markerscale=4)  # fmt: skip
+    saved(figure, folder / "papers_real_stereo.png")
+
+
 def draw_dance(folder: Path) -> None:
     """Draw the dance by the 2003 paper's method, as its Fig. 7."""
     what = dance_appearance.dance(max(_DANCE_SHOWN) + 1)
     found = dance_appearance.track(what, {"method": "paper2003"})
     _write(folder / "papers_dance.png", fig7(what, found, _DANCE_SHOWN))
+
+
+def draw_person(folder: Path) -> None:
+    """Draw the models that follow a real person on black: of the person nothing but the joints that a detector finds."""
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "all").mkdir()
+        known = real_person.fitted_by_all(place / "all")
+        rows = [person_row(known, known.run.model, known.refined)]
+        for way, settings in real_person.SHOWN.items():
+            (place / way).mkdir()
+            found = real_person.follow(place / way, known, settings, max(_DANCE_SHOWN) + 1)
+            rows.append(person_row(known, found.run.model, found.results))
+    _write(folder / "papers_person.png", np.vstack(rows))
+
+
+def person_row(
+    known: Balancing, model: ArticulatedModel, results: Sequence[FrameResult]
+) -> Array[H, W, D3]:
+    """Return the model in some frames on black, its parts outlined, with the joints that the detector finds as green dots."""
+    tiles = []
+    for frame in _DANCE_SHOWN:
+        seen = [
+            one
+            for one in known.run.observation(frame).keypoints
+            if isinstance(one, ImageKeypoints) and one.camera.name == real_person.CAMERA
+        ]
+        bones = model.bones(model.transform.solver_params(results[frame].parameters))
+        face, depth = depth_picture(model_mesh(model), bones, seen[0].camera).in_image()
+        inside = face >= 0
+        near = np.where(inside, depth, 1e3)
+        edge = inside & (np.abs(cv2.Laplacian(near, cv2.CV_64F)) > _PART_M)
+        picture = np.zeros((*face.shape, 3), np.uint8)
+        picture[inside], picture[edge] = 110, 255
+        for one in seen:
+            for x, y in (
+                one.pixels[np.isfinite(one.pixels).all(axis=1)].round().astype(int).tolist()
+            ):
+                cv2.circle(picture, (x, y), 14, (80, 220, 80), -1)
+        height, width = face.shape
+        small = cv2.resize(picture, (270, 270 * height // width), interpolation=cv2.INTER_AREA)
+        tiles.append(small[_PERSON_ROWS])
+    return np.hstack(tiles)
 
 
 def _write(path: Path, image: Array[H, W, D3]) -> None:
@@ -99,5 +184,5 @@ def _write(path: Path, image: Array[H, W, D3]) -> None:
 
 
 if __name__ == "__main__":
-    for draw in (draw_errors, draw_stereo, draw_dance):
+    for draw in (draw_errors, draw_stereo, draw_real_stereo, draw_dance, draw_person):
         draw(Path(sys.argv[1]))

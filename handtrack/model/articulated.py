@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D6, D21, Array, Axes, B, Floats, Ints, J, K, P, S
+from handtrack.arrays import D2, D3, D6, D21, Array, Axes, B, Floats, Ints, J, K, P, S, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
@@ -149,6 +149,17 @@ class ArticulatedModel:
         """Return params moved into their limits."""
         bounds = self.bounds(params)
         return np.clip(params, bounds[:, 0], bounds[:, 1])
+
+    def checked(self, params: Floats[P], what: str) -> Floats[P]:
+        """Return solver parameters as an array of floats. Raises HandtrackError naming `what` where they are not this model's."""
+        values = np.asarray(params, float)
+        check_shape(
+            values, (len(self.transform.names),), f"{what}: solver parameters of '{self.name}'"
+        )
+        if not np.isfinite(values).all():
+            odd = self.transform.names[int(np.flatnonzero(~np.isfinite(values))[0])]
+            raise HandtrackError(f"{what}: {odd} is not a finite number.")
+        return values
 
     def rest_params(self) -> Floats[P]:
         """Return the solver parameters of the relaxed pose at the world's origin."""

@@ -96,6 +96,10 @@ def _sized(
             f"{kind} scale {size.overall:g}: expected a factor on a {kind} of {table['length_mm']:g} mm, between 0.2 "
             "and 5. If this is a length, divide it by that one."
         )
+    known = dict.fromkeys((*HAND_PARTS, *BODY_PARTS, *(bone["group"] for bone in table["bone"])))
+    for part in size.parts:
+        if part not in known:
+            raise unknown_name("part of a hand or body", part, tuple(known), "its scale")
     return _build(table, "right" if kind == "body" else side, size, coupling, forearm, spread)
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W
+from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W, check_shape
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.lens_maps import lens_maps
 from handtrack.observation.mask_values import UNKNOWN, coverage_of
@@ -75,6 +76,10 @@ class Keypoints:
     """world [m], NaN where unknown."""
     sigma_m: float
 
+    def __post_init__(self) -> None:
+        """Take lists for arrays. Raises HandtrackError where they do not fit together."""
+        _check_points(self, "positions", 3, self.sigma_m)
+
     @property
     def count(self) -> int:
         """How many are known."""
@@ -92,6 +97,10 @@ class ImageKeypoints:
     sigma_px: float
     confidence: Floats[J] | None = None
     """as the detector states it, 0 to 1; None where it was not kept"""
+
+    def __post_init__(self) -> None:
+        """Take lists for arrays. Raises HandtrackError where they do not fit together."""
+        _check_points(self, "pixels", 2, self.sigma_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,3 +128,17 @@ class Observation:
         """Whether nothing was seen of the frame; the caller's own terms do not count as seen."""
         seen = (self.silhouettes, self.keypoints, self.images, self.pins)
         return self.cloud is None and not any(seen)
+
+
+def _check_points(
+    points: Keypoints | ImageKeypoints, field_name: str, width: int, sigma: float
+) -> None:
+    names = tuple(points.names)
+    values = np.asarray(getattr(points, field_name), float)
+    check_shape(values, (len(names), width), f"{field_name} of {len(names)} keypoints")
+    if not sigma > 0.0:
+        raise HandtrackError(
+            f"keypoints: their standard deviation is {sigma}; expected a number above 0: how far off they usually are."
+        )
+    object.__setattr__(points, "names", names)
+    object.__setattr__(points, field_name, values)

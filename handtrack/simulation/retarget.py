@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, J, P, check_shape
+from handtrack.arrays import D3, F, Floats, Ints, J, P, check_shape
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
@@ -14,7 +14,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.body_priors import body_priors
-from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
 from handtrack.tracking.size.sized_problem import fit_size
 
 _SIGMA_M = 0.01  # how well another skeleton's joints are ours
@@ -24,16 +24,28 @@ _FAR_M = 0.03  # an error of one joint beyond which a frame is started afresh as
 
 
 def retarget(
-    model: ArticulatedModel, names: tuple[str, ...], positions: Floats[F, J, D3]
+    model: ArticulatedModel,
+    names: tuple[str, ...],
+    positions: Floats[F, J, D3],
+    progress: Callable[[], None] = lambda: None,
 ) -> Floats[F, P]:
     """Return solver parameters whose joints are nearest to positions world [m], within limits.
 
     names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
-    that leads far off. The model's size stays: `fitted_model` finds a person's.
+    that leads far off; one in which fewer than four joints are known keeps the pose before it. The model's size stays:
+    `fitted_model` finds a person's. progress: called after each frame. Raises HandtrackError where no frame has four.
     """
     check_shape(positions, (None, len(names), 3), "positions to retarget")
+    enough = known_joints(positions) >= FEWEST
+    first = int(np.argmax(enough))
     poses: list[Floats] = []
-    for points in positions:
+    for frame, points in enumerate(positions):
+        progress()
+        if not enough[frame]:
+            if poses:
+                poses.append(poses[-1])
+                continue
+            points = positions[first]
         seen = Keypoints(tuple(names), points, _SIGMA_M)
         start = poses[-1] if poses else fit_keypoints(model, seen)
         solved = solve(body_problem(model, seen), start, _SOLVER)
@@ -54,11 +66,17 @@ def fitted_model(
     build: makes the model of a given size.
     """
     check_shape(positions, (None, len(names), 3), "positions to fit a body to")
+    positions = positions[known_joints(positions) >= FEWEST]
     chosen = np.unique(np.linspace(0, len(positions) - 1, _SIZE_FRAMES).astype(int))
     seen = [Keypoints(tuple(names), positions[i], _SIGMA_M) for i in chosen]
     mean = build(HandScale())
     starts = [fit_keypoints(mean, points) for points in seen]
     return build(fit_size([body_problem(mean, points) for points in seen], starts)[0])
+
+
+def known_joints(positions: Floats[F, J, D3]) -> Ints[F]:
+    """Return how many joints of each frame are known."""
+    return np.asarray(np.isfinite(positions).all(axis=2).sum(axis=1))
 
 
 def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:

@@ -10,13 +10,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import Array, F, Floats, S
 from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
+from handtrack.model.model_file import load_model, write_scale
 from handtrack.session import layout
+from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.session_file import (
     CameraSettings,
@@ -28,9 +31,11 @@ from handtrack.session.session_file import (
 from handtrack.simulation.body_motion import body_motion
 from handtrack.simulation.motion import motion
 from handtrack.simulation.render import pixel_rays, render, shade
+from handtrack.simulation.seen_files import write_clouds, write_seen_joints
 
 _SKIN = np.array([224, 172, 140.0])
 
+SCALE_FILE = "person.json"
 BODY_TRACKING = {
     "silhouettes": {
         "bands_mm": (60.0, 30.0, 10.0),
@@ -63,6 +68,10 @@ class Simulation:
     init_noise_m: float = 0.005
     """of the 21 keypoints in init.json; 0 writes the exact pose by parameters, as for a body always"""
     seed: int = 0
+    joints_px: float | None = None
+    """write 2D joints, too, as a detector's, each off by so much in either direction (standard deviation)"""
+    clouds: bool = False
+    """write point clouds, too, of all that the cameras see"""
 
     def check(self) -> None:
         """Raise HandtrackError for numbers that make no recording."""
@@ -105,12 +114,27 @@ def simulated_rig(
     return CameraRig(tuple(cameras))
 
 
+@dataclass(frozen=True, eq=False)
+class KnownMotion:
+    """A motion to be rendered in place of a named one."""
+
+    name: str
+    model: ArticulatedModel
+    joint: Floats[F, S]
+    """joint parameters, about the world's origin, +y up"""
+    distance_m: float
+    """of cameras that see all of it"""
+
+
 def simulate(
-    folder: Path, what: Simulation, progress: Callable[[int, int], None] | None = None
+    folder: Path,
+    what: Simulation,
+    progress: Callable[[int, int], None] | None = None,
+    known: KnownMotion | None = None,
 ) -> Path:
     """Write a session folder: calibration, masks, videos, exact truth and init.json. Returns the folder.
 
-    Raises HandtrackError when the folder holds something already: nothing is written over.
+    known: takes the place of model, motion, frames, side and scale; its size is saved in the folder. Raises HandtrackError when the folder holds something already: nothing is written over.
     """
     what.check()
     if folder.exists() and any(folder.iterdir()):
@@ -118,27 +142,41 @@ def simulate(
             f"simulate: the folder {folder} is not empty; nothing was written. Name a new folder with --out."
         )
     rng = np.random.default_rng(what.seed)
-    model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
-    moves = body_motion if model.kind == "body" else motion
-    joint = moves(model, what.motion, what.frames, rng)
-    rig = simulated_rig(what.cameras, what.size, what.distance_m, what.distortion)
+    if known is None:
+        model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
+        moves = body_motion if model.kind == "body" else motion
+        joint, distance_m = moves(model, what.motion, what.frames, rng), what.distance_m
+    else:
+        model, joint = known.model, known.joint
+        distance_m = max(what.distance_m, known.distance_m)
+    rig = simulated_rig(what.cameras, what.size, distance_m, what.distortion)
     folder.mkdir(parents=True, exist_ok=True)
     write_rig(folder / layout.CALIBRATION_FILE, rig)
     _render_all(folder, what, model, rig, joint, progress)
     _write_truth(folder, what, model, joint)
     _write_init(folder, what, model, joint[0], rng)
+    layouts = None
+    if what.joints_px is not None:
+        layouts = write_seen_joints(folder, model, rig, joint, what.joints_px, rng)
     entries = tuple(
         CameraSettings(
             name=camera.name,
             images=f"{camera.name}.mp4" if what.images else None,
             masks=f"masks/{camera.name}/*.png",
+            keypoints=None if layouts is None else f"joints/{camera.name}/*.json",
+            keypoint_layout=layouts,
         )
         for camera in rig.cameras
     )
-    recording = RecordingSettings(name=f"simulated {what.motion}", fps=what.fps)
+    name = what.motion if known is None else known.name
+    recording = RecordingSettings(name=f"simulated {name}", fps=what.fps)
     hand = HandSettings(model=what.model, side=what.side, scale=what.scale)
+    if known is not None:
+        write_scale(folder / SCALE_FILE, model.scale)
+        hand = HandSettings(model.name, model.side, SCALE_FILE)
     tracking = BODY_TRACKING if model.kind == "body" else {}
-    file = SessionFile(recording, hand, entries, tracking=tracking)
+    clouds = CloudSettings(files="clouds/*.ply") if what.clouds else None
+    file = SessionFile(recording, hand, entries, clouds, tracking)
     write_session_file(folder / layout.SESSION_FILE, file)
     return folder
 
@@ -160,6 +198,7 @@ def _render_all(
 ) -> None:
     flesh = model.flesh["fine"]
     colors = np.tile(_SKIN, (len(flesh), 1))
+    clouds: dict[int, list[PointCloud]] = {}
     for c, camera in enumerate(rig.cameras):
         rays = pixel_rays(camera)
         masks = folder / "masks" / camera.name
@@ -167,7 +206,9 @@ def _render_all(
         video = _video(folder / f"{camera.name}.mp4", what) if what.images else None
         for frame, params in enumerate(joint):
             posed = flesh.posed(model.bones(model.transform.solver_params(params)))
-            front, _, normal = render(camera, posed, rays)
+            front, depth, normal = render(camera, posed, rays)
+            if what.clouds:
+                clouds.setdefault(frame, []).append(depth_cloud(camera, depth))
             mask = np.where(front >= 0, 255, 0).astype(np.uint8)
             _saved(masks / f"{frame:06d}.png", mask)
             if video is not None:
@@ -177,6 +218,7 @@ def _render_all(
                 progress(c * len(joint) + frame + 1, len(joint) * len(rig.cameras))
         if video is not None:
             video.release()
+    write_clouds(folder, clouds)
 
 
 def _backdrop(size: tuple[int, int]) -> Array:
@@ -213,7 +255,7 @@ def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint:
 def _write_init(
     folder: Path, what: Simulation, model: ArticulatedModel, first: Floats, rng: np.random.Generator
 ) -> None:
-    if what.init_noise_m > 0 and model.has_keypoints21:
+    if what.init_noise_m > 0 and model.kind == "hand" and model.has_keypoints21:
         points = model.keypoints21(model.bones(model.transform.solver_params(first)))
         noisy = points + rng.normal(scale=what.init_noise_m, size=points.shape)
         pose = FirstPose(0, xyz=np.round(noisy, 5))

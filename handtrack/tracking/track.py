@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from handtrack.version import VERSION
 
 def track(
     model: ArticulatedModel,
-    observations: Sequence[Observation],
+    observations: Iterable[Observation] | Observation,
     start: Floats[P] | None = None,
     settings: TrackerSettings = TrackerSettings(),
     terms: Sequence[ObservationTerm] = (),
@@ -33,22 +33,25 @@ def track(
 ) -> TrackResult:
     """Return the tracked sequence: frame after frame, then refined together as the settings say.
 
-    observations: in any order, each frame once; frames between that are missing are frames in which nothing was seen. start:
+    observations: in any order, each frame once, or a single one; frames between that are missing are frames in which nothing was seen. start:
     solver parameters of the first frame; found by itself where None (hands only). terms, priors: costs of one's own, of bone
     poses and of joint parameters (docs/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
     pose is found.
     """
-    by_frame = {seen.frame: seen for seen in observations}
-    if len(by_frame) < len(observations) or not by_frame:
+    given = [observations] if isinstance(observations, Observation) else list(observations)
+    by_frame = {seen.frame: seen for seen in given}
+    if len(by_frame) < len(given) or not by_frame:
         raise HandtrackError(
-            f"{len(observations)} observations of {len(by_frame)} frames; expected at least one, and each frame once. Give "
+            f"{len(given)} observations of {len(by_frame)} frames; expected at least one, and each frame once. Give "
             "all views of a frame in one Observation."
         )
     numbers = np.array(sorted(by_frame))
     times = np.array([by_frame[number].time_s for number in numbers])
     frames = range(int(numbers[0]), int(numbers[-1]) + 1)
     first, params = frames.start, start
-    if params is None:
+    if params is not None:
+        params = model.checked(params, "start")
+    else:
         found = find_first_pose(
             model, [by_frame[number] for number in numbers], settings, control.should_stop
         )

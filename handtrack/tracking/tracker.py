@@ -110,6 +110,8 @@ class Tracker:
                     "`TrackerState.beginning_at(params)`; `find_pose(model, observation)` finds params."
                 )
             start = self.model.transform.solver_params(expected)
+        else:
+            start = self.model.checked(start, "the pose to start from")
         if self.settings.solver.limits != "none":
             start = self.model.clipped(start)
         if expected is not None:

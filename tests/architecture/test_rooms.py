@@ -56,7 +56,7 @@ ARROWS: dict[str, set[str]] = {
         "files", "geometry", "capture", "model", "diagnostics", "session", "tracking.frame",
     },
     "simulation": {
-        "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
+        "files", "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
         "session", "tracking", "tracking.frame", "tracking.search", "tracking.size",
     },
 }  # fmt: skip

@@ -115,6 +115,19 @@ def test_a_known_rig_is_found_again(rig, poses, rng):
     for pair in found.report.pairs:
         a, b = (rig[name] for name in pair.names)
         assert pair.baseline_m == pytest.approx(np.linalg.norm(a.centre - b.centre), abs=5e-4)
+    for seen, left in zip(found.cameras, found.residuals, strict=True):
+        for view, off in list(zip(seen.shared, left, strict=False))[::7]:
+            pose = found.T_world_board[view.frame]
+            corners = BOARD.points[view.ids] @ pose[:3, :3].T + pose[:3, 3]
+            camera = found.rig[seen.name]
+            there, _ = cv2.projectPoints(
+                camera.to_camera(corners),
+                np.zeros(3),
+                np.zeros(3),
+                camera.matrix,
+                camera.distortions,
+            )
+            np.testing.assert_allclose(off, view.pixels - there[:, 0], atol=1e-6)
 
 
 def test_cameras_that_never_share_a_view_are_chained(rig, poses, rng):

@@ -11,6 +11,7 @@ import pytest
 import handtrack
 from handtrack import (
     Camera,
+    HandScale,
     HandtrackError,
     ImageKeypoints,
     JointPositionTerm,
@@ -169,6 +170,31 @@ def test_frames_that_are_missing_are_frames_in_which_nothing_was_seen():
     np.testing.assert_allclose(result.time_s, np.arange(2, 7) / 30)
     with pytest.raises(HandtrackError, match="2 observations of 1 frames"):
         track(HAND, [seen[0], seen[0]])
+
+
+def test_what_does_not_fit_is_refused_in_words():
+    """Each was taken in silence, or ended in a line of NumPy's."""
+    at = HAND.joint_positions(HAND.bones(posed()))
+    listed = Keypoints(list(HAND.joint_names), at.tolist(), 0.003)  # type: ignore[arg-type]
+    assert listed.positions.shape == at.shape
+    with pytest.raises(HandtrackError, match=r"positions of 1 keypoints: expected .*\(1, 3\), found \(21, 3\)"):  # fmt: skip
+        Keypoints(("wrist",), at, 0.003)
+    with pytest.raises(HandtrackError, match=r"pixels of 1 keypoints: expected .*\(1, 2\)"):
+        ImageKeypoints(CAMERAS["cam0"], ("wrist",), at[:1], 2.0)
+    with pytest.raises(HandtrackError, match="standard deviation is 0.0; expected a number above 0"):  # fmt: skip
+        Keypoints(HAND.joint_names, at, 0.0)
+    with pytest.raises(HandtrackError, match="no part of a hand or body 'indx' in its scale.*Did you mean 'index'"):  # fmt: skip
+        load_model("hand26", scale=HandScale(1.0, {"indx": 1.1}))
+    with pytest.raises(HandtrackError, match=r"start: solver parameters of 'hand26': .*\(26\), found \(5,\)"):  # fmt: skip
+        track(HAND, [points(posed())], start=np.zeros(5))
+    with pytest.raises(HandtrackError, match="the pose to start from: root_tx is not a finite"):
+        Tracker(HAND).step(TrackerState.beginning_at(posed() * np.nan), points(posed()))
+
+
+def test_observations_may_be_one_or_come_one_by_one():
+    seen = [points(posed(), frame) for frame in range(2)]
+    assert len(track(HAND, seen[0], posed())) == 1
+    assert len(track(HAND, iter(seen), posed())) == 2
 
 
 def test_numbers_by_name():

@@ -83,7 +83,8 @@ def test_a_robot_hand_is_tracked_by_its_own_model():
     angles = {"left_bend": 0.5, "left_curl": 0.9, "right_bend": 0.3, "right_curl": 0.6, "thumb_bend": 0.5, "thumb_curl": 0.4}  # fmt: skip
     root = dict(zip(("root_tx", "root_ty", "root_tz"), place, strict=True))
     true = robot.params_from(angles | root)
-    start = robot.params_from({name: value - 0.26 for name, value in angles.items()} | root)
+    off = {name: value - 0.26 for name, value in angles.items()}
+    start = robot.params_from(off | root, nearest=True)
     flesh = robot.flesh["fine"].posed(robot.bones(true))
     seen = tuple(Silhouette(c, model_mask(c, flesh)) for c in cameras)
     result = track(robot, [Observation(0, 0.0, silhouettes=seen)], start, TrackerSettings())
@@ -152,6 +153,9 @@ def test_the_command_checks_and_converts(tmp_path, capsys):
     urdf, toml = load_model(GRIPPER), load_model(out)
     assert urdf.parameter_names == toml.parameter_names
     np.testing.assert_array_equal(urdf.skeleton.offset, toml.skeleton.offset)
+    robot = tmp_path / "again.urdf"
+    assert main(["model", "check", str(out), "--out", str(robot)]) == 0
+    assert set(load_model(GRIPPER).parameter_names) == set(load_model(robot).parameter_names)
     assert main(["model", "check", str(GRIPPER), "--out", str(out)]) == 2
     text = CLAW.read_text().replace('{ bone = "thumb_upper", centre = [0, 25, 0], radii = [9, 30, 9] },', "")  # fmt: skip
     Path(tmp_path / "bare.toml").write_text(text)

@@ -14,11 +14,14 @@ HAND = HandScale(0.93, {"thumb": 1.04, "little": 0.95, "forearm": 1.1})
 BODY = HandScale(1.05, {"thighs": 1.06, "head": 0.97}, {"hip_width": 1.2, "clavicle_height": -0.7})
 
 
-@pytest.fixture(params=["hand", "left hand", "body"])
+@pytest.fixture(params=["hand", "left hand", "body", "body seen"])
 def size(request):
     """Sizes counted from somebody who is not the mean adult."""
     if request.param == "body":
         return SizeParameters(load_model("body34", scale=BODY))
+    if request.param == "body seen":
+        paired = ("left_hip", "right_hip", "left_wrist", "right_wrist")
+        return SizeParameters(load_model("body34", scale=BODY), paired)
     side = "left" if request.param == "left hand" else "right"
     return SizeParameters(load_model("hand26", side, HAND, forearm=True))
 
@@ -32,6 +35,25 @@ def test_deviations_go_there_and_back(size, rng):
     deviations = rng.normal(size=len(size.names))
     np.testing.assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
     np.testing.assert_array_equal(size.deviations(HandScale()), 0.0)
+
+
+def test_a_bodys_offsets_are_mirror_images():
+    """One offset of both hips, and of a side that is seen alone; the nose's stays in the middle plane."""
+    size = SizeParameters(load_model("body34", scale=BODY), ("left_hip", "right_hip", "left_knee", "nose"))  # fmt: skip
+    assert size.offset_count == 9
+    deviations = np.zeros(len(size.names))
+    deviations[-9:] = 1.0
+    model = size.grown(deviations)
+    bones = model.bones(model.params_from({}))
+    beside = bones.to_world(model.joint_bone, model.seen_point) - model.joint_positions(bones)
+    left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.seen)
+    np.testing.assert_allclose(left, right * [-1.0, 1.0, 1.0], atol=1e-12)
+    assert abs(left[0]) > 0.01
+    assert abs(knee[0]) > 0.01
+    assert nose[0] == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.norm(nose) > 0.01
+    unit = size.units[-1]
+    assert np.sqrt(3.0) * unit == pytest.approx(0.030), "30 mm root mean square"
 
 
 def test_a_grown_model_is_the_model_of_that_size(size, rng):

@@ -176,16 +176,14 @@ def main() -> None:
         prog="python -m tests.mutation.broken_parts", description=__doc__.partition("\n")[0]
     )
     parser.add_argument("part", nargs="*", help="only these, such as A4 B2")
-    chosen, tests, sound = parser.parse_args().part, named_tests(), set()
+    chosen, tests = parser.parse_args().part, named_tests()
+    listed = [broken for broken in breaks() if not chosen or broken.part in chosen]
     with copied_tree() as tree:
-        for broken in breaks():
-            if chosen and broken.part not in chosen:
-                continue
-            named = tests[broken.part]
-            if broken.part not in sound and (by := notice(tree, named)):
-                sys.exit(f"{broken.part}: {by} fails without any mutation")
-            sound.add(broken.part)
-            by = outcome(tree, broken, named)
+        asked = dict.fromkeys(test for broken in listed for test in tests[broken.part])
+        if by := notice(tree, tuple(asked)):
+            sys.exit(f"{by} fails without any mutation")
+        for broken in listed:
+            by = outcome(tree, broken, tests[broken.part])
             print(f"{broken.part} {broken.what}: {by or 'SURVIVED'}", flush=True)
             written({(broken.part, broken.what): f"`{by}`" if by else "**nobody**"})
 

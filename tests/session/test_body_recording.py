@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,16 @@ def test_one_camera_leaves_a_bodys_pose_open_and_says_so(tmp_path):
     near = sum(one.confidence for one in found if error_m(alone, one, shape=True) < 0.11)
     assert near > 0.3, "what is right is among what is likely"
     assert sure[0] < SURE, "a person who stands may bend to the camera or away from it"
+
+
+def test_a_frame_in_which_nobody_was_seen_gives_nothing(filmed, tmp_path):
+    folder = tmp_path / "session"
+    shutil.copytree(filmed.folder, folder)
+    for file in folder.glob("pose/*/000002.json"):
+        file.unlink()
+    run = TrackingRun.open(Session.open(folder), use_init=False)
+    assert find_first_poses(run, 2) == []
+    assert find_first_poses(run, 3)
 
 
 def test_a_body_without_joints_is_told_what_it_needs(filmed):

@@ -8,8 +8,13 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
+from handtrack.tracking.frame.settings import PriorSettings
+from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.cameras import LATE, CameraChanges, velocities
-from handtrack.tracking.whole.motion import TURN, changes, moved
+from handtrack.tracking.whole.estimate import WholeEstimate
+from handtrack.tracking.whole.motion import TURN, Motion, changes, moved
+from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.shared import Shared
 from tests.derivatives import check_gradient, check_jacobian
 
 HAND = load_model("hand26")
@@ -49,6 +54,22 @@ def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
     by_pose[:6, :6] = view.by_pose[0]
     jacobian = np.concatenate([by_pose, view.by_camera[0]], axis=1)
     check_jacobian(seen, jacobian, np.zeros(17), rtol=1e-6)
+
+
+def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
+    """`refinement` of poses.npz is in degrees, millimetres and percent, of the camera; the changes are the hand's."""
+    changes = _changed(rng)
+    found = WholeEstimate(
+        np.zeros((1, 26)), np.zeros((1, 26, 26)), Motion.usual(PriorSettings(), 26, 0.04), np.zeros(1), 1, "converged",
+        Shared(changes, PersonChange.none(HAND)), np.eye(changes.count),
+    )  # fmt: skip
+    told = Refinement.read(Refinement.of(found).text)
+    for camera, corrected in zip(changes.cameras, changes.corrected(), strict=True):
+        again = told.corrected(camera)
+        np.testing.assert_allclose(again.matrix, corrected.matrix, atol=1e-4)
+        np.testing.assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
+        np.testing.assert_allclose(again.centre, corrected.centre, atol=1e-6)
+    assert told.corrected(_camera("another", 0.1)).name == "another"
 
 
 def test_what_is_known_of_cameras_beforehand_has_its_own_gradient(rng):

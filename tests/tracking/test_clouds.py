@@ -60,8 +60,10 @@ def test_a_forearm_in_the_cloud_is_noticed(rng):
         assert forearm_in_view(model, joint, observation) is forearm
 
 
-@pytest.mark.parametrize(("name", "count"), [("glove9", 9), ("ball6", 6)])
-def test_simpler_models_hold_the_palm(rng, name, count):
+@pytest.mark.parametrize(
+    ("name", "count", "within_m"), [("glove9", 9, 0.007), ("ball6", 6, 0.015)]
+)  # measured 3.5 and 10.9 mm
+def test_simpler_models_hold_the_palm(rng, name, count, within_m):
     """A cloud of the whole hand, followed by three ellipsoids or one: where the wrist is, roughly."""
     whole, simple = load_model(), load_model(name)
     joint, observation = seen(whole, "rest", rng)
@@ -70,7 +72,7 @@ def test_simpler_models_hold_the_palm(rng, name, count):
     np.testing.assert_allclose(start[:6], joint[:6])
     _, result = Tracker(simple).step(TrackerState.beginning_at(start), observation)
     assert result.keypoints21 is None
-    assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < 0.015  # 3.5 and 10.9 mm
+    assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < within_m
 
 
 def test_shifted_starts_put_fingers_where_their_neighbours_were():

@@ -175,6 +175,23 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     assert found.sharpened(BALL, bones, 0.1) is found
 
 
+def test_a_cloud_is_measured_to_a_surface_of_the_method_s_sharpness():
+    """β: one ellipsoid has none to speak of, so that of a glove, where palm and fingers meet."""
+    glove = load_model("glove9")
+    bones = glove.bones(glove.rest_params())
+    points, _ = sample_surface(MetaballSurface.of(glove), bones, 400, np.random.default_rng(0))
+    costs = {}
+    for beta in (200.0, 1000.0):
+        chosen = settings("paper2004", **{"cloud.balance": 1.0})
+        chosen = replace(chosen, traits=replace(chosen.traits, sharpness_per_m=beta))
+        found = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), glove, bones, chosen)
+        assert found is not None
+        off = merged(MetaballSurface.of(glove, beta), bones, points)[0]
+        costs[beta] = cloud_terms(found, glove, chosen, 1.2)[0].cost(bones)
+        assert costs[beta] == pytest.approx(0.5e6 * float((off**2).sum()), rel=1e-6)
+    assert costs[200.0] > 10.0 * costs[1000.0]
+
+
 def test_fingers_are_shifted_to_both_sides_in_each_frame_and_the_least_energy_wins():
     joint = HAND.rest_params()
     points, _ = sample_surface(

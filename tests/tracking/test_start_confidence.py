@@ -10,6 +10,7 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Silhouette
+from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.simulation.scenes.simulated_views import everything, mask_views
 from handtrack.simulation.scenes.start_frames import another_hand
 from handtrack.simulation.simulate import simulated_rig
@@ -25,6 +26,7 @@ from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     independent_errors,
     nearness,
+    settled_ways,
     shares,
 )
 
@@ -130,3 +132,25 @@ def test_a_pointing_finger_is_found_among_bent_ones(rng):
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
     assert off[0] > 25.0 and off[1] < 12.0
+
+
+def test_poses_near_each_other_are_one_way_and_wide_ones_are_less_sure():
+    """Two poses of a body that differ by a hand's breadth at one elbow, and one that faces away."""
+    body = load_model("body34")
+    here = body.joint_params(body.rest_params())
+    beside, away = here.copy(), here.copy()
+    beside[body.parameter_names.index("left_elbow_flex")] += 0.4
+    away[4] = np.pi
+
+    def ways(spread_rad):
+        known = np.eye(len(here)) * spread_rad**2
+        found = [
+            Hypothesis(body.transform.solver_params(joint), 1.0, known, weight, "made")
+            for joint, weight in ((here, 0.5), (beside, 0.3), (away, 0.2))
+        ]
+        return settled_ways(body, found)
+
+    (first, sure), (second, less) = ways(0.01)
+    assert (first.weight, second.weight) == (0.5, 0.2)
+    assert (sure, less) == (pytest.approx(0.8), pytest.approx(0.2))
+    assert ways(0.3)[0][1] < 0.7

@@ -10,7 +10,8 @@ import numpy as np
 import tomlkit
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replacing
+from handtrack.export.motion.urdf import urdf_text
+from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
 from handtrack_app.commands.terminal.answer import answer
@@ -19,12 +20,13 @@ from handtrack_app.commands.terminal.output import output_file
 _SIZES_M = (0.02, 3.0)
 """of what may be tracked: a small gripper to more than a tall body"""
 _THIN_M = 1e-4
+_ROBOT = ".urdf"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check a definition and say what is in it; write it as TOML where that is asked for."""
+    """Check a definition and say what is in it; write it as TOML, or as a robot's URDF, where that is asked for."""
     if args.out is not None:
-        output_file(args.out, (".toml",), "definitions are")
+        output_file(args.out, (".toml", _ROBOT), "definitions and robots are")
         if args.out.exists():
             raise HandtrackError(f"--out {args.out}: there is such a file already; name another one.")  # fmt: skip
     model = load_model(args.file)
@@ -35,9 +37,11 @@ def run(args: argparse.Namespace) -> int:
         "ellipsoids": {key: len(flesh.bone) for key, flesh in model.flesh.items()}, "findings": found, "output": args.out,
     }  # fmt: skip
     if args.out is not None:
-        table = read_definition(args.file)
-        with replacing(args.out) as part:
-            part.write_text(definition_text(table, args.file), encoding="utf-8")
+        is_robot = args.out.suffix.lower() == _ROBOT
+        text = (
+            urdf_text(model) if is_robot else definition_text(read_definition(args.file), args.file)
+        )
+        replace_text(args.out, text)
     shapes = ", ".join(f"{count} ellipsoids in {key}" for key, count in told["ellipsoids"].items())
     words = (
         f"{model.name}: {told['bones']} bones, {len(told['freedoms'])} freedoms besides the root's six, "

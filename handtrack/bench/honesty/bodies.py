@@ -32,11 +32,12 @@ from handtrack.tracking.tracker import Tracker
 FPS, FRAMES, EVERY = 25.0, 60, 200
 """frames of a stretch, and after how many the next begins"""
 _COMMON_M, _OWN_M, _NOISE_PX, _LASTS, _SIZE = 0.016, 0.012, 5.0, 0.8, 0.015
-_SIGMA_PX = 10.0
+SIGMA_PX = 10.0
 """what the tracker is told: constant and noise together"""
-_SETTINGS = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
+SETTINGS = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
 """as people move: `monocular_dance`"""
-_CHI2_90 = 6.251388631170325
+CHI2_90 = 6.251388631170325
+"""χ² of three freedoms below which 90 % lie"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class SeenPerson:
     def observation(self, frame: int, bones: object = None) -> Observation:
         """Return the joints as seen."""
         seen = (
-            ImageKeypoints(camera, self.names, pixels[frame], _SIGMA_PX)
+            ImageKeypoints(camera, self.names, pixels[frame], SIGMA_PX)
             for camera, pixels in zip(self.cameras, self.pixels, strict=True)
         )
         return Observation(frame, frame / FPS, keypoints=tuple(seen))
@@ -82,12 +83,13 @@ def _seen(
         camera = replace(first, name=f"cam{k}", rotation=first.rotation @ around.T)
         places_seen = places + common + rng.normal(scale=_OWN_M, size=common.shape)
         cameras.append(camera)
-        pixels.append(camera.project(places_seen) + _lasting(len(places), places.shape[1], rng))
+        pixels.append(camera.project(places_seen) + lasting(len(places), places.shape[1], rng))
     scale = replace(size, overall=size.overall * float(np.exp(rng.normal(scale=_SIZE))))
     return SeenPerson(_sized(scale), names, places, tuple(cameras), np.array(pixels))
 
 
-def _lasting(frames: int, joints: int, rng: np.random.Generator) -> Floats[F, J, D2]:
+def lasting(frames: int, joints: int, rng: np.random.Generator) -> Floats[F, J, D2]:
+    """Return errors of a detector that last for some frames [px]."""
     new = rng.normal(scale=_NOISE_PX, size=(frames, joints, 2))
     for before, now in pairwise(new):
         now *= np.sqrt(1.0 - _LASTS**2)
@@ -104,7 +106,7 @@ def honesty_bodies() -> dict[str, float]:
         for person in people(count):
             start = retarget(person.model, person.names, person.places[:1])[0]
             frames = range(len(person.places))
-            tracker = Tracker(person.model, _SETTINGS)
+            tracker = Tracker(person.model, SETTINGS)
             found = track_recording(tracker, person.observation, 0, start, frames)
             first, again = np.split(np.array(list(found), object), [len(frames)])
             live += [(person, result) for result in first]
@@ -124,7 +126,7 @@ def _figures(results: list[tuple[SeenPerson, FrameResult]]) -> dict[str, float]:
         off = result.joint_positions[rows] - person.places[result.frame]
         stated = result.joint_covariance[rows]
         square = (off * np.linalg.solve(stated, off[..., None])[..., 0]).sum(axis=1)
-        inside.append(square < _CHI2_90)
+        inside.append(square < CHI2_90)
         error = (off**2).sum(axis=1)
         beyond.append(error.mean() > 4.0 * np.trace(stated, axis1=1, axis2=2).mean())
         far.append(error.max() > BODY_OFF_M**2)

@@ -141,13 +141,9 @@ def table(
     samples: int = SAMPLES,
     seed: int = 0,
     whole: Sequence[str] = EVERYTHING,
-    like: Sequence[str] = KJS1,
 ) -> list[Sampled]:
-    """Return the rows: KJS1, KJS2, the chains `whole` at once, covariance-scaled and spherical samples at all scales.
-
-    like: the chains whose leaves are as many as the first samples that are counted too.
-    """
-    equal = len(scene.tree(like))
+    """Return the rows: KJS1, KJS2, the chains `whole` at once, covariance-scaled and spherical samples at all scales."""
+    equal = len(scene.tree(KJS1))
     jumps = {"KJS1": KJS1, "KJS2": KJS2, "KJS all": whole}
     rows = [
         sampled(scene, name, "", lambda limbs=limbs: scene.tree(limbs).params, equal)

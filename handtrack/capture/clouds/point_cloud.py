@@ -20,6 +20,7 @@ class PointCloud:
     """uint8 RGB."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "points", np.asarray(self.points))
         check_shape(self.points, (None, 3), "points of a cloud")
         if self.colors is not None:
             check_shape(self.colors, (len(self.points), 3), "colors of a cloud")

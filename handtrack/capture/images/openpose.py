@@ -47,7 +47,7 @@ _BODY_JOINTS = (
     *("pelvis", "chest", "neck", "head", "nose", "head_top"),
     *(f"{side}_{joint}" for side in ("left", "right") for joint in _LIMBS),
 )
-"""all joints of body34: what named points are written as"""
+"""joints that have names in use: what named points are written as"""
 _LEFT, _RIGHT = "hand_left_keypoints_2d", "hand_right_keypoints_2d"
 _FINGERS = {
     "thumb": ("cmc", "mcp", "ip", "tip"),

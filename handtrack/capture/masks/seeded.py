@@ -89,12 +89,9 @@ class SeededMasks:
         spread = np.mean([_colour(look.image) for look in looks])
         self._grey = bool(spread < _COLOURED)
         self._empty = _background(looks)
-        self._hand, self._other = Colours(), Colours()
-        self._moved, self._stayed = Colours(), Colours()
-        self._by_colour = self._by_change = np.zeros_like(self._hand.counts)
-        self._other_log = self._hand_log = self._by_colour
-        for _ in range(_ROUNDS):
-            self._teach(looks)
+        self._by_change = self._other_log = self._hand_log = np.zeros_like(Colours().counts)
+        for taught in range(_ROUNDS):
+            self._teach(looks, taught > 0)
 
     def mask(self, image: Bytes[H, W, D3], seeds: HandSeeds) -> Bytes[H, W]:
         """Return a mask uint8 of an image BGR: 255 hand, 0 background, UNKNOWN_LEVEL where neither is sure."""
@@ -139,8 +136,7 @@ class SeededMasks:
             odds = _TOLD_TWICE * (odds + change)
         return odds.astype(np.float32)
 
-    def _teach(self, looks: list[_Look]) -> None:
-        taught = bool(self._hand.counts.any())
+    def _teach(self, looks: list[_Look], taught: bool) -> None:
         hand, other, moved, stayed = Colours(), Colours(), Colours(), Colours()
         for look in looks:
             part = _Part(look.image, look.seeds, self._grey, self._empty)
@@ -152,7 +148,6 @@ class SeededMasks:
                 colours.add(part.bins, share)
                 if part.change is not None:
                     changes.add(part.change, share * part.seen_empty)
-        self._hand, self._other, self._moved, self._stayed = hand, other, moved, stayed
         self._hand_log, self._other_log = hand.log_likelihood(), other.log_likelihood()
         self._by_change = moved.log_likelihood() - stayed.log_likelihood()
 

@@ -177,7 +177,8 @@ def _found(
     if placed is not None:
         return [placed]
     if _is_by_joints_alone(run, seen):
-        return poses_by_joints(models[0], seen.frame, joints)
+        enough = _most_joints(seen) >= _FEWEST_IN_ONE
+        return poses_by_joints(models[0], seen.frame, joints) if enough else []
     found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []

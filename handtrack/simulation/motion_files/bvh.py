@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats
+from handtrack.arrays import D3, F, Floats, J
 from handtrack.errors import HandtrackError
 from handtrack.simulation.motion_files.clip import MotionClip
 
 POSITIONS = ("add", "replace")
+_LASTING = 0.02  # share of their length by which bones of captured people change at most
+_DIGITS = 1e-4  # by which written numbers are rounded
+_CLEARLY = 5.0  # times as much in the other meaning
 
 
 @dataclass(frozen=True)
@@ -24,14 +27,15 @@ class _Joint:
     """its first column among the frame's numbers"""
 
 
-def read_bvh(path: Path, positions: str = "add", unit_m: float = 0.01) -> MotionClip:
+def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> MotionClip:
     """Return the joints' positions.
 
-    positions: whether a joint's position channels `add` to its OFFSET, as files with channels of the root alone mean
-    it, or `replace` it, as files do that give six channels to every joint. unit_m: metres in the file's unit.
-    End sites that stand off their joint are `<joint>_end`. Raises HandtrackError naming file and line.
+    positions: whether a joint's position channels `add` to its OFFSET, as files with channels of the root alone mean it, or
+    `replace` it, as files do that give six channels to every joint; None: as the file shows it, for bones keep their lengths.
+    unit_m: metres in the file's unit. End sites that stand off their joint are `<joint>_end`. Raises HandtrackError naming file
+    and line, and where the file does not show what positions mean.
     """
-    if positions not in POSITIONS:
+    if positions is not None and positions not in POSITIONS:
         raise HandtrackError(
             f"read_bvh: positions '{positions}'; expected one of {', '.join(POSITIONS)}."
         )
@@ -42,6 +46,7 @@ def read_bvh(path: Path, positions: str = "add", unit_m: float = 0.01) -> Motion
     joints, after = _hierarchy(lines, path)
     width = sum(len(joint.channels) for joint in joints)
     frames, step = _motion(lines, after, width, path)
+    positions = positions or _meaning(joints, frames, path)
     rotation: list[Floats] = []
     place: list[Floats] = []
     for joint in joints:
@@ -55,7 +60,45 @@ def read_bvh(path: Path, positions: str = "add", unit_m: float = 0.01) -> Motion
             place.append(place[joint.parent] + np.einsum("fij,fj->fi", above, move))
     known = [i for i, joint in enumerate(joints) if not _is_bare_end(joint)]
     names = tuple(joints[i].name for i in known)
-    return MotionClip(names, np.stack([place[i] for i in known], axis=1) * unit_m, 1.0 / step)
+    places, turns = (np.stack([one[i] for i in known], axis=1) for one in (place, rotation))
+    return MotionClip(names, places * unit_m, 1.0 / step, turns)
+
+
+def _meaning(joints: list[_Joint], frames: Floats, path: Path) -> str:
+    """Return whether positions add or replace: that by which bones keep their lengths. Raises HandtrackError."""
+    moved = [
+        joint
+        for joint in joints
+        if joint.parent >= 0 and any(c.endswith("position") for c in joint.channels)
+    ]
+    if not moved:
+        return "add"
+    moves = np.stack([_local(joint, frames, "replace")[1] for joint in moved])  # (joints, F, 3)
+    offsets = np.array([joint.offset for joint in moved])
+    size = max(float(np.linalg.norm(offsets, axis=1).mean()), 1e-12)
+    still = moves.std(axis=1).max(axis=1) < _LASTING * size  # the others carry the whole body about
+    off = {"replace": np.abs(moves.mean(axis=1) - offsets), "add": np.abs(moves.mean(axis=1))}
+    for kind in ("replace", "add"):  # each frame repeats the OFFSETs; or none says anything
+        if still.any() and off[kind][still].max() < _LASTING * size:
+            return kind
+    change = {
+        "add": _change(moves[~still] + offsets[~still, None]),
+        "replace": _change(moves[~still]),
+    }
+    best, other = sorted(POSITIONS, key=change.__getitem__)
+    if change[best] < _LASTING and change[other] > _CLEARLY * max(change[best], _DIGITS):
+        return best
+    raise HandtrackError(
+        f"{path}: joints have position channels, and the file does not show whether they add to the OFFSETs or replace them (bones "
+        f"change by {change['add']:.1%} of their length if they add, by {change['replace']:.1%} if they replace). Say which: "
+        "--positions add or --positions replace."
+    )
+
+
+def _change(places: Floats[J, F, D3]) -> float:
+    """Return how much bones' lengths change over time, their standard deviations' sum over their means' sum."""
+    lengths = np.linalg.norm(places, axis=2)
+    return float(lengths.std(axis=1).sum() / max(lengths.mean(axis=1).sum(), 1e-12))
 
 
 def _is_bare_end(joint: _Joint) -> bool:

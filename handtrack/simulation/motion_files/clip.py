@@ -21,6 +21,8 @@ class MotionClip:
     """[m], the file's own axes"""
     fps: float
     """frames a second"""
+    turns: Floats[F, J, D3, D3] | None = None
+    """how each joint is turned in the file's axes, from its zero pose; None where the file does not say it"""
 
     def renamed(self, names: Mapping[str, str]) -> MotionClip:
         """Return only the joints that `names` lists (new name → the file's), under their new names."""

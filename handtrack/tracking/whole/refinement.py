@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import D3, Floats
+from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import HandScale
-from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED
+from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED, CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate
 
 _SURE = 3.0
@@ -35,6 +36,15 @@ class CameraError:
     """its picture of a frame shows what was so many frames before"""
     std: tuple[float, ...]
     """of these eight, in their units"""
+
+    def corrected(self, camera: Camera) -> Camera:
+        """Return the camera, as it was calibrated, as it must have been to see what it saw."""
+        values = np.zeros((1, 8))
+        values[0, TURNED] = -np.deg2rad(self.turn_deg)
+        values[0, ZOOMED] = 0.01 * self.zoom_percent
+        turned = CameraChanges((camera,), values, (0,)).corrected()[0]
+        centre = camera.centre + 1e-3 * np.array(self.shift_mm)
+        return replace(turned, translation=-turned.rotation @ centre)
 
     @property
     def words(self) -> str:
@@ -99,6 +109,11 @@ class Refinement:
         ]  # fmt: skip
         scale = None if known.get("scale") is None else HandScale(**known["scale"])
         return cls(known["why"], known["sweeps"], tuple(cameras), scale)
+
+    def corrected(self, camera: Camera) -> Camera:
+        """Return a camera of the rig as the whole recording says it was; as it is where nothing was corrected."""
+        found = next((one for one in self.cameras if one.name == camera.name), None)
+        return camera if found is None else found.corrected(camera)
 
     @property
     def text(self) -> str:

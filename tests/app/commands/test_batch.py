@@ -10,12 +10,22 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
-from handtrack_app.commands.batch import one
-from handtrack_app.commands.batch.outcome import DONE, STARTED, Outcome, append, read_ledger
+from handtrack_app.commands.batch import one, pools
+from handtrack_app.commands.batch.outcome import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    STARTED,
+    Outcome,
+    append,
+    read_ledger,
+)
+from handtrack_app.commands.batch.plan import Recording
 from tests.app.command_line import PROGRAM, CommandLine, small_recording
 from tests.conftest import REPOSITORY
 
@@ -177,3 +187,41 @@ def test_on_a_dask_cluster_of_two_workers(tmp_path, handtrack, quick, monkeypatc
     assert ended.code == 3, ended.err
     assert "4 recordings: 3 done, 1 refused" in ended.out
     assert begun(tmp_path / "takes").total() == 4
+
+
+def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_path, monkeypatch):
+    lost, other = (Recording(name, tmp_path / name, "5f0c") for name in ("lost", "done"))
+    outcome = Outcome("done", str(tmp_path / "done"), "5f0c", DONE, 0)
+
+    class Cluster:
+        """Stands for dask's client."""
+
+        def submit(self, _task, recording, *_more, **_options) -> Future[Outcome]:
+            future: Future[Outcome] = Future()
+            if recording is lost:
+                future.set_exception(RuntimeError("3 workers died over it"))
+            else:
+                future.set_result(outcome)
+            return future
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(pools, "_client", lambda _address: Cluster())
+    came = pools.on_dask("tcp://x:1", [lost, other], pools.Work((), tmp_path, 1), lambda: False)
+    by_name = {found.recording: found for found in came}
+    assert by_name["done"] == outcome
+    assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip
+
+
+def test_a_worker_begins_nothing_once_it_is_to_stop(tmp_path):
+    never = Recording("one", tmp_path / "one", "5f0c")
+    assert pools._tracked(never, pools.Work((), tmp_path, 1), lambda: True) is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):
+    """A child that is told to stop while Python still starts ends by the signal."""
+    early = Recording("early", tmp_path, "5f0c")
+    ended = one.track_one(early, (), tmp_path, 1, should_stop=lambda: True)
+    assert (ended.state, ended.exit_code) == (INTERRUPTED, 130)

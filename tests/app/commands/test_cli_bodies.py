@@ -43,3 +43,12 @@ def test_a_persons_size_is_saved(handtrack: CommandLine, folder: Path) -> None:
     again = handtrack("size", folder, "--init", "auto")
     assert again.code == 2
     assert "a person's body is not written over" in again.err
+
+
+def test_one_camera_is_not_sure_and_asks_for_another(handtrack: CommandLine, tmp_path: Path) -> None:  # fmt: skip
+    alone = film(tmp_path / "session", cameras=1, frames=1, motion="still").folder
+    ended = handtrack("track", alone, "--init", "auto")
+    assert ended.code == 2
+    assert "sure (joints seen by one camera)" in ended.err
+    assert "add another camera's joints" in ended.err
+    assert not (alone / "tracks" / "poses.npz").exists()

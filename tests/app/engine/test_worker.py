@@ -159,6 +159,19 @@ def test_pause_holds_and_goes_on(tmp_path: Path) -> None:
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
 
 
+def test_a_job_that_is_paused_holds_before_its_next_step() -> None:
+    job = jobs.BackgroundJob(1, range(3), lambda report: None)
+    assert not job.should_stop()
+    job.pause(True)
+    asked = threading.Thread(target=job.should_stop, daemon=True)
+    asked.start()
+    asked.join(0.2)
+    assert asked.is_alive()
+    job.pause(False)
+    asked.join(60.0)
+    assert not asked.is_alive()
+
+
 def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.3):
         worker.send(commands.Track(0, FRAMES, 3))

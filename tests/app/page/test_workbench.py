@@ -82,6 +82,8 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> Non
             lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
             "the hand moved",
         )
+        bent = bench.state.value_of("index_mcp_flex")
+        assert bent == pytest.approx(np.deg2rad(60.0), abs=1e-3)
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
         eventually(
             lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4),

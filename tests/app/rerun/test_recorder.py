@@ -5,18 +5,21 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from handtrack.diagnostics.review import Stretch
 from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import ResidualRecorder
-from handtrack_app.rerun.space import queue_text, worst_first
+from handtrack_app.rerun.space import SpaceEntry, log_cameras, queue_text, worst_first
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.rerun.test_stream import chunks, picture, scalars
 
@@ -76,6 +79,26 @@ def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: P
         residual = picture(path, f"{entity}/residual")
         assert residual.shape == (*silhouette.mask.shape, 3)
         assert np.median(residual) > 250  # white where nothing is left
+
+
+def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run: TrackingRun) -> None:
+    pytest.importorskip("rerun")
+    bones = run.model.bones(run.initial()[1])
+    entry = SpaceEntry.of(run.model, bones, None)
+    names = run.model.skeleton.bone_names
+    at, after = names.index("index_proximal"), names.index("index_intermediate")
+    np.testing.assert_allclose(entry.bones[at, 1], bones.position[after], atol=1e-12)
+    posed = run.model.flesh["fine"].posed(bones)
+    turned = matrix_from_quaternion(entry.quaternion_xyzw[:, [3, 0, 1, 2]])
+    np.testing.assert_allclose(turned, posed.rotation, atol=1e-9)
+    told: dict[str, Any] = {}
+    recording = SimpleNamespace(log=lambda name, what, static: told.setdefault(name, what))
+    rotation = rotation_matrix(np.array([0.3, -0.2, 0.5]))
+    camera = replace(run.session.rig.cameras[0], rotation=rotation)
+    log_cameras(recording, [camera])
+    place = told[f"world/cameras/{camera.name}"]
+    columns = np.array(place.mat3x3.as_arrow_array().to_pylist()).reshape(3, 3)
+    np.testing.assert_allclose(columns.T, rotation.T, atol=1e-6)
 
 
 def test_the_residual_is_red_where_the_hand_is_missed(run: TrackingRun, results, tmp_path) -> None:

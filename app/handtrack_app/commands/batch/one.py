@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -21,7 +22,8 @@ from handtrack_app.commands.batch.plan import Recording
 
 _CHILD = "handtrack_app.commands.batch.child"
 _POLL_S = 0.2
-_STATES = {0: DONE, 2: REFUSED, 130: INTERRUPTED}
+_STOPPED = 130  # as after Ctrl-C
+_STATES = {0: DONE, 2: REFUSED, _STOPPED: INTERRUPTED}
 _HELD = "is being written to by"
 """in the sentence of a session that another program writes to; that may end"""
 _OF_SIGNALS = {9: ": by the system, where memory was short, or by somebody"}
@@ -61,7 +63,9 @@ def track_one(
         told.seek(0)
         text = told.read().decode(errors="replace")
     log.with_suffix(".json").unlink()
-    outcome = _outcome(recording, child.returncode, text, log, time.monotonic() - began)
+    # told to stop before it could listen: it has saved nothing, for it had begun nothing
+    code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
+    outcome = _outcome(recording, code, text, log, time.monotonic() - began)
     file = out / "outcomes" / f"{recording.name}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
     replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")

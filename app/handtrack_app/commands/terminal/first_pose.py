@@ -37,9 +37,11 @@ def found_first_pose(
     for line in described(found):
         say(line)
     if found[0].confidence < SURE and not yes and not _confirmed():
+        is_body = found[0].model.kind == "body"
+        more = "add another camera's joints" if is_body else "give joints (`handtrack detect`)"
         raise HandtrackError(
             f"{session.folder}: the surest first pose, in frame {found[0].frame}, is {percent(found[0].confidence)} sure, so "
-            "nothing was tracked from it. Look at it in the workbench (`handtrack open`), give joints (`handtrack detect`) or a "
+            f"nothing was tracked from it. Look at it in the workbench (`handtrack open`), {more}, give a "
             "pose (--init FILE), name other frames with --frames, or take it all the same with --yes."
         )
     return found[0].first_pose

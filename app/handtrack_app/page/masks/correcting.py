@@ -38,7 +38,6 @@ class CorrectingWidgets:
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
         self._strokes = count(1)
         self._stroke, self._last = 0, None
-        self._painting = False
         self.brushes = {page.words.of(words): brush for words, brush in _BRUSHES.items()}
         gui = page.gui
         with gui.add_folder("Correct this frame"):
@@ -99,7 +98,6 @@ class CorrectingWidgets:
             self.stage.look(self.page.state.look(event.client_id).through, event.client)
 
     def _show_painting(self, on: bool) -> None:
-        self._painting = on
         put(self.paint, visible=not on)
         put(self.done, visible=on)
 

@@ -41,7 +41,7 @@ from handtrack_app.page.scene.model_view import (
     update_truth,
 )
 from handtrack_app.page.scene.moments import Moments
-from handtrack_app.page.scene.surroundings import Surroundings, add_surroundings, light
+from handtrack_app.page.scene.surroundings import add_surroundings, light
 from handtrack_app.page.scene.viewpoint import (
     Viewpoint,
     begin_at,
@@ -78,7 +78,6 @@ class Stage:
         self.cameras: CameraRigView | None = None
         self.root: RootHandle | None = None
         self.view: Viewpoint | None = None
-        self.surroundings: Surroundings | None = None
         self.pose: PoseSnapshot | None = None
         self.cloud: CloudView = add_cloud(page.server, "/cloud")
         self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
@@ -330,7 +329,7 @@ class Stage:
         size_cameras(self.cameras, pose.middle)
         self.view = first_view(session, pose.middle)
         server = self.page.server
-        self.surroundings = add_surroundings(server, pose.middle, upward(session), session.reach_m)
+        add_surroundings(server, pose.middle, upward(session), session.reach_m)
         begin_at(server, self.view)
 
     def look(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import viser
 import viser.transforms as vtf
@@ -15,16 +13,9 @@ _BELOW = 0.16  # [m] the ground lies this far below the hand's middle
 _LINE, _SECTION = (44, 48, 54), (62, 68, 76)
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """Handles of what is around the hand."""
-
-    ground: viser.GridHandle
-
-
 def add_surroundings(
     server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float = HAND_REACH_M
-) -> Surroundings:
+) -> None:
     """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
 
     reach_m: how far it extends around its middle; a body stands on the ground.
@@ -42,12 +33,11 @@ def add_surroundings(
         scene.add_light_directional(
             f"/light/{name}", intensity=strength, position=tuple(frame @ np.array(way))
         )
-    ground = scene.add_grid(
+    scene.add_grid(
         "/ground", 3.0 * larger, 3.0 * larger, plane="xy", cell_size=0.05 * larger, section_size=0.25 * larger, cell_color=_LINE,
         section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5 * larger,
         fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - larger * _BELOW * up,
     )  # fmt: skip
-    return Surroundings(ground)
 
 
 def light(server: viser.ViserServer) -> None:

@@ -14,7 +14,7 @@ from handtrack.tracking.search.evidence.source import EvidenceSource
 from handtrack.tracking.search.proposers.orientation_grid import spread_rotations, turned_by
 
 _FEW_ROTATIONS, _ROTATIONS = 120, 700
-"""to find out where a hand may be, and how it is turned there (13° from the nearest on average)"""
+"""to find out where a hand may be, and how it is turned there (25° from the nearest on average)"""
 _KEPT_PLACES = 10
 _HOPELESS = 0.5  # share of disagreement that need not be known exactly
 # times the best disagreement of the first look: no shape beyond it is looked at closely
