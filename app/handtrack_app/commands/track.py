@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             return _INTERRUPTED
         later = settings.model.fit_size == "later" and run_.size_is_open
         if args.size_later and not later:
-            say("note: --size-later has no effect: the hand's size is given, and not fitted.")
+            say("note: --size-later has no effect: the size is given, and not fitted.")
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)

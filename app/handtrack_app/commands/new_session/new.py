@@ -160,8 +160,8 @@ def run(args: argparse.Namespace) -> int:
         answer(
             args,
             told,
-            f"{made} Look at it with: handtrack doctor {args.out}; then pose the {subject.kind.word} in its first frame with: "
-            f"handtrack open {args.out}",
+            f"{made} Look at it with: handtrack doctor {args.out}; then track it with: handtrack track {args.out} --init auto, "
+            f"or pose the {subject.kind.word} by hand with: handtrack open {args.out}",
         )
         return 0
     say(made)

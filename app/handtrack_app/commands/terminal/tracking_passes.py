@@ -83,24 +83,25 @@ class TrackingPasses:
         """
         stop = self._stop
         stop.shielded = False
-        say(f"fitting the hand's size to the {len(before)} frames that were tracked …")
+        what = run.model.kind
+        say(f"fitting the {what}'s size to the {len(before)} frames that were tracked …")
         with share_bar("sizing") as tell:
             sized = run.fit_size(stop, tell=tell, tracked=before)
         if stop():
-            say("note: the hand's size is not fitted.")
+            say(f"note: the {what}'s size is not fitted.")
             return run, before
         if sized is run:
-            say("note: no frame was seen well enough to tell the hand's size; it stays as it is.")
+            say(f"note: no frame was seen well enough to tell the {what}'s size; it stays as it is.")
             return run, before
         old, new = run.scale.overall, sized.scale.overall
         say(
-            f"the hand is {new:.3f} of a mean adult's, not {old:.3f}; tracking again from the first pose …"
+            f"the {what} is {new:.3f} of a mean adult's, not {old:.3f}; tracking again from the first pose …"
         )
         if self._recorder is not None:
             self._recorder.go_on_with(sized)
         results, problem = self.track(sized, frames)
         if stop() or problem:
             self._take.leave_pass()
-            say(f"note: tracking again was not finished; the result is of a hand of {old:.3f}.")
+            say(f"note: tracking again was not finished; the result is of a {what} of {old:.3f}.")
             return run, before
         return sized, results
