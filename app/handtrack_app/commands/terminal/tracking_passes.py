@@ -91,7 +91,9 @@ class TrackingPasses:
             say(f"note: the {what}'s size is not fitted.")
             return run, before
         if sized is run:
-            say(f"note: no frame was seen well enough to tell the {what}'s size; it stays as it is.")
+            say(
+                f"note: no frame was seen well enough to tell the {what}'s size; it stays as it is."
+            )
             return run, before
         old, new = run.scale.overall, sized.scale.overall
         say(
