@@ -106,6 +106,6 @@ def test_a_joint_that_was_seen_elsewhere_is_painted_with_the_way_to_the_models()
         [[10.0, 20.0], [40.0, 20.0]]
     ]  # the nose was not seen, ears the model has none
     painted = ri.joints_picture(np.zeros((40, 60, 3), np.uint8), pairs)
-    assert tuple(painted[20, 10]) == ri.MASK_ONLY
-    assert tuple(painted[20, 30]) == ri.MODEL_ONLY
+    for place, colour in (((20, 10), ri.MASK_ONLY), ((20, 30), ri.MODEL_ONLY)):
+        np.testing.assert_allclose(painted[place], colour, atol=25)  # smoothed edges
     assert not painted[30].any()

@@ -80,7 +80,7 @@ def test_what_is_not_known_of_a_model_is_said():
     with pytest.raises(HandtrackError, match=r"a.npz: the model's definition is no JSON"):
         model_of(replace(track, definition="{"), "a.npz")
     unknown = '"narrowing": {"pairs": [["a", "b"]], "at_deg": 9, "to": 1}, "kind"'
-    with pytest.raises(HandtrackError, match="the model's definition in it cannot be built"):
+    with pytest.raises(HandtrackError, match="no freedom 'a' in narrowing in the model definition"):
         model_of(replace(track, definition=track.definition.replace('"kind"', unknown)))
     with pytest.raises(
         HandtrackError, match=r"its joints are not those of the model 'claw' \(mount, top"

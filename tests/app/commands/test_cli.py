@@ -309,7 +309,7 @@ def test_new_makes_a_session_that_opens(handtrack: CommandLine, tmp_path: Path) 
         f"cam0={source / 'cam0.mp4'}",
     )
     assert ended.code == 0
-    assert f"session of 2 cameras and 100 frames in {out}" in ended.out
+    assert f"session of 2 cameras and 100 frames of a hand in {out}" in ended.out
     assert sorted(path.name for path in out.iterdir()) == [
         "calibration.toml",
         "cam0.mp4",

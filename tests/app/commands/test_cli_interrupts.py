@@ -51,9 +51,6 @@ class Interrupter:
 
     def __exit__(self, *_: object) -> None: ...
 
-    def set_description(self, words: str, refresh: bool = True) -> None:
-        """Refining may have begun when the signal comes."""
-
     def update(self, frames: int = 1) -> None:
         self.left -= frames
         if self.left == 0:
