@@ -5,13 +5,8 @@ import pytest
 
 from handtrack.bench.jumps.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
 from handtrack.bench.jumps.monocular_dance import tracked as dance_tracked
-from handtrack.bench.silhouettes.balancing import (
-    DATA,
-    qualisys_rig,
-    residuals_px,
-    tracked,
-    triangulated,
-)
+from handtrack.bench.silhouettes.balancing import residuals_px, tracked, triangulated
+from handtrack.bench.silhouettes.person_session import CAMERAS, DATA
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.body_motion import body_pose
@@ -80,9 +75,8 @@ def test_a_real_person_in_four_cameras(data_dir, tmp_path, monkeypatch):
         pytest.skip(f"no {DATA} in the shared test data")
     monkeypatch.setenv("HANDTRACK_DATA", str(data_dir))
     monkeypatch.setattr("handtrack.bench.silhouettes.balancing.FRAMES", 2)
-    rig = qualisys_rig(data_dir / DATA / "Calib.qca.txt")
-    assert [camera.size[1] for camera in rig] == [1920] * 4
     few = {"tracker.hypotheses": 2, "mixture.draws": 2, "mixture.carried": 2}
-    found = tracked(tmp_path, rig.names, None, **few)
+    found = tracked(tmp_path, CAMERAS, None, **few)
+    assert [camera.size[1] for camera in found.run.session.rig] == [1920] * 4
     off = np.concatenate([np.linalg.norm(d, axis=1) for d in residuals_px(found).values()])
     assert np.median(off) < 25.0

@@ -5,6 +5,7 @@ import pytest
 
 from handtrack.bench.jumps import real_person
 from handtrack.bench.silhouettes import balancing
+from handtrack.bench.silhouettes.person_session import DATA
 from handtrack.errors import HandtrackError
 
 
@@ -16,8 +17,8 @@ def test_without_the_data_it_is_said_which_are_missing(tmp_path, monkeypatch):
 
 
 def test_a_real_person_is_followed_by_images_alone(data_dir, tmp_path, monkeypatch):
-    if not (data_dir / balancing.DATA / "videos").is_dir():
-        pytest.skip(f"no {balancing.DATA} in the shared test data")
+    if not (data_dir / DATA / "videos").is_dir():
+        pytest.skip(f"no {DATA} in the shared test data")
     monkeypatch.setenv("HANDTRACK_DATA", str(data_dir))
     monkeypatch.setattr(balancing, "FRAMES", 2)
     one = {"edges.weight": 1.0, "intensity.weight": 1.0, "keypoints.weight": 0.0}

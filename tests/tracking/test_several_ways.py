@@ -1,4 +1,4 @@
-"""A body before one camera, all frames together: what its errors that last leave open, limbs flipped throughout, and its distance."""
+"""A body before one camera, all frames together: what its errors that last leave open, limbs flipped throughout."""
 
 from __future__ import annotations
 
@@ -65,23 +65,16 @@ def ways():
     return several_ways(_way(_reaching(), FRONT), FRAMES, 6)
 
 
-def test_of_two_ways_one_has_a_limb_flipped_in_all_frames(ways):
-    best, other = ways[:2]
-    assert any(way.origin.endswith(" flipped") for way in (best, other))
-    off = (_places(other.found.poses) - _places(best.found.poses)) @ FRONT.rotation[2]
-    assert (np.abs(off).max(axis=1) > 0.1).all()
-    assert best.cost <= other.cost
+def test_limbs_are_flipped_in_all_frames(ways):
+    best, *others = ways
+    assert [way.cost for way in ways] == sorted(way.cost for way in ways)
+    away = [_places(way.found.poses) - _places(best.found.poses) for way in others]
+    deep = [np.abs(off @ FRONT.rotation[2]).max(axis=1) for off in away]
+    assert any((frames > 0.1).all() for frames in deep)
 
 
-def test_the_best_is_also_seen_nearer_and_farther(ways):
-    near, far = (next(w for w in ways if w.origin == f"{ways[0].origin}, {name}") for name in ("nearer", "farther"))  # fmt: skip
-    depth = [FRONT.to_camera(_places(way.found.poses)[:, 0])[:, 2] for way in (near, ways[0], far)]
-    steps = np.diff(depth, axis=0)
-    assert (steps > 0.02).all()
-    pixels = [FRONT.project(_places(way.found.poses)) for way in (near, far)]
-    assert (
-        np.linalg.norm(pixels[0] - pixels[1], axis=-1).mean() < 20.0
-    )  # it still fits: sigma is 10
+def test_two_limbs_are_flipped_together(ways):
+    assert any(way.origin.count(" flipped") == 2 for way in ways)
 
 
 def test_no_more_ways_than_asked_for_and_none_twice(ways):

@@ -17,7 +17,9 @@ import numpy as np
 from handtrack.arrays import F, Floats
 from handtrack.bench.measuring import data_folder
 from handtrack.bench.silhouettes import balancing
+from handtrack.bench.silhouettes.person_session import CAMERAS, DATA, write_session
 from handtrack.errors import HandtrackError
+from handtrack.model.model_file import write_scale
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
@@ -45,23 +47,22 @@ class Followed:
 
 def fitted_by_all(folder: Path) -> balancing.Balancing:
     """Return the recording's fit by all cameras, written to an empty folder. Raises HandtrackError without the data."""
-    if not (data_folder() / balancing.DATA).is_dir():
-        raise HandtrackError(f"no {balancing.DATA} in the shared test data {data_folder()}.")
-    cameras = [f"cam{k:02d}" for k in (1, 2, 3, 4)]
-    return balancing.tracked(folder, cameras, None)
+    if not (data_folder() / DATA).is_dir():
+        raise HandtrackError(f"no {DATA} in the shared test data {data_folder()}.")
+    return balancing.tracked(folder, CAMERAS, None)
 
 
 def follow(
     folder: Path, known: balancing.Balancing, settings: Mapping[str, object], frames: int
 ) -> Followed:
     """Return the first frames of the video followed, in an empty folder; known: the fit by all cameras."""
-    session = balancing.write_session(folder, [CAMERA])
-    video = data_folder() / balancing.DATA / "videos" / f"{CAMERA}.mp4"
+    session = write_session(folder, [CAMERA])
+    video = data_folder() / DATA / "videos" / f"{CAMERA}.mp4"
     shutil.copyfile(video, folder / video.name)
     text = (folder / "session.toml").read_text()
     asked = f'name = "{CAMERA}"\n'
     (folder / "session.toml").write_text(text.replace(asked, f'{asked}images = "{video.name}"\n'))
-    balancing.write_scale(folder / "body.json", known.run.model.scale)
+    write_scale(folder / "body.json", known.run.model.scale)
     first = dict(
         zip(known.run.model.parameter_names, known.refined[0].parameters.tolist(), strict=True)
     )

@@ -7,7 +7,6 @@ Data: pose2sim_body_4cam of the shared test data (HANDTRACK_DATA). There is no m
 from __future__ import annotations
 
 import tempfile
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,68 +15,20 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, D3, Floats, J, N
-from handtrack.bench.measuring import data_folder
-from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.bench.silhouettes import four_cameras
+from handtrack.bench.silhouettes.person_session import CAMERAS, write_session
 from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.retarget import fitted_model
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 
-DATA = "pose2sim_body_4cam"
 FRAMES, SHOWN, NEAR_MM = 100, 8, 80.0
 SETTINGS: dict[str, object] = {"keypoints.sigma_px": 10.0, "prior.motion_sigma_deg": 2.5}
 """the calibration's error, as its README tells it; accelerations as in monocular_dance, for frames half as long"""
-
-
-def qualisys_rig(file: Path) -> CameraRig:
-    """Return the cameras of a Qualisys calibration: intrinsics in 1/64 px, centres in millimetres, y and z reversed."""
-    cameras = []
-    for number, node in enumerate(ElementTree.parse(file).getroot().iter("camera"), 1):
-        inner, pose, view = node.find("intrinsic"), node.find("transform"), node.find("fov_video")
-        assert inner is not None
-        assert pose is not None
-        assert view is not None
-        matrix = np.eye(3)
-        for row, axis in enumerate("UV"):
-            matrix[row, row] = float(inner.get(f"focalLength{axis}", 0)) / 64.0
-            matrix[row, 2] = float(inner.get(f"centerPoint{axis}", 0)) / 64.0
-        keys = (
-            "radialDistortion1",
-            "radialDistortion2",
-            "tangentalDistortion1",
-            "tangentalDistortion2",
-        )
-        lens = np.array([*(float(inner.get(key, 0)) for key in keys), 0.0])
-        rows = [[float(pose.get(f"r{i}{j}", 0)) for j in (1, 2, 3)] for i in (1, 2, 3)]
-        rotation = np.diag([1.0, -1.0, -1.0]) @ np.array(rows)
-        centre = 1e-3 * np.array([float(pose.get(axis, 0)) for axis in "xyz"])
-        size = (int(view.get("right", 0)) + 1, int(view.get("bottom", 0)) + 1)
-        cameras.append(Camera(f"cam{number:02d}", size, matrix, lens, rotation, -rotation @ centre))
-    return CameraRig(tuple(cameras))
-
-
-def write_session(folder: Path, cameras: Sequence[str]) -> Session:
-    """Write a session of the recording, seen by some of its cameras, into an empty folder; return it opened."""
-    data = data_folder() / DATA
-    rig = qualisys_rig(data / "Calib.qca.txt")
-    write_rig(folder / "calibration.toml", rig)
-    lines = ["[session]", "format = 1", 'name = "balancing"', "fps = 60.0", "", "[hand]"]
-    lines += ['model = "body34"', 'scale = "body.json"']
-    for name in cameras:
-        (folder / "pose" / name).mkdir(parents=True)
-        for file in (data / "pose" / f"{name}_json").glob("*.json"):
-            (folder / "pose" / name / file.name).write_bytes(file.read_bytes())
-        lines += ["", "[[camera]]", f'name = "{name}"']
-        lines += [f'keypoints = "pose/{name}/*.json"', 'keypoint_layout = "body_25b"']
-    (folder / "session.toml").write_text("\n".join(lines) + "\n")
-    write_scale(folder / "body.json", load_model("body34").scale)
-    return Session.open(folder)
 
 
 def triangulated(seen: Sequence[ImageKeypoints]) -> tuple[tuple[str, ...], Floats[J, D3]]:
@@ -139,39 +90,30 @@ def residuals_px(what: Balancing) -> dict[str, Floats[N, D2]]:
 
 
 def balancing() -> dict[str, Any]:
-    """Return the four-camera fit's residuals [px], and single cameras' joint errors [mm] against that fit."""
+    """Return single cameras' joint errors [mm] against the fit by all four, whose person, size and offsets, they are given."""
     figures: dict[str, Any] = {
         "truth": "none; single cameras are compared with the fit by all four"
     }
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         (place / "all").mkdir()
-        cameras = [f"cam{k:02d}" for k in (1, 2, 3, 4)]
-        everything = tracked(place / "all", cameras, None, **{"tracker.hypotheses": 3})
-        off = residuals_px(everything)
-        distance = np.concatenate([np.linalg.norm(d, axis=1) for d in off.values()])
-        figures["four_cameras_frames"] = len(everything.results)
-        figures["four_cameras_median_px"] = float(np.median(distance))
-        figures["four_cameras_90_percent_px"] = float(np.percentile(distance, 90))
-        for camera, differences in off.items():
-            figures[f"four_cameras_{camera}_offset_px"] = (
-                np.median(differences, axis=0).round(1).tolist()
-            )
-        for camera in cameras:
+        everything = four_cameras.tracked(place / "all")
+        body = place / "body.json"
+        write_scale(body, everything.model.scale)
+        for camera in CAMERAS:
             for label, count in (("hypotheses", SHOWN), ("single", 1)):
                 folder = place / f"{camera}_{label}"
                 folder.mkdir()
-                body = place / "all" / "body.json"
                 alone = tracked(folder, [camera], body, **{"tracker.hypotheses": count})
                 figures |= _compared(f"{camera}_{label}", alone, everything)
     return figures
 
 
-def _compared(label: str, alone: Balancing, everything: Balancing) -> dict[str, float]:
+def _compared(label: str, alone: Balancing, everything: four_cameras.Person) -> dict[str, float]:
     """Return errors of one camera's poses against the fit by all, live and refined, as they are and relative to the pelvis [mm]; how many
     frames are within the bar; and of the refined ones how many are called tracked, and are beyond twice what is stated.
     """
-    model = everything.run.model
+    model = everything.model
     root = model.joint_names.index("pelvis")
     true = {r.frame: r.joint_positions for r in everything.refined}
     figures: dict[str, float] = {}

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D2, Floats, J, N
-from handtrack.bench.silhouettes.balancing import write_session
+from handtrack.bench.silhouettes.person_session import CAMERAS, write_session
 from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import triangulated
@@ -28,7 +28,6 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
 
-CAMERAS = ("cam01", "cam02", "cam03", "cam04")
 FRAMES = 100
 
 

@@ -1,30 +1,25 @@
-"""Several ways of a recording, each refined by all frames: limbs flipped in depth throughout, and all of it nearer and farther."""
+"""Several ways of a recording, each refined by all frames: limbs flipped in depth throughout."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, N, P, S
+from handtrack.arrays import F, Floats, N, P
 from handtrack.geometry.camera import Camera
-from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence
-from handtrack.tracking.whole.motion import PLACE, Motion
+from handtrack.tracking.whole.motion import Motion
 
-_AWAY = 1.224
-"""standard deviations of the nearer and the farther one of three that stand for a normal distribution (Max 1960, three levels)"""
-_HELD_M = 0.005
-"""how well a way's distance is held, nearer or farther than the data say"""
 _SWEEPS = 6
 """of ways beside the best: they show which is better, and what else it may be"""
-_TRIED, _ROUNDS = 6, 3
-"""flips that are refined, those that cost least as they are; times that a better way is flipped on"""
+_WIDTH, _ROUNDS = 3, 3
+"""ways that are flipped on, the best; limbs that may be flipped together. A flip may cost more before another limb is flipped, too:
+of a real person the best way was two such steps away in one camera of four (docs/reports/balancing.md)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,26 +45,22 @@ def several_ways(
 ) -> list[Way]:
     """Return so many ways, the best first, where joints in one camera's image are all that was seen; else the given one alone.
 
-    One camera leaves open on which side of the image plane a limb is, throughout, and how far away everything is, with all that
-    follows from it. A third of the ways are limbs flipped, like the 2003 paper's jumps of a pose; the others are the best of these
-    as if they were nearer or farther, at which distances they stand for all between. Fewer where there are no more, or it
-    was stopped.
+    One camera leaves open on which side of the image plane a limb is, throughout: like the 2003 paper's jumps, but of whole ways. How
+    far away everything is it leaves open too, about each of them: that is no way of its own, and the covariance tells it. Fewer
+    where there are no more, or it was stopped.
     """
     camera = _camera(first.evidence, frames)
     if camera is None or count < 2:
         return [first]
-    ways = [first]
+    ways, flipped = [first], list[Way]()
     for _ in range(_ROUNDS):
-        best = ways[0]
-        ways += _flipped(best, frames, camera, control)
-        ways = _unlike(sorted(ways, key=lambda way: way.cost))
-        if ways[0] is best:
+        fresh = [way for way in ways[:_WIDTH] if all(way is not one for one in flipped)]
+        for way in fresh:
+            for other in _flipped(way, frames, camera, control):
+                ways = _unlike(sorted([*ways, other], key=lambda w: w.cost))[:count]
+        flipped += fresh
+        if not fresh or control.should_stop():
             break
-    ways = ways[: -(-count // 3)]
-    for way in list(ways):
-        for side, name in ((-_AWAY, "nearer"), (_AWAY, "farther")):
-            if len(ways) < count and not control.should_stop():
-                ways += _away(way, frames, side * camera.rotation[2], name, control)
     return ways
 
 
@@ -87,16 +78,9 @@ def _camera(evidence: Evidence, frames: Sequence[int]) -> Camera | None:
 
 
 def _flipped(way: Way, frames: Sequence[int], camera: Camera, control: Control) -> Iterator[Way]:
-    """Yield the way with one limb on the other side of where it was, those refined that cost least as they are."""
-    evidence, motion = way.evidence, way.found.motion
-    trials = []
+    """Yield the way with one limb on the other side of where it was, refined."""
     for name, poses in _trials(way, camera):
-        at = [
-            evidence.of(frame).plain(pose).cost for frame, pose in zip(frames, poses, strict=True)
-        ]
-        trials.append((sum(at) + motion.cost(poses), name, poses))
-    for _, name, poses in sorted(trials, key=lambda trial: trial[0])[:_TRIED]:
-        yield from _refined(evidence, frames, poses, f"{name} flipped", control)
+        yield from _refined(way.evidence, frames, poses, f"{way.origin}, {name} flipped", control)
 
 
 def _trials(way: Way, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
@@ -135,27 +119,6 @@ def _unlike(ways: Sequence[Way]) -> list[Way]:
             kept.append(way)
             places.append(own)
     return kept
-
-
-def _away(
-    way: Way, frames: Sequence[int], side: Floats[D3], name: str, control: Control
-) -> Iterator[Way]:
-    """Yield a way as if all of it were so many standard deviations of its distance elsewhere; side: along the line of sight."""
-    model, found = way.evidence.model, way.found
-    length = float(np.linalg.norm(side))
-    along = side / length
-    variance = np.einsum("a,fab,b->f", along, found.covariance[:, PLACE, PLACE], along)
-    poses = found.poses.copy()
-    poses[:, PLACE] += figures.BODY.noise * np.sqrt(np.median(variance)) * side
-    size = len(model.parameter_names)
-    information: Floats[S, S] = np.zeros((size, size))
-    information[PLACE, PLACE] = np.outer(along, along) / _HELD_M**2
-    held = {
-        frame: CorrelatedPrior(model.joint_params(pose), information, "keyframe")
-        for frame, pose in zip(frames, poses, strict=True)
-    }
-    evidence = replace(way.evidence, keyframes={**held, **way.evidence.keyframes})
-    yield from _refined(evidence, frames, poses, f"{way.origin}, {name}", control)
 
 
 def _refined(
